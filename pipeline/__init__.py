@@ -1,0 +1,1 @@
+"""Everything that touches the world: logs, workers, files, the command line."""

@@ -1,0 +1,1 @@
+"""What travels between stages and what is written: types, tables, settings, models."""

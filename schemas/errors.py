@@ -1,0 +1,36 @@
+"""Errors for people: what was wanted, what was found, what to do."""
+
+from __future__ import annotations
+
+
+class WaysideError(Exception):
+    """Base of every error that wayside raises on purpose; `exit_status` is what the command ends with."""
+
+    exit_status = 1
+
+
+class UsageError(WaysideError):
+    """An argument, option or setting that cannot be used."""
+
+    exit_status = 2
+
+
+class InputError(WaysideError):
+    """The log, calibration or picture folder cannot be used."""
+
+    exit_status = 3
+
+
+class OutputError(WaysideError):
+    """A result could not be written."""
+
+    exit_status = 5
+
+
+class StageError(WaysideError):
+    """A fault inside a stage, with the stage and the frame it happened in."""
+
+    def __init__(self, stage: str, frame: int | None, cause: BaseException) -> None:
+        where = "" if frame is None else f" at frame {frame}"
+        super().__init__(f"stage {stage} failed{where}: {type(cause).__name__}: {cause}")
+        self.stage, self.frame, self.cause = stage, frame, cause

@@ -1,0 +1,134 @@
+"""One picture of a drive with what is known about it: times, camera, pose, fix.
+
+Camera (optical) frame: x right, y down, z forward. Pixel centres at integers. Metres; nanoseconds in
+fields that end in `_ns`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
+UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
+FRAME_STATUSES = (USED, THINNED, OUTSIDE, SKIPPED, UNDECODABLE, WRONG_SIZE, NO_CALIBRATION)
+"""`outside` the part asked for by --from/--until, `skipped` by --every; the rest as they say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Pinhole camera with Brown (plumb_bob, k1 k2 p1 p2 k3) or rational (8 numbers) distortion."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse what no lens can have."""
+        if self.fx <= 0 or self.fy <= 0:
+            raise ValueError(f"focal lengths must be positive, found {self.fx}, {self.fy}")
+        if len(self.distortion) not in (0, 4, 5, 8, 12, 14):
+            raise ValueError(
+                f"distortion needs 0, 4, 5, 8, 12 or 14 numbers, found {len(self.distortion)}"
+            )
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Camera matrix, shape (3, 3)."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Camera in a world frame: `rotation` (3, 3) turns camera into world axes, `centre` (3,) in metres."""
+
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+    def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (..., 3) of the camera frame, in the world frame."""
+        return points @ self.rotation.T + self.centre
+
+    def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (..., 3) of the world frame, in the camera frame."""
+        return (points - self.centre) @ self.rotation
+
+    def compose(self, inner: Pose) -> Pose:
+        """Pose of `inner`, given in this camera's frame, in this pose's world."""
+        return Pose(self.rotation @ inner.rotation, self.to_world(inner.centre))
+
+    def relative_to(self, reference: Pose) -> Pose:
+        """This pose in the camera frame of `reference`."""
+        return Pose(reference.rotation.T @ self.rotation, reference.to_camera(self.centre))
+
+
+@dataclass(frozen=True, slots=True)
+class PosePrior:
+    """A pose given by the log for the time of a frame, a prior and never the truth."""
+
+    pose: Pose
+    sigma_m: float | None
+    sigma_rad: float | None
+    source: str  # "poses" or "odometry"
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A satellite fix interpolated to the time of a frame; sigma east, north, up in metres."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    sigma_m: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A picture message of the chosen camera; `index` counts all of them in file order, from 0.
+
+    `data` holds the bytes as recorded: a compressed picture (`encoding` "jpeg", "png", ...) or rows of
+    `step` bytes in a raw `encoding` ("bgr8", "rgb8", "mono8", ...). Where `status` is not `used`, `data` may be empty.
+    `spacing_m` is the nominal distance from the previous used frame (None: unknown).
+    """
+
+    index: int
+    log_time_ns: int
+    header_time_ns: int | None
+    status: str
+    encoding: str
+    data: bytes | memoryview = field(repr=False)
+    camera: Camera | None
+    width: int = 0
+    height: int = 0
+    step: int = 0
+    pose: PosePrior | None = None
+    fix: Fix | None = None
+    spacing_m: float | None = None
+
+    @property
+    def used(self) -> bool:
+        """Whether the frame takes part in the measurement."""
+        return self.status == USED
+
+    @property
+    def time_ns(self) -> int:
+        """Capture time: the header's where set, else the log's."""
+        return self.log_time_ns if self.header_time_ns is None else self.header_time_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Decoded pixels of a frame: `rgb` (height, width, 3) uint8, `grey` (height, width) uint8.
+
+    Both are None where the frame is not used (any more).
+    """
+
+    frame: Frame
+    rgb: NDArray[np.uint8] | None = field(repr=False)
+    grey: NDArray[np.uint8] | None = field(repr=False)

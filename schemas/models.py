@@ -1,0 +1,155 @@
+"""Learned numbers as readable, versioned JSON: colours, shapes, places, judges. Never pickled."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianClass:
+    """One class: mean (d,), covariance (d, d), the distance up to which it is accepted, and the rule for that."""
+
+    name: str
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    threshold: float
+    threshold_rule: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianModel:
+    """Classes told apart by Mahalanobis distance (report eq. 3.1), in the named space."""
+
+    kind: ClassVar[str] = "gaussian"
+    space: str
+    classes: tuple[GaussianClass, ...]
+    provenance: str
+
+    def distances(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
+        result = np.empty((len(values), len(self.classes)))
+        for j, one in enumerate(self.classes):
+            gap = np.asarray(values, np.float64) - one.mean
+            result[:, j] = np.sqrt(
+                np.einsum("ni,ij,nj->n", gap, np.linalg.inv(one.covariance), gap)
+            )
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class TreeModel:
+    """Boosted binary trees over named features; the sum over trees plus `bias` is a log odds.
+
+    feature, left, right (trees, nodes) int32, threshold (trees, nodes) float32, value (trees, nodes) float32. A node with
+    left < 0 is a leaf. A value goes left where it is less than or equal to the threshold, and also where it is nan.
+    """
+
+    kind: ClassVar[str] = "trees"
+    features: tuple[str, ...]
+    bias: float
+    feature: NDArray[np.int32]
+    threshold: NDArray[np.float32]
+    left: NDArray[np.int32]
+    right: NDArray[np.int32]
+    value: NDArray[np.float32]
+    accept: float
+    provenance: str
+
+
+Model = GaussianModel | TreeModel
+
+
+def model_to_json(model: Model) -> str:
+    """The model as text, stable byte for byte."""
+    if isinstance(model, GaussianModel):
+        body: dict[str, Any] = {
+            "space": model.space,
+            "classes": [
+                {
+                    "name": c.name,
+                    "mean": np.round(c.mean, 6).tolist(),
+                    "covariance": np.round(c.covariance, 8).tolist(),
+                    "threshold": round(c.threshold, 4),
+                    "threshold_rule": c.threshold_rule,
+                    "count": c.count,
+                }
+                for c in model.classes
+            ],
+        }
+    else:
+        body = {
+            "features": list(model.features),
+            "bias": model.bias,
+            "accept": model.accept,
+            "trees": [
+                {
+                    "feature": model.feature[t].tolist(),
+                    "threshold": [float(f"{v:.7g}") for v in model.threshold[t]],
+                    "left": model.left[t].tolist(),
+                    "right": model.right[t].tolist(),
+                    "value": [float(f"{v:.6g}") for v in model.value[t]],
+                }
+                for t in range(len(model.feature))
+            ],
+        }
+    head = {"schema_version": 1, "kind": model.kind, "provenance": model.provenance}
+    return json.dumps(head | body, separators=(",", ":"), indent=None) + "\n"
+
+
+def model_from_json(text: str, name: str = "model") -> Model:
+    """Read a model; raises InputError with the name where the text is not one."""
+    try:
+        data = json.loads(text)
+        if data["kind"] == "gaussian":
+            return GaussianModel(
+                data["space"],
+                tuple(
+                    GaussianClass(
+                        c["name"],
+                        np.array(c["mean"], np.float64),
+                        np.array(c["covariance"], np.float64),
+                        float(c["threshold"]),
+                        c["threshold_rule"],
+                        int(c["count"]),
+                    )
+                    for c in data["classes"]
+                ),
+                data["provenance"],
+            )
+        if data["kind"] == "trees":
+            trees = data["trees"]
+
+            def column(key: str, kind: type) -> NDArray[Any]:
+                return np.array([t[key] for t in trees], kind)
+
+            return TreeModel(
+                tuple(data["features"]),
+                float(data["bias"]),
+                column("feature", np.int32),
+                column("threshold", np.float32),
+                column("left", np.int32),
+                column("right", np.int32),
+                column("value", np.float32),
+                float(data["accept"]),
+                data["provenance"],
+            )
+        raise KeyError(f"kind {data['kind']!r}")
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{name}: wanted a wayside model file, found {type(error).__name__}: {error}; "
+            "write one with the learning script or leave the setting out for the model that ships"
+        ) from error
+
+
+def digest(text: str) -> str:
+    """SHA-256 of a model's or settings' text, hexadecimal."""
+    return hashlib.sha256(text.encode()).hexdigest()

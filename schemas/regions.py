@@ -1,0 +1,205 @@
+"""What segmentation finds in one picture: regions, candidates for sign faces, key points.
+
+Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Picture
+
+COLORS = (
+    "white",
+    "yellow",
+    "green",
+    "red",
+    "orange",
+    "blue",
+    "brown",
+    "fluorescent_yellow_green",
+)
+SHAPES = (
+    "rectangle",
+    "diamond",
+    "octagon",
+    "triangle",
+    "circle",
+    "pentagon",
+    "pennant",
+    "shield",
+    "crossbuck",
+    "other",
+)
+SOURCES = ("pass1", "pass2", "level", "edge")
+"""Where a region comes from: K-means pass one or two, a level of a distance map, or edges."""
+
+VERDICTS = (
+    "open",
+    "sign",
+    "size",
+    "color",
+    "shape",
+    "score",
+    "overlap",
+    "unmatched",
+    "few_views",
+    "moving",
+    "residual",
+    "location",
+    "panel_size",
+    "place_score",
+    "duplicate",
+)
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further."""
+NONE = -1
+
+
+def verdict_code(name: str) -> int:
+    """Position of a verdict in `VERDICTS`."""
+    return VERDICTS.index(name)
+
+
+@dataclass(frozen=True, slots=True)
+class Regions:
+    """Connected regions of one picture that passed the size gate, n parallel rows.
+
+    box (n, 4) float32, area_px (n,) int32, rgb (n, 3) float32 mean colour, source (n,) uint8 into `SOURCES`.
+    """
+
+    box: NDArray[np.float32]
+    area_px: NDArray[np.int32]
+    rgb: NDArray[np.float32]
+    source: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Refuse columns of different length."""
+        _same_length(self)
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(self.box)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Regions:
+        """Those rows, in that order."""
+        return Regions(self.box[rows], self.area_px[rows], self.rgb[rows], self.source[rows])
+
+    @staticmethod
+    def empty() -> Regions:
+        """No rows."""
+        return Regions(
+            np.zeros((0, 4), np.float32),
+            np.zeros(0, np.int32),
+            np.zeros((0, 3), np.float32),
+            np.zeros(0, np.uint8),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Regions with what is judged of them; a row is never dropped, its `verdict` says where it stopped.
+
+    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same
+    without lens distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance,
+    shape_distance (n,) float32 Mahalanobis distances, nan where not computed; score (n,) float32 log odds
+    of being a sign face, nan where not judged; verdict (n,) uint8 into `VERDICTS`.
+    """
+
+    regions: Regions
+    center: NDArray[np.float64]
+    ideal: NDArray[np.float64]
+    color: NDArray[np.int8]
+    color_distance: NDArray[np.float32]
+    shape: NDArray[np.int8]
+    shape_distance: NDArray[np.float32]
+    score: NDArray[np.float32]
+    verdict: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Refuse columns of different length."""
+        _same_length(self)
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(self.center)
+
+    def open_rows(self) -> NDArray[np.int64]:
+        """Rows that are still undecided."""
+        return np.flatnonzero(self.verdict == 0)
+
+    @staticmethod
+    def of(regions: Regions) -> Candidates:
+        """Unjudged rows; centres start at the middle of the boxes."""
+        n = len(regions)
+        middle = (regions.box[:, :2] + regions.box[:, 2:] - 1).astype(np.float64) / 2
+        return Candidates(
+            regions,
+            middle,
+            middle.copy(),
+            np.full(n, NONE, np.int8),
+            np.full(n, np.nan, np.float32),
+            np.full(n, NONE, np.int8),
+            np.full(n, np.nan, np.float32),
+            np.full(n, np.nan, np.float32),
+            np.zeros(n, np.uint8),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Segmented:
+    """A picture with its regions.
+
+    palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
+    pass two; rows (2,): first and one past the last picture row that was segmented.
+    """
+
+    picture: Picture
+    regions: Regions
+    region_count: int
+    palette: NDArray[np.float32]
+    difference_levels: NDArray[np.float32]
+    rows: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A segmented picture with its candidates, judged as far as the stages so far go."""
+
+    segmented: Segmented
+    candidates: Candidates
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Key points of one picture.
+
+    corners (n, 2) float32: tie-point corners, distorted pixels, sorted by row; descriptors (n, 32) uint8
+    (binary); sign_points (m, 2) float32, sign_descriptors (m, 128) float32 (SIFT), sign_rows (m,) int32: the
+    candidate row each belongs to.
+    """
+
+    corners: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    sign_points: NDArray[np.float32]
+    sign_descriptors: NDArray[np.float32]
+    sign_rows: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """All that one picture shows by itself: the end of the part that runs side by side."""
+
+    picture: Picture = field(repr=False)
+    candidates: Candidates
+    features: Features
+    region_count: int
+    rows: tuple[int, int]
+
+
+def _same_length(table: object) -> None:
+    lengths = {f.name: len(getattr(table, f.name)) for f in fields(table)}  # type: ignore[arg-type]
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"{type(table).__name__}: columns of different length: {lengths}")

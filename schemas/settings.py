@@ -1,0 +1,138 @@
+"""Every setting: one frozen group a stage, each leaf with a unit and a line of words.
+
+`setting(default, unit, words)` keeps both beside the value, so that `wayside settings`, the TOML reader and
+`run.json` need no list of their own. Values of the preset `report` that differ stand in `REPORT`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+def setting(default: Any, unit: str, words: str) -> Any:  # noqa: ANN401 - the type stands at the field
+    """A dataclass field that knows its unit and meaning."""
+    return field(default=default, metadata={"unit": unit, "words": words})
+
+
+@dataclass(frozen=True, slots=True)
+class ReadSettings:
+    """Which pictures of the log take part."""
+
+    camera: str = setting("", "topic", "picture topic to use; empty: the only one there is")
+    calibration: str = setting(
+        "", "file", "ROS camera_info YAML that replaces the log's calibration"
+    )
+    spacing_m: float = setting(
+        0.0, "m", "distance between pictures where the log has no poses; 0: unknown"
+    )
+    thin_m: float = setting(
+        8.0, "m", "pictures are thinned to about this distance; 0: use every picture"
+    )
+    from_s: float = setting(0.0, "s", "start this long after the first picture")
+    until_s: float = setting(0.0, "s", "stop this long after the first picture; 0: at the end")
+    every: int = setting(1, "pictures", "use every n-th picture only")
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentSettings:
+    """Two-pass K-means (report chapter 2)."""
+
+    clusters: int = setting(16, "colours", "k of pass one")
+    difference_clusters: int = setting(16, "classes", "k of pass two, on the difference image")
+    whole_picture: bool = setting(
+        False, "", "segment the whole picture instead of the band where signs can be"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GateSettings:
+    """Size gate (report section 3.1)."""
+
+    smallest_px: int = setting(50, "px", "regions of fewer pixels are dropped")
+    largest_px: int = setting(200_000, "px", "regions of more pixels are dropped")
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateSettings:
+    """Where candidates for sign faces come from and how they are judged in one picture."""
+
+    judge: str = setting(
+        "trees", "", "trees: learned judge on every candidate; report: colour and shape distances"
+    )
+    keep: int = setting(
+        60, "candidates", "at most this many of the best are followed in one picture"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureSettings:
+    """Key points (report chapter 5)."""
+
+    corners_per_cell: int = setting(3, "corners", "strongest corners kept in each 50 px cell")
+    sift: bool = setting(False, "", "SIFT on the candidates (the report's matching)")
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSettings:
+    """Motion between frames (report chapters 7 and 8)."""
+
+    always_adjust: bool = setting(True, "", "adjust every pair, not only those of high residual")
+    residual_px: float = setting(0.5, "px", "straight-line residual above which a pair is adjusted")
+    smallest_ties: int = setting(20, "points", "fewer tie points: the prior is kept as it is")
+    spacing_sigma_m: float = setting(0.02, "m", "scatter of the distance between triggers")
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSettings:
+    """Following candidates from frame to frame and measuring them."""
+
+    longest: int = setting(14, "frames", "frames over which a sign is followed")
+    fewest_views: int = setting(3, "views", "places with fewer views are not reported")
+    gap_px: float = setting(
+        3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share"
+    )
+    matching: str = setting(
+        "places", "", "places: by predicted position; sift: by descriptors (the report)"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LocateSettings:
+    """Classification by location, and what is reported."""
+
+    confidence: float = setting(0.5, "", "places below this confidence get status uncertain")
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """How the work is carried out; nothing here changes a result."""
+
+    workers: int = setting(2, "threads", "pictures looked at side by side")
+    queue: int = setting(4, "frames", "frames waiting at most for each worker")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All groups, one a stage."""
+
+    read: ReadSettings = field(default_factory=ReadSettings)
+    segment: SegmentSettings = field(default_factory=SegmentSettings)
+    gate: GateSettings = field(default_factory=GateSettings)
+    candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    features: FeatureSettings = field(default_factory=FeatureSettings)
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    track: TrackSettings = field(default_factory=TrackSettings)
+    locate: LocateSettings = field(default_factory=LocateSettings)
+    run: RunSettings = field(default_factory=RunSettings)
+
+
+REPORT: dict[str, dict[str, Any]] = {
+    "segment": {"whole_picture": True},
+    "gate": {"smallest_px": 50, "largest_px": 20_000},
+    "candidates": {"judge": "report"},
+    "features": {"sift": True},
+    "motion": {"always_adjust": False},
+    "track": {"fewest_views": 2, "matching": "sift"},
+}
+"""Preset `report`: the report's own choices where they differ from the defaults."""

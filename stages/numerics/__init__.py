@@ -1,0 +1,1 @@
+"""Plain functions on arrays: no frames, no files, no settings."""
