@@ -109,7 +109,8 @@ class Place:
 class Settled:
     """A frame whose candidates are all decided: the end of the flow, ready for the tables.
 
-    track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; places: those that ended here, each given once.
+    track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; places: those that ended here, each
+    given once.
     Pixels are gone by now; `frame.data` keeps the bytes as recorded.
     """
 

@@ -153,7 +153,8 @@ class Segmented:
     """A picture with its regions.
 
     palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
-    pass two; rows (2,): first and one past the last picture row that was segmented.
+    pass two; rows (2,): first and one past the last picture row that was segmented; labels: class of each pixel of
+    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept).
     """
 
     picture: Picture
@@ -162,6 +163,7 @@ class Segmented:
     palette: NDArray[np.float32]
     difference_levels: NDArray[np.float32]
     rows: tuple[int, int]
+    labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
