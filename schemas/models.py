@@ -49,7 +49,8 @@ class GaussianModel:
 class TreeModel:
     """Boosted binary trees over named features; the sum over trees plus `bias` is a log odds.
 
-    feature, left, right (trees, nodes) int32; threshold, value (trees, nodes) float32. A node with left < 0 is a leaf. A value goes left where it is less than or equal to the threshold, and also where it is nan.
+    feature, left, right (trees, nodes) int32; threshold, value (trees, nodes) float32. A node with
+    left < 0 is a leaf. A value goes left where it is at most the threshold, and also where it is nan.
     """
 
     kind: ClassVar[str] = "trees"

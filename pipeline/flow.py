@@ -1,0 +1,82 @@
+"""The way of a frame from the log to a sign: which stage follows which.
+
+Read it beside the report: K-means, difference image, K-means again, size gate (chapters 2 and 3.1); colour
+(3.2); shape (4); SIFT (5); motion by straight line and adjustment (7 and 8); matching and triangulation (5, 7);
+location (8, 11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from wayside.pipeline.model_files import Models
+from wayside.pipeline.workers import StageClock, ordered_parallel, staged
+from wayside.schemas.frame import Frame
+from wayside.schemas.motion import Settled
+from wayside.schemas.regions import Look
+from wayside.schemas.settings import Settings
+from wayside.stages.assemble import assemble
+from wayside.stages.color import classify_color
+from wayside.stages.decode import decode
+from wayside.stages.features import extract_features
+from wayside.stages.judge import judge
+from wayside.stages.locate import classify_location
+from wayside.stages.motion import estimate_motion
+from wayside.stages.propose import propose
+from wayside.stages.segment import segment
+from wayside.stages.shape import classify_shape
+from wayside.stages.track import track
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """The chain with its settings and models; one instance serves one log."""
+
+    settings: Settings
+    models: Models
+    clock: StageClock
+
+    def signs(self, frames: Iterator[Frame]) -> Iterator[Settled]:
+        """Send frames all the way: every frame comes out once, in order, with what ended there."""
+        run = self.settings.run
+        looks = ordered_parallel(self.look, frames, workers=run.workers, queue=run.queue)
+        return self.follow(looks)
+
+    def look(self, frames: Iterator[Frame]) -> Iterator[Look]:
+        """Do what one picture needs for itself; runs side by side in the workers."""
+        s, m = self.settings, self.models
+        by_report = s.candidates.judge == "report"
+        pictures = self._stage("decode", frames, decode)
+        segmented = self._stage("segment", pictures, segment, settings=s.segment, gate=s.gate)
+        if not by_report:
+            segmented = self._stage("propose", segmented, propose, settings=s.candidates)
+        judged = self._stage("color", segmented, classify_color, model=m.color, gate=by_report)
+        judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
+        if not by_report:
+            judged = self._stage("judge", judged, judge, trees=m.judge, settings=s.candidates)
+        return self._stage("features", judged, extract_features, settings=s.features)
+
+    def follow(self, looks: Iterator[Look]) -> Iterator[Settled]:
+        """Do what needs the frames in order: motion, tracks, places, signs."""
+        s, m = self.settings, self.models
+        moved = self._stage("motion", looks, estimate_motion, settings=s.motion)
+        settled = self._stage("track", moved, track, settings=s.track, place_judge=m.place)
+        settled = self._stage(
+            "location", settled, classify_location, model=m.location, settings=s.locate
+        )
+        return self._stage("assemble", settled, assemble)
+
+    def _stage(
+        self, name: str, items: Iterator[Any], stage: Callable[..., Iterator[Any]], **how: Any
+    ) -> Iterator[Any]:
+        return staged(name, lambda own: stage(own, **how), items, self.clock, frame_index)
+
+
+def frame_index(item: Any) -> int | None:
+    """Index of the frame that any travelling type belongs to."""
+    for holder in ("look", "segmented", "picture", "frame"):
+        while hasattr(item, holder):
+            item = getattr(item, holder)
+    return item.index if isinstance(item, Frame) else None

@@ -1,0 +1,95 @@
+"""Workers: order, bounds, clean ends."""
+
+import threading
+import time
+
+import pytest
+
+from wayside.pipeline.workers import StageClock, ordered_parallel, staged
+from wayside.schemas.errors import StageError
+
+
+def uneven(items):
+    for item in items:
+        time.sleep(0.002 if item % 3 == 0 else 0)
+        yield item * item
+
+
+def own_threads():
+    return [t for t in threading.enumerate() if t.name.startswith("wayside-")]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3, 5])
+def test_results_come_in_the_order_of_the_items_whatever_the_number_of_workers(workers):
+    results = list(ordered_parallel(uneven, iter(range(50)), workers=workers, queue=2))
+    assert results == [n * n for n in range(50)]
+    assert not own_threads()
+
+
+def test_a_slow_consumer_makes_the_reader_wait():
+    read = []
+
+    def source():
+        for n in range(100):
+            read.append(n)
+            yield n
+
+    results = ordered_parallel(uneven, source(), workers=2, queue=3)
+    for _ in range(5):
+        next(results)
+    assert len(read) <= 5 + 2 * 3
+    results.close()
+    assert not own_threads()
+
+
+def test_an_error_in_a_worker_is_raised_after_the_results_before_it_and_leaves_no_thread():
+    def fails_at_seven(items):
+        for item in items:
+            if item == 7:
+                raise ValueError("seven")
+            yield item
+
+    seen = []
+    with pytest.raises(ValueError, match="seven"):
+        for result in ordered_parallel(fails_at_seven, iter(range(20)), workers=2, queue=2):
+            seen.append(result)
+    assert seen == list(range(7))
+    assert not own_threads()
+
+
+def test_an_error_while_reading_leaves_no_thread():
+    def source():
+        yield 1
+        raise OSError("gone")
+
+    with pytest.raises(OSError, match="gone"):
+        list(ordered_parallel(uneven, source(), workers=2, queue=2))
+    assert not own_threads()
+
+
+def test_a_fault_names_the_stage_and_the_frame():
+    def stage(items):
+        for item in items:
+            yield 1 / (item - 3)
+
+    clock = StageClock()
+    with pytest.raises(
+        StageError, match="stage divide failed at frame 3: ZeroDivisionError"
+    ) as caught:
+        list(staged("divide", stage, iter(range(9)), clock, lambda item: item))
+    assert (caught.value.stage, caught.value.frame) == ("divide", 3)
+
+
+def test_the_clock_counts_a_stage_without_the_stages_before_it():
+    def busy(items):
+        for item in items:
+            end = time.thread_time() + 0.02
+            while time.thread_time() < end:
+                pass
+            yield item
+
+    clock = StageClock()
+    first = staged("first", busy, iter(range(1, 4)), clock, lambda item: item)
+    list(staged("second", lambda items: (i for i in items), first, clock, lambda item: item))
+    seconds = clock.seconds()
+    assert seconds["first"] > 10 * seconds["second"]
