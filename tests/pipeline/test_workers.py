@@ -51,8 +51,7 @@ def test_an_error_in_a_worker_is_raised_after_the_results_before_it_and_leaves_n
 
     seen = []
     with pytest.raises(ValueError, match="seven"):
-        for result in ordered_parallel(fails_at_seven, iter(range(20)), workers=2, queue=2):
-            seen.append(result)
+        seen.extend(ordered_parallel(fails_at_seven, iter(range(20)), workers=2, queue=2))
     assert seen == list(range(7))
     assert not own_threads()
 
