@@ -1,0 +1,214 @@
+"""The three tables of a result: every column with its type, unit and meaning.
+
+Columns are never renamed; new ones may be added, which raises no version. Null means unknown, never 0. Units and words
+also travel in the field metadata of the files, so that a table explains itself (`pyarrow.parquet.read_schema`).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from wayside.schemas.frame import FRAME_STATUSES
+from wayside.schemas.regions import COLORS, SHAPES, SOURCES, VERDICTS
+
+SCHEMA_VERSION = 1
+"""Raised only where a column changes its meaning."""
+
+SIGN_STATUSES = {
+    "sign": "a panel whose face is seen",
+    "back": "a panel seen from behind",
+    "uncertain": "kept, but its confidence is below the setting `locate.confidence`",
+}
+MOTION_SOURCES = {
+    "start": "first used picture: the origin of the drive",
+    "straight": "straight on by the known spacing",
+    "odometry": "odometry of the log",
+    "poses": "poses of the log",
+    "fixes": "satellite fixes of the log",
+}
+VERDICT_WORDS = {
+    "open": "not decided when the drive ended",
+    "sign": "part of a reported panel",
+    "size": "too few or too many pixels",
+    "color": "mean colour too far from every sign colour",
+    "shape": "outline too far from every sign shape",
+    "score": "the judge of single pictures takes it for background",
+    "overlap": "a better candidate covers the same face",
+    "unmatched": "no other picture shows the same thing",
+    "few_views": "seen in fewer pictures than the setting `track.fewest_views`",
+    "moving": "moves along the road by itself",
+    "residual": "its views do not meet in one point",
+    "location": "stands where no sign stands",
+    "panel_size": "measured width or height is that of no sign panel",
+    "place_score": "the judge of all views together takes it for background",
+    "duplicate": "a second measurement of a panel already reported",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column; `values` lists what a dictionary column may hold."""
+
+    name: str
+    type: pa.DataType
+    unit: str
+    words: str
+    nullable: bool = True
+    values: tuple[str, ...] = ()
+
+    @property
+    def arrow(self) -> pa.Field[Any]:
+        """The Arrow field, unit and words in its metadata."""
+        return pa.field(
+            self.name, self.type, self.nullable, metadata={"unit": self.unit, "words": self.words}
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One Parquet file of a result."""
+
+    name: str
+    words: str
+    columns: tuple[Column, ...]
+
+    @property
+    def file(self) -> str:
+        """Name of the file in the result folder."""
+        return f"{self.name}.parquet"
+
+    @property
+    def schema(self) -> pa.Schema:
+        """The Arrow schema, its version in the metadata under the key `wayside`."""
+        about = json.dumps({"table": self.name, "schema_version": SCHEMA_VERSION})
+        return pa.schema([c.arrow for c in self.columns], metadata={"wayside": about})
+
+
+_TEXT, _FLAG = pa.string(), pa.bool_()
+_WHOLE, _LONG, _SINGLE, _DOUBLE = pa.int32(), pa.int64(), pa.float32(), pa.float64()
+_CHOICE = pa.dictionary(pa.int8(), pa.string())
+_BOX = pa.list_(pa.field("element", pa.float32()), 4)
+_COVARIANCE = pa.list_(pa.field("element", pa.float64()), 6)
+_SURE = False  # `nullable` of a column that is always known
+
+
+SIGNS = Table(
+    "signs",
+    "One row a physical panel, numbered by station, then lateral offset. GeoParquet 1.1 where the log has fixes.",
+    (
+        Column("sign_id", _TEXT, "", "log stem and number: `drive-0001`", _SURE),
+        Column("assembly_id", _TEXT, "", "the same for panels on one support", _SURE),
+        Column("log", _TEXT, "", "stem of the log's file name", _SURE),
+        Column("status", _CHOICE, "", "what kind of row this is", _SURE, tuple(SIGN_STATUSES)),
+        Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1"),
+        Column("color", _CHOICE, "", "colour class of the face", values=COLORS),
+        Column("color_distance", _SINGLE, "", "Mahalanobis distance to that class (eq. 3.1)"),
+        Column("shape", _CHOICE, "", "shape class of the face", values=SHAPES),
+        Column("shape_distance", _SINGLE, "", "Mahalanobis distance to that class"),
+        Column("x", _DOUBLE, "m", "panel centre in the world frame (`run.json` names it)", _SURE),
+        Column("y", _DOUBLE, "m", "panel centre in the world frame", _SURE),
+        Column("z", _DOUBLE, "m", "panel centre in the world frame", _SURE),
+        Column("covariance", _COVARIANCE, "m^2", "xx, xy, xz, yy, yz, zz of x, y, z"),
+        Column("sigma_along_m", _SINGLE, "m", "standard deviation along the path at the sign"),
+        Column("sigma_lateral_m", _SINGLE, "m", "standard deviation across the path"),
+        Column("sigma_up_m", _SINGLE, "m", "standard deviation upward"),
+        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used picture"),
+        Column("lateral_m", _DOUBLE, "m", "to the right of the path, positive"),
+        Column("up_m", _DOUBLE, "m", "panel centre above the road surface"),
+        Column("bottom_m", _DOUBLE, "m", "lower edge above the road surface"),
+        Column("panel_width_m", _SINGLE, "m", "width of the face"),
+        Column("panel_height_m", _SINGLE, "m", "height of the face"),
+        Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
+        Column("sigma_height_m", _SINGLE, "m", "standard deviation of the height"),
+        Column(
+            "facing_deg",
+            _SINGLE,
+            "deg",
+            "panel normal against the reverse of travel: 0 faces the camera, right turn positive",
+        ),
+        Column("sigma_facing_deg", _SINGLE, "deg", "standard deviation of the facing"),
+        Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),
+        Column("lat_deg", _DOUBLE, "deg", "WGS 84 latitude; null without fixes"),
+        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+        Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt; null without fixes"),
+        Column("best_frame", _WHOLE, "", "picture in which it is largest and whole", _SURE),
+        Column("best_time_ns", _LONG, "ns", "capture time of that picture", _SURE),
+        Column("best_box", _BOX, "px", "its box there: x0, y0, x1, y1, half open", _SURE),
+        Column("right_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
+        Column("down_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
+        Column("ahead_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
+        Column("first_frame", _WHOLE, "", "first picture it was measured in", _SURE),
+        Column("last_frame", _WHOLE, "", "last picture it was measured in", _SURE),
+        Column("views", _WHOLE, "pictures", "pictures it was measured in", _SURE),
+        Column("residual_px", _SINGLE, "px", "RMS of reprojection, full-resolution pixels"),
+    ),
+)
+
+OBSERVATIONS = Table(
+    "observations",
+    "One row a region that passed the colour gate, with the verdict on it. In order of picture, then row.",
+    (
+        Column("frame", _WHOLE, "", "index of the picture in the log", _SURE),
+        Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
+        Column("source", _CHOICE, "", "what the region was cut from", _SURE, SOURCES),
+        Column("box", _BOX, "px", "x0, y0, x1, y1, half open", _SURE),
+        Column("area_px", _WHOLE, "px", "pixels of the region", _SURE),
+        Column("u_px", _DOUBLE, "px", "measured centre, as recorded (distorted), right", _SURE),
+        Column("v_px", _DOUBLE, "px", "measured centre, as recorded (distorted), down", _SURE),
+        Column("u_ideal_px", _DOUBLE, "px", "the same without lens distortion"),
+        Column("v_ideal_px", _DOUBLE, "px", "the same without lens distortion"),
+        Column("red", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
+        Column("green", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
+        Column("blue", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
+        Column("color", _CHOICE, "", "nearest colour class", values=COLORS),
+        Column("color_distance", _SINGLE, "", "Mahalanobis distance to it (eq. 3.1)"),
+        Column("shape", _CHOICE, "", "nearest shape class", values=SHAPES),
+        Column("shape_distance", _SINGLE, "", "Mahalanobis distance to it"),
+        Column("track_id", _WHOLE, "", "thing it was matched to; null: none"),
+        Column("sign_id", _TEXT, "", "row of `signs.parquet` it belongs to; null: none"),
+        Column("verdict", _CHOICE, "", "`sign`, or why it went no further", _SURE, VERDICTS),
+        Column("residual_px", _SINGLE, "px", "distance to the reprojected thing"),
+    ),
+)
+
+FRAMES = Table(
+    "frames",
+    "One row a picture message of the chosen camera, used or not, in file order.",
+    (
+        Column("frame", _WHOLE, "", "index of the picture in the log, from 0", _SURE),
+        Column("log_time_ns", _LONG, "ns", "time at which it was logged", _SURE),
+        Column("header_time_ns", _LONG, "ns", "time of capture; null where not set"),
+        Column("status", _CHOICE, "", "`used`, or why not", _SURE, FRAME_STATUSES),
+        Column("x", _DOUBLE, "m", "camera centre in the world frame"),
+        Column("y", _DOUBLE, "m", "camera centre in the world frame"),
+        Column("z", _DOUBLE, "m", "camera centre in the world frame"),
+        Column("qx", _DOUBLE, "", "camera in world, quaternion"),
+        Column("qy", _DOUBLE, "", "camera in world, quaternion"),
+        Column("qz", _DOUBLE, "", "camera in world, quaternion"),
+        Column("qw", _DOUBLE, "", "camera in world, quaternion"),
+        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used picture"),
+        Column(
+            "motion_source",
+            _CHOICE,
+            "",
+            "what the motion was first taken from",
+            values=tuple(MOTION_SOURCES),
+        ),
+        Column("baseline_m", _DOUBLE, "m", "distance from the previous used picture"),
+        Column("ties", _WHOLE, "points", "tie points to the previous used picture"),
+        Column("residual_straight_px", _SINGLE, "px", "eq. 7.5 with the motion as first taken"),
+        Column("residual_px", _SINGLE, "px", "eq. 7.5 with the motion that was used"),
+        Column("adjusted", _FLAG, "", "whether the motion was adjusted"),
+        Column("iterations", _WHOLE, "", "iterations of the adjustment"),
+        Column(
+            "regions", _WHOLE, "", "connected regions found; null where the picture is not used"
+        ),
+        Column("candidates", _WHOLE, "", "regions judged; null where the picture is not used"),
+    ),
+)
+
+TABLES = (SIGNS, OBSERVATIONS, FRAMES)

@@ -1,0 +1,105 @@
+"""The Arrow schemas, and the page of docs/ that describes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.schemas.motion import Motion
+from wayside.schemas.regions import VERDICTS
+from wayside.schemas.tables import (
+    MOTION_SOURCES,
+    SCHEMA_VERSION,
+    SIGN_STATUSES,
+    TABLES,
+    VERDICT_WORDS,
+    Table,
+)
+
+PAGE = Path(__file__).parents[2] / "docs" / "tables.md"
+INTRODUCTION = """# The tables of a result
+
+`wayside run LOG -o OUT` writes three Parquet files. Columns are never renamed; new ones may be added. Null means
+unknown, never 0. Units and meanings travel in the files too, as field metadata.
+
+World frame: that of the log's poses where it has them; east, north, up with the origin at the first fix where it has
+fixes only; otherwise origin at the first used camera centre, x forward, y left, z up. Camera frame: x right, y down,
+z forward. Pixel centres lie at integers; boxes are half open.
+"""
+
+
+def page() -> str:
+    parts = [INTRODUCTION]
+    for table in TABLES:
+        parts.append(
+            f"\n## {table.file}\n\n{table.words}\n\n| column | type | unit | meaning |\n| --- | --- | --- | --- |\n"
+        )
+        for column in table.columns:
+            null = ", may be null" if column.nullable else ""
+            parts.append(
+                f"| `{column.name}` | {type_words(column.type)}{null} | {column.unit} | {column.words} |\n"
+            )
+    for title, words in (
+        ("Values of `status` in signs.parquet", SIGN_STATUSES),
+        ("Values of `verdict`", VERDICT_WORDS),
+        ("Values of `motion_source`", MOTION_SOURCES),
+    ):
+        parts.append(f"\n## {title}\n\n| value | meaning |\n| --- | --- |\n")
+        parts.extend(f"| `{name}` | {meaning} |\n" for name, meaning in words.items())
+    return "".join(parts)
+
+
+def type_words(kind: pa.DataType) -> str:
+    if pa.types.is_dictionary(kind):
+        return "dictionary"
+    if pa.types.is_fixed_size_list(kind):
+        return f"list of {kind.list_size} {type_words(kind.value_type)}"
+    return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))
+
+
+def test_the_page_of_docs_describes_every_column_as_it_is() -> None:
+    assert PAGE.read_text() == page(), "docs/tables.md: run this file as a script to write it anew"
+
+
+@pytest.mark.parametrize("table", TABLES, ids=lambda t: t.name)
+def test_a_schema_survives_a_parquet_file_whole(table: Table, tmp_path: Path) -> None:
+    pq.write_table(table.schema.empty_table(), tmp_path / table.file)
+    read = pq.read_schema(tmp_path / table.file)
+    assert read.equals(table.schema, check_metadata=True)
+    assert json.loads(read.metadata[b"wayside"]) == {
+        "table": table.name,
+        "schema_version": SCHEMA_VERSION,
+    }
+
+
+@pytest.mark.parametrize("table", TABLES, ids=lambda t: t.name)
+def test_columns_have_unique_names_and_the_unit_their_name_ends_in(table: Table) -> None:
+    names = [column.name for column in table.columns]
+    assert len(set(names)) == len(names)
+    for column in table.columns:
+        assert column.words
+        suffix = column.name.rsplit("_", 1)[-1]
+        if suffix in ("m", "px", "deg", "ns") and column.name != suffix:
+            assert column.unit == suffix, column.name
+
+
+def test_every_verdict_has_words_in_the_order_of_the_codes() -> None:
+    assert tuple(VERDICT_WORDS) == VERDICTS
+
+
+def test_every_motion_source_is_one_the_motion_type_knows() -> None:
+    assert all(f'"{source}"' in (Motion.__doc__ or "") for source in MOTION_SOURCES)
+
+
+def test_choices_list_their_values_and_nothing_else_does() -> None:
+    for table in TABLES:
+        for column in table.columns:
+            assert bool(column.values) == pa.types.is_dictionary(column.type), column.name
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
