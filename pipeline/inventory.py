@@ -189,7 +189,7 @@ class InventoryWriter:
     def _write_frames(self, world: World) -> None:
         columns = list(zip(*self._frames, strict=True)) or [()] * len(_FRAME_COLUMNS)
         values = dict(zip(_FRAME_COLUMNS, columns, strict=True))
-        poses = [world.poses.get(row[0]) for row in self._frames]
+        poses = [world.poses.get(int(row[0])) for row in self._frames]
         blank = (None,) * 7
         placed = list(zip(*(blank if p is None else _numbers(p) for p in poses), strict=True))
         values |= dict(

@@ -1,0 +1,232 @@
+"""The command line. Heavy imports stand inside the commands, so that --help answers at once."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from wayside.schemas.errors import UsageError, WaysideError
+
+INTERRUPTED, PARTS_LOST = 130, 4
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    help="Road sign inventory from recorded drives: MCAP in, Parquet out.",
+    epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.",
+)
+
+
+class Preset(StrEnum):
+    """Which chain of stages."""
+
+    default = "default"
+    report = "report"
+
+
+class Listed(StrEnum):
+    """Which regions become rows of observations.parquet."""
+
+    passed = "passed"
+    all = "all"
+
+
+SettingsFile = Annotated[
+    Path | None, typer.Option("--settings", help="TOML file as `wayside settings` prints it.")
+]
+Assignments = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change one setting; may be repeated."),
+]
+PresetOption = Annotated[
+    Preset, typer.Option(help="`default` finds the most, `report` is the chain of KS-09-9.")
+]
+
+
+@app.callback(invoke_without_command=True)
+def common(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show a traceback with every error.")
+    ] = False,
+) -> None:
+    """Options of every command."""
+    if version:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"wayside {installed('wayside')}")
+        raise typer.Exit
+
+
+@app.command(
+    epilog="Examples: `wayside run drive.mcap -o out` · `wayside run pictures.mcap --spacing 26.4ft -o out` · "
+    "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
+    "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
+)
+def run(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="MCAP files.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", help="Output folder; with several logs, one folder each in it."
+        ),
+    ],
+    preset: PresetOption = Preset.default,
+    settings: SettingsFile = None,
+    assignments: Assignments = None,
+    spacing: Annotated[
+        str | None,
+        typer.Option(help="Distance between pictures, where the log has no poses: 26.4ft, 8m."),
+    ] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="Picture topic, where the log has several.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="ROS camera_info YAML instead of the log's calibration.")
+    ] = None,
+    start: Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")] = None,
+    until: Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")] = None,
+    every: Annotated[int | None, typer.Option(help="Use every n-th picture.")] = None,
+    workers: Annotated[int | None, typer.Option(help="Pictures looked at side by side.")] = None,
+    observations: Annotated[
+        Listed,
+        typer.Option(
+            help="Regions to list: those past the colour gate, or all past the size gate."
+        ),
+    ] = Listed.passed,
+) -> None:
+    """Find the signs of a drive: LOG to a folder of Parquet tables."""
+    from rich.console import Console
+
+    from wayside.pipeline.lengths import parse_time
+    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.progress import FrameProgress
+    from wayside.pipeline.run import run_log
+    from wayside.pipeline.settings_file import load_settings
+    from wayside.pipeline.summary import print_summary
+
+    options: dict[str, Any] = {
+        "read.spacing_m": spacing,
+        "read.camera": camera,
+        "read.calibration": None if calibration is None else str(calibration),
+        "read.from_s": None if start is None else parse_time(start),
+        "read.until_s": None if until is None else parse_time(until),
+        "read.every": every,
+        "run.workers": workers,
+    }
+    given = {name: value for name, value in options.items() if value is not None}
+    chosen, _ = load_settings(preset.value, settings, assignments or [], given)
+    models = load_models(chosen)
+    lost = False
+    for log in logs:
+        folder = out if len(logs) == 1 else out / log.stem
+        size = log.stat().st_size if log.exists() else 0
+        with FrameProgress(log.name, size) as progress:
+            result = run_log(
+                log,
+                folder,
+                chosen,
+                models,
+                arguments=sys.argv[1:],
+                every_region=observations is Listed.all,
+                watch=lambda settled, report, bar=progress: bar.advance(report.bytes_read),
+            )
+        print_summary(result, Console(highlight=False, soft_wrap=True))
+        lost |= bool(result.lost)
+    if lost:
+        raise typer.Exit(PARTS_LOST)
+
+
+@app.command(epilog="Example: `wayside info drive.mcap`")
+def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")]) -> None:
+    """Say what a log holds, and whether and how it can be used."""
+    from wayside.pipeline.information import describe_log, format_information
+
+    typer.echo(format_information(describe_log(log)))
+
+
+@app.command(
+    "import",
+    epilog="Example: `wayside import pictures/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap`",
+)
+def import_(
+    pictures: Annotated[
+        list[Path], typer.Argument(metavar="PICTURES...", help="Numbered pictures, or a folder.")
+    ],
+    calibration: Annotated[Path, typer.Option(help="Camera calibration, ROS camera_info YAML.")],
+    spacing: Annotated[str, typer.Option(help="Distance between pictures: 26.4ft, 8m.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
+) -> None:
+    """Make a log of numbered pictures."""
+    from wayside.pipeline.importing import import_pictures
+    from wayside.pipeline.lengths import parse_length
+
+    count = import_pictures(pictures, calibration, parse_length(spacing), out)
+    typer.echo(f"{out}: {count} pictures; next: wayside run {out} -o out")
+
+
+@app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
+def evaluate(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")],
+    truth: Annotated[
+        Path, typer.Option(help="truth.json of a rendered drive, or labels.json of a real one.")
+    ],
+    json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
+) -> None:
+    """Compare a result with the truth."""
+    from wayside.pipeline.evaluate import evaluate as judge
+    from wayside.pipeline.evaluate import format_evaluation, write_evaluation
+
+    evaluation = judge(out, truth)
+    if json is not None:
+        write_evaluation(evaluation, json)
+    typer.echo(format_evaluation(evaluation))
+
+
+@app.command(epilog="Example: `wayside settings --preset report > mine.toml`")
+def settings(
+    preset: PresetOption = Preset.default,
+    file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Print every setting: value, unit, default, where it comes from. The output is a settings file."""
+    from wayside.pipeline.settings_file import format_settings, load_settings
+
+    chosen, origins = load_settings(preset.value, file, assignments or [], {})
+    typer.echo(format_settings(chosen, origins))
+
+
+def main() -> None:
+    """Run the command line; every error ends here with its words and exit status."""
+    debug = "--debug" in sys.argv[1:]
+    try:
+        status = app(standalone_mode=False)
+        sys.exit(status if isinstance(status, int) else 0)
+    except KeyboardInterrupt:
+        print("wayside: interrupted; nothing was written", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except WaysideError as error:
+        if debug or error.exit_status == 1:
+            traceback.print_exc()
+        print(f"wayside: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+    except Exception as error:
+        _end_on_usage_error(error)
+        raise
+
+
+def _end_on_usage_error(error: Exception) -> None:
+    """Print the parser's own words for wrong arguments and end with the status for them."""
+    show = getattr(error, "show", None)
+    if callable(show):
+        show()
+        sys.exit(UsageError.exit_status)
+    if type(error).__name__ == "Abort":
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,47 @@
+"""Progress of long work on stderr: a bar for a person, silence in a pipe."""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+class FrameProgress:
+    """Shows pictures done, their rate and the time left, estimated from the bytes read."""
+
+    def __init__(self, label: str, total_bytes: int) -> None:
+        console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[frames]} pictures, {task.fields[rate]:.1f}/s"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
+        self._frames = 0
+
+    def __enter__(self) -> FrameProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def advance(self, bytes_read: int) -> None:
+        """One more picture is done; `bytes_read` of the log have been read so far."""
+        self._frames += 1
+        elapsed = self._bar.tasks[0].elapsed or 0.0
+        rate = self._frames / elapsed if elapsed > 0 else 0.0
+        self._bar.update(self._task, completed=bytes_read, frames=self._frames, rate=rate)

@@ -1,0 +1,201 @@
+"""The main job: one log in, one folder of tables out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from wayside.pipeline.flow import Flow, frame_index
+from wayside.pipeline.inventory import Inventory, InventoryWriter
+from wayside.pipeline.model_files import Models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.settings_file import settings_digest
+from wayside.pipeline.workers import StageClock, staged
+from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.frame import UNDECODABLE, USED, Frame
+from wayside.schemas.motion import Settled
+from wayside.schemas.settings import Settings
+from wayside.stages.numerics.heap import keep_heap
+
+Watcher = Callable[[Settled, ReadReport], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run did, for the closing summary and `run.json`."""
+
+    log: Path
+    folder: Path
+    inventory: Inventory
+    report: ReadReport
+    frames: dict[str, int]
+    stage_seconds: dict[str, float]
+    wall_seconds: float
+
+    @property
+    def lost(self) -> list[str]:
+        """Parts of the input that could not be used though they should have been, in words."""
+        undecodable = self.frames.get(UNDECODABLE, 0)
+        pictures = [f"{undecodable} pictures do not decode"] if undecodable else []
+        return [*(str(problem) for problem in self.report.problems), *pictures]
+
+
+def run_log(
+    log: Path,
+    folder: Path,
+    settings: Settings,
+    models: Models,
+    *,
+    arguments: list[str],
+    every_region: bool = False,
+    watch: Watcher = lambda settled, report: None,
+) -> RunResult:
+    """Process one log and write its tables and `run.json` into `folder`.
+
+    Parameters
+    ----------
+    log, folder
+        The MCAP file; the output folder, made where it is missing.
+    settings, models
+        What the stages work with.
+    arguments
+        The command line, for `run.json`.
+    every_region
+        List regions that the colour gate refused, too.
+    watch
+        Called with every settled frame on its way to the tables.
+
+    Raises
+    ------
+    InputError
+        The log cannot be used, or none of its pictures can.
+    OutputError
+        The folder cannot be written.
+    StageError
+        A stage failed; its name and the frame are in the message.
+    """
+    cv2.setNumThreads(1)  # the workers share the cores; OpenCV's own pool would fight them
+    keep_heap()
+    started = time.perf_counter()
+    _make_folder(folder)
+    report, clock = ReadReport(), StageClock()
+    frames = _read(log, settings, report, clock)
+    first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
+    flow = Flow(settings, models, clock)
+    writer = InventoryWriter(
+        folder, log.stem, confidence=settings.locate.confidence, every_region=every_region
+    )
+    statuses: Counter[str] = Counter()
+    try:
+        for settled in flow.signs(_with_first(first, frames)):
+            statuses[settled.frame.status] += 1
+            writer.append(settled)
+            watch(settled, report)
+        if not statuses[USED]:
+            raise InputError(_no_picture(log, statuses))
+    except BaseException:
+        writer.discard()
+        raise
+    inventory = writer.finish()
+    wall = time.perf_counter() - started
+    result = RunResult(log, folder, inventory, report, dict(statuses), clock.seconds(), wall)
+    _write_run(result, settings, models, arguments)
+    return result
+
+
+def _read(log: Path, settings: Settings, report: ReadReport, clock: StageClock) -> Iterator[Frame]:
+    nothing: Iterator[Frame] = iter(())
+    return staged(
+        "read", lambda _: read_frames(log, settings.read, report), nothing, clock, frame_index
+    )
+
+
+def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
+    if first is not None:
+        yield first
+        yield from rest
+
+
+def _no_picture(log: Path, statuses: Counter[str]) -> str:
+    reasons = (
+        ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
+        or "none at all"
+    )
+    return (
+        f"{log}: wanted pictures to look at, found {reasons}; "
+        "see `wayside info` for what the log holds and loosen --from, --until, --every or the calibration"
+    )
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".wayside-probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: wanted a folder to write the result to, found: {error.strerror or error}; "
+            "choose another with -o"
+        ) from error
+
+
+def _write_run(result: RunResult, settings: Settings, models: Models, arguments: list[str]) -> None:
+    """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
+    used = result.frames.get(USED, 0)
+    rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
+    content: dict[str, Any] = {
+        "wayside": version("wayside"),
+        "arguments": arguments,
+        "log": result.log.name,
+        "settings": asdict(settings),
+        "settings_digest": settings_digest(settings),
+        "models": models.digests(),
+        "world": result.inventory.world.name,
+        "camera_height_m": result.inventory.camera_height_m,
+        "accounting": {
+            "frames_read": sum(result.frames.values()),
+            "used": used,
+            "rejected": rejected,
+            "regions": result.inventory.verdicts,
+            "lost": result.lost,
+        },
+        "files": {
+            name: {"rows": rows, "sha256": _sha256(result.folder / name)}
+            for name, rows in result.inventory.rows.items()
+        },
+        "times": {
+            "wall_s": round(result.wall_seconds, 3),
+            "cpu_s_by_stage": {k: round(v, 3) for k, v in result.stage_seconds.items()},
+        },
+        "machine": {
+            "system": platform.platform(),
+            "python": platform.python_version(),
+            "cores": os.cpu_count(),
+        },
+    }
+    path = result.folder / "run.json"
+    try:
+        part = path.with_suffix(".json.part")
+        part.write_text(json.dumps(content, indent=1) + "\n")
+        os.replace(part, path)
+    except OSError as error:
+        raise OutputError(
+            f"{path}: could not be written: {error.strerror or error}; free some space"
+        ) from error
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,104 @@
+"""The closing words of a run, for a person."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from wayside.pipeline.run import RunResult
+from wayside.schemas.frame import USED
+
+_MOST_SIGNS = 40
+
+
+def print_summary(result: RunResult, console: Console) -> None:
+    """Signs found, pictures used and not used, time by stage, files, and what to type next."""
+    signs = [row for row in result.inventory.signs if row["status"] == "sign"]
+    if result.inventory.signs:
+        console.print(sign_table(result.inventory.signs[:_MOST_SIGNS]))
+    if len(result.inventory.signs) > _MOST_SIGNS:
+        console.print(f"... and {len(result.inventory.signs) - _MOST_SIGNS} more in signs.parquet")
+    console.print(
+        f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(result.inventory.signs)}"
+    )
+    console.print(_pictures(result))
+    console.print(_regions(result.inventory.verdicts))
+    console.print(_times(result))
+    for part in result.lost:
+        console.print(f"[yellow]lost:[/yellow] {part}")
+    console.print(f"written to {result.folder}: {_files(result.inventory.rows)}, run.json")
+
+
+def sign_table(signs: list[dict[str, Any]]) -> Table:
+    """One line a sign: what it looks like, where it stands, how sure."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("sign", "color", "shape"):
+        table.add_column(heading)
+    for heading in (
+        "station m",
+        "right m",
+        "up m",
+        "width m",
+        "height m",
+        "±along m",
+        "views",
+        "confidence",
+    ):
+        table.add_column(heading, justify="right")
+    for row in signs:
+        numbers = (
+            "station_m",
+            "lateral_m",
+            "up_m",
+            "panel_width_m",
+            "panel_height_m",
+            "sigma_along_m",
+        )
+        table.add_row(
+            row["sign_id"] + ("" if row["status"] == "sign" else f" ({row['status']})"),
+            row["color"] or "-",
+            row["shape"] or "-",
+            *("-" if row[name] is None else f"{row[name]:.2f}" for name in numbers),
+            str(row["views"]),
+            f"{row['confidence']:.2f}",
+        )
+    return table
+
+
+def _by_color(signs: list[dict[str, Any]]) -> str:
+    counts = Counter(str(row["color"] or "unknown colour").replace("_", " ") for row in signs)
+    words = ", ".join(f"{count} {color}" for color, count in counts.most_common())
+    return f": {words}" if words else ""
+
+
+def _others(signs: list[dict[str, Any]]) -> str:
+    counts = Counter(row["status"] for row in signs if row["status"] != "sign")
+    return "".join(f"; {count} {status}" for status, count in sorted(counts.items()))
+
+
+def _pictures(result: RunResult) -> str:
+    total = sum(result.frames.values())
+    reasons = "".join(f", {v} {k}" for k, v in sorted(result.frames.items()) if k != USED)
+    rate = total / result.wall_seconds if result.wall_seconds else 0.0
+    return (
+        f"{total} pictures read: {result.frames.get(USED, 0)} used{reasons}; "
+        f"{result.wall_seconds:.1f} s, {rate:.1f} pictures/s"
+    )
+
+
+def _regions(verdicts: dict[str, int]) -> str:
+    words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+    return f"regions by verdict: {words}" if words else "no regions"
+
+
+def _times(result: RunResult) -> str:
+    total = sum(result.stage_seconds.values()) or 1.0
+    words = ", ".join(f"{name} {100 * s / total:.0f} %" for name, s in result.stage_seconds.items())
+    return f"processor time {total:.1f} s: {words}"
+
+
+def _files(rows: dict[str, int]) -> str:
+    return ", ".join(f"{name} ({count} rows)" for name, count in rows.items())
