@@ -10,9 +10,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
-def setting(default: Any, unit: str, words: str) -> Any:  # noqa: ANN401 - the type stands at the field
-    """A dataclass field that knows its unit and meaning."""
-    return field(default=default, metadata={"unit": unit, "words": words})
+def setting(
+    default: Any,
+    unit: str,
+    words: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field that knows its unit, meaning and what it may hold (limits included)."""
+    return field(
+        default=default,
+        metadata={"unit": unit, "words": words, "low": low, "high": high, "choices": choices},
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,22 +35,26 @@ class ReadSettings:
         "", "file", "ROS camera_info YAML that replaces the log's calibration"
     )
     spacing_m: float = setting(
-        0.0, "m", "distance between pictures where the log has no poses; 0: unknown"
+        0.0, "m", "distance between pictures where the log has no poses; 0: unknown", low=0
     )
     thin_m: float = setting(
-        8.0, "m", "pictures are thinned to about this distance; 0: use every picture"
+        8.0, "m", "pictures are thinned to about this distance; 0: use every picture", low=0
     )
-    from_s: float = setting(0.0, "s", "start this long after the first picture")
-    until_s: float = setting(0.0, "s", "stop this long after the first picture; 0: at the end")
-    every: int = setting(1, "pictures", "use every n-th picture only")
+    from_s: float = setting(0.0, "s", "start this long after the first picture", low=0)
+    until_s: float = setting(
+        0.0, "s", "stop this long after the first picture; 0: at the end", low=0
+    )
+    every: int = setting(1, "pictures", "use every n-th picture only", low=1)
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentSettings:
     """Two-pass K-means (report chapter 2)."""
 
-    clusters: int = setting(16, "colours", "k of pass one")
-    difference_clusters: int = setting(16, "classes", "k of pass two, on the difference image")
+    clusters: int = setting(16, "colours", "k of pass one", low=2, high=16)
+    difference_clusters: int = setting(
+        16, "classes", "k of pass two, on the difference image", low=2, high=16
+    )
     whole_picture: bool = setting(
         False, "", "segment the whole picture instead of the band where signs can be"
     )
@@ -49,8 +64,8 @@ class SegmentSettings:
 class GateSettings:
     """Size gate (report section 3.1)."""
 
-    smallest_px: int = setting(50, "px", "regions of fewer pixels are dropped")
-    largest_px: int = setting(200_000, "px", "regions of more pixels are dropped")
+    smallest_px: int = setting(50, "px", "regions of fewer pixels are dropped", low=1)
+    largest_px: int = setting(200_000, "px", "regions of more pixels are dropped", low=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +73,13 @@ class CandidateSettings:
     """Where candidates for sign faces come from and how they are judged in one picture."""
 
     judge: str = setting(
-        "trees", "", "trees: learned judge on every candidate; report: colour and shape distances"
+        "trees",
+        "",
+        "trees: learned judge on every candidate; report: colour and shape distances",
+        choices=("trees", "report"),
     )
     keep: int = setting(
-        60, "candidates", "at most this many of the best are followed in one picture"
+        60, "candidates", "at most this many of the best are followed in one picture", low=1
     )
 
 
@@ -69,7 +87,9 @@ class CandidateSettings:
 class FeatureSettings:
     """Key points (report chapter 5)."""
 
-    corners_per_cell: int = setting(3, "corners", "strongest corners kept in each 50 px cell")
+    corners_per_cell: int = setting(
+        3, "corners", "strongest corners kept in each 50 px cell", low=1
+    )
     sift: bool = setting(False, "", "SIFT on the candidates (the report's matching)")
 
 
@@ -78,22 +98,31 @@ class MotionSettings:
     """Motion between frames (report chapters 7 and 8)."""
 
     always_adjust: bool = setting(True, "", "adjust every pair, not only those of high residual")
-    residual_px: float = setting(0.5, "px", "straight-line residual above which a pair is adjusted")
-    smallest_ties: int = setting(20, "points", "fewer tie points: the prior is kept as it is")
-    spacing_sigma_m: float = setting(0.02, "m", "scatter of the distance between triggers")
+    residual_px: float = setting(
+        0.5, "px", "straight-line residual above which a pair is adjusted", low=0
+    )
+    smallest_ties: int = setting(
+        20, "points", "fewer tie points: the prior is kept as it is", low=5
+    )
+    spacing_sigma_m: float = setting(
+        0.02, "m", "scatter of the distance between triggers", low=0.001
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
     """Following candidates from frame to frame and measuring them."""
 
-    longest: int = setting(14, "frames", "frames over which a sign is followed")
-    fewest_views: int = setting(3, "views", "places with fewer views are not reported")
+    longest: int = setting(14, "frames", "frames over which a sign is followed", low=2)
+    fewest_views: int = setting(3, "views", "places with fewer views are not reported", low=2)
     gap_px: float = setting(
-        3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share"
+        3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share", low=0
     )
     matching: str = setting(
-        "places", "", "places: by predicted position; sift: by descriptors (the report)"
+        "places",
+        "",
+        "places: by predicted position; sift: by descriptors (the report)",
+        choices=("places", "sift"),
     )
 
 
@@ -101,15 +130,17 @@ class TrackSettings:
 class LocateSettings:
     """Classification by location, and what is reported."""
 
-    confidence: float = setting(0.5, "", "places below this confidence get status uncertain")
+    confidence: float = setting(
+        0.5, "", "places below this confidence get status uncertain", low=0, high=1
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
     """How the work is carried out; nothing here changes a result."""
 
-    workers: int = setting(2, "threads", "pictures looked at side by side")
-    queue: int = setting(4, "frames", "frames waiting at most for each worker")
+    workers: int = setting(2, "threads", "pictures looked at side by side", low=1, high=64)
+    queue: int = setting(4, "frames", "frames waiting at most for each worker", low=1, high=1000)
 
 
 @dataclass(frozen=True, slots=True)
