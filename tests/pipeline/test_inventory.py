@@ -1,0 +1,211 @@
+"""The tables of a result, from settled frames made by hand."""
+
+import dataclasses
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.pipeline.inventory import InventoryWriter
+from wayside.schemas.errors import OutputError
+from wayside.schemas.frame import Camera, Fix, Frame, Pose
+from wayside.schemas.motion import Motion, Place, Settled, View
+from wayside.schemas.regions import Candidates, Regions, verdict_code
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+CAMERA = Camera(1600, 1200, 1400, 1400, 800, 600)
+
+
+def candidates(*verdicts):
+    n = len(verdicts)
+    regions = Regions(
+        np.tile(np.float32([10, 20, 30, 60]), (n, 1)),
+        np.full(n, 700, np.int32),
+        np.full((n, 3), 100, np.float32),
+        np.zeros(n, np.uint8),
+    )
+    codes = np.array([verdict_code(v) for v in verdicts], np.uint8)
+    return dataclasses.replace(Candidates.of(regions), verdict=codes)
+
+
+def place(track, frame, station, lateral, **changes):
+    view = View(frame, 0, 20.0, 40.0, (10, 20, 30, 60), 0.2)
+    made = Place(
+        track_id=track,
+        views=(view, dataclasses.replace(view, frame=frame - 1)),
+        position=np.array([3.0, -0.5, 12.0]),
+        covariance=np.diag([0.01, 0.02, 0.04]),
+        offset=np.array([lateral, 1.0, 0.0]),
+        station_m=station,
+        best_frame=frame,
+        best_time_ns=frame * 10**9,
+        best_box=(10, 20, 30, 60),
+        best_pose=Pose(np.eye(3), np.array([0, 0, 8.0 * frame])),
+        width_m=0.6,
+        height_m=0.8,
+        sigma_width_m=0.02,
+        sigma_height_m=0.02,
+        facing_deg=float("nan"),
+        sigma_facing_deg=float("nan"),
+        color="yellow",
+        color_distance=1.0,
+        shape="diamond",
+        shape_distance=float("nan"),
+        score=3.0,
+        residual_px=0.4,
+        verdict="sign",
+    )
+    return dataclasses.replace(made, **changes)
+
+
+def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
+    frame = Frame(
+        index, 10**9 * index + 5, None, "used" if used else "thinned", "jpeg", b"", CAMERA, fix=fix
+    )
+    motion = None
+    if used:
+        motion = Motion(
+            pose=Pose(np.eye(3), np.array([0, 0, 8.0 * index])),
+            step=None if index == 0 else Pose(np.eye(3), np.array([0, 0, 8.0])),
+            covariance=None,
+            source="start" if index == 0 else "straight",
+            baseline_m=8.0,
+            station_m=8.0 * index,
+            ties=None,
+            residual_straight_px=float("nan"),
+            residual_px=0.2,
+            adjusted=False,
+            iterations=0,
+            camera_height_m=1.8,
+        )
+    return Settled(
+        frame,
+        motion,
+        candidates(*verdicts),
+        np.array(tracks, np.int32),
+        np.full(len(verdicts), np.nan, np.float32),
+        7,
+        (0, 1200),
+        places,
+    )
+
+
+def write(folder, frames, **options):
+    writer = InventoryWriter(folder, "drive", confidence=0.5, **options)
+    for frame in frames:
+        writer.append(frame)
+    return writer.finish()
+
+
+def drive():
+    return [
+        settled(0, verdicts=("color", "sign"), tracks=(-1, 4)),
+        settled(1, used=False),
+        settled(2, place(9, 2, 31.0, 4.0), verdicts=("few_views",), tracks=(9,)),
+        settled(
+            3,
+            place(4, 3, 30.0, 4.0),
+            place(5, 3, 31.0, -4.0, verdict="location"),
+            verdicts=("sign",),
+            tracks=(4,),
+        ),
+    ]
+
+
+def test_signs_are_numbered_by_station_and_rejected_places_get_no_row(tmp_path):
+    write(tmp_path, drive())
+    rows = pq.read_table(tmp_path / SIGNS.file).to_pylist()
+    assert [(r["sign_id"], r["station_m"]) for r in rows] == [
+        ("drive-0001", 30.0),
+        ("drive-0002", 31.0),
+    ]
+    assert rows[0]["up_m"] == pytest.approx(2.8)
+    assert rows[0]["bottom_m"] == pytest.approx(2.4)
+    assert rows[0]["facing_deg"] is None
+    assert rows[0]["shape_distance"] is None
+    assert rows[0]["views"] == 2
+    assert rows[0]["lon_deg"] is None
+
+
+def test_every_file_has_the_schema_that_is_documented(tmp_path):
+    write(tmp_path, drive())
+    for table in (SIGNS, OBSERVATIONS, FRAMES):
+        assert pq.read_schema(tmp_path / table.file).equals(table.schema, check_metadata=True)
+
+
+def test_observations_name_their_sign_though_it_was_numbered_later(tmp_path):
+    write(tmp_path, drive())
+    rows = pq.read_table(tmp_path / OBSERVATIONS.file).to_pylist()
+    assert [(r["frame"], r["sign_id"], r["verdict"]) for r in rows] == [
+        (0, "drive-0001", "sign"),
+        (2, "drive-0002", "few_views"),
+        (3, "drive-0001", "sign"),
+    ]
+
+
+def test_every_region_is_listed_on_request(tmp_path):
+    write(tmp_path, drive(), every_region=True)
+    assert pq.read_metadata(tmp_path / OBSERVATIONS.file).num_rows == 4
+
+
+def test_every_picture_has_a_row_used_or_not(tmp_path):
+    write(tmp_path, drive())
+    rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    assert [(r["frame"], r["status"]) for r in rows] == [
+        (0, "used"),
+        (1, "thinned"),
+        (2, "used"),
+        (3, "used"),
+    ]
+    assert rows[1]["x"] is None
+    assert rows[1]["candidates"] is None
+    assert rows[0]["baseline_m"] is None
+    assert rows[2]["ties"] == 0
+    assert rows[3]["x"] == pytest.approx(24.0)
+
+
+def test_fixes_add_wgs84_and_geoparquet_metadata(tmp_path):
+    fixes = [Fix(38.0, -98.0 + 1e-4 * n, 500.0, None) for n in range(4)]
+    frames = [
+        dataclasses.replace(f, frame=dataclasses.replace(f.frame, fix=x))
+        for f, x in zip(drive(), fixes, strict=True)
+    ]
+    write(tmp_path, frames)
+    table = pq.read_table(tmp_path / SIGNS.file)
+    assert b"geo" in pq.read_metadata(tmp_path / SIGNS.file).metadata
+    row = table.to_pylist()[0]
+    assert row["lat_deg"] == pytest.approx(38.0, abs=1e-3)
+    assert len(row["geometry"]) == 29
+
+
+def test_a_sign_below_the_confidence_setting_is_uncertain(tmp_path):
+    write(tmp_path, [settled(0, place(1, 0, 5.0, 3.0, score=-1.0))])
+    assert pq.read_table(tmp_path / SIGNS.file).to_pylist()[0]["status"] == "uncertain"
+
+
+def test_the_same_frames_give_the_same_bytes(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, drive())
+    for table in (SIGNS, OBSERVATIONS, FRAMES):
+        assert (tmp_path / "a" / table.file).read_bytes() == (
+            tmp_path / "b" / table.file
+        ).read_bytes()
+
+
+def test_a_drive_without_signs_gives_empty_tables(tmp_path):
+    write(tmp_path, [settled(0)])
+    assert pq.read_metadata(tmp_path / SIGNS.file).num_rows == 0
+    assert pq.read_metadata(tmp_path / OBSERVATIONS.file).num_rows == 0
+
+
+def test_a_missing_folder_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match="choose another folder"):
+        InventoryWriter(tmp_path / "missing", "drive", confidence=0.5)
+
+
+def test_nothing_is_left_behind_when_a_run_is_given_up(tmp_path):
+    writer = InventoryWriter(tmp_path, "drive", confidence=0.5)
+    writer.append(drive()[0])
+    writer.discard()
+    assert list(tmp_path.iterdir()) == []
