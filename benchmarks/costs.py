@@ -1,0 +1,123 @@
+"""What a run costs: pictures per second, processor time by stage, peak memory of a short and of a long log.
+
+    .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 20]
+
+The long log is the short one played over and over: its pictures and calibration only, times moved on, so both run from
+the known spacing. Also compares the bytes that one and two workers write. Prints a table; writes nothing but scratch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("log", type=Path)
+    parser.add_argument("--times", type=int, default=20)
+    parser.add_argument("--spacing", default="26.4ft")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        short, long = folder / "short.mcap", folder / "long.mcap"
+        play(args.log, short, 1)
+        play(args.log, long, args.times)
+        run(short, folder / "warm", args.spacing, 2)  # compiles kernels where no cache is
+        digests = {}
+        for workers in (1, 2):
+            result, peak, processor = run(
+                short, folder / f"workers{workers}", args.spacing, workers
+            )
+            digests[workers] = [result["files"][name]["sha256"] for name in TABLES]
+            report(f"short log, {workers} worker(s)", result, peak, processor)
+        _, short_peak, _ = run(short, folder / "short", args.spacing, 2)
+        result, long_peak, processor = run(long, folder / "long", args.spacing, 2)
+        report(f"played {args.times} times over, 2 workers", result, long_peak, processor)
+        same = digests[1] == digests[2]
+        print(f"the same bytes from 1 and 2 workers: {'yes' if same else 'NO'}")
+        print(f"peak memory, long over short: {long_peak / short_peak:.3f}")
+        for stage, seconds in result["times"]["cpu_s_by_stage"].items():
+            print(
+                f"  {stage:10s} {1000 * seconds / result['accounting']['frames_read']:7.1f} ms processor time a picture"
+            )
+    return 0 if same else 1
+
+
+def play(source: Path, target: Path, times: int) -> None:
+    """Copy pictures and calibration of a log, `times` over with times moved on."""
+    with target.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start()
+        channels: dict[int, int] = {}
+        shift = 0
+        for _ in range(times):
+            last = shift
+            with source.open("rb") as log:
+                first = None
+                for schema, channel, message in make_reader(log).iter_messages():
+                    if schema is None or not ("Image" in schema.name or "Camera" in schema.name):
+                        continue
+                    if channel.id not in channels:
+                        known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                        channels[channel.id] = writer.register_channel(
+                            channel.topic, channel.message_encoding, known
+                        )
+                    first = message.log_time if first is None else first
+                    last = max(last, message.log_time - first + shift)
+                    when = first + shift + message.log_time - first
+                    writer.add_message(channels[channel.id], when, message.data, when)
+            shift = last + 300_000_000
+        writer.finish()
+
+
+def run(log: Path, out: Path, spacing: str, workers: int) -> tuple[dict, float, float]:
+    """Run the command as a process of its own; `run.json`, peak memory (MB) and processor seconds."""
+    command = [
+        sys.executable,
+        "-c",
+        "from wayside.pipeline.cli import main; main()",
+        "run",
+        str(log),
+        "-o",
+        str(out),
+    ]
+    command += ["--spacing", spacing, "--workers", str(workers), "--set", "read.thin_m=0"]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    watch = f"import resource,subprocess,sys; code=subprocess.call({command!r}, stdout=subprocess.DEVNULL); "
+    watch += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(code)"
+    done = subprocess.run([sys.executable, "-c", watch], check=True, capture_output=True, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return (
+        json.loads((out / "run.json").read_text()),
+        int(done.stdout.split()[-1]) / 1024,
+        processor,
+    )
+
+
+def report(what: str, result: dict, peak: float, processor: float) -> None:
+    """Print one line of the table."""
+    frames, wall = result["accounting"]["frames_read"], result["times"]["wall_s"]
+    print(
+        f"{what:36s} {frames:5d} pictures  {frames / wall:6.1f} pictures/s  "
+        f"{1000 * processor / frames:6.0f} ms processor time a picture  peak {peak:.0f} MB",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
