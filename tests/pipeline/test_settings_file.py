@@ -1,0 +1,205 @@
+"""Layered settings: which layer wins, what is refused and how, and the way to TOML and back."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.pipeline.settings_file import (
+    format_settings,
+    load_settings,
+    settings_digest,
+    settings_values,
+)
+from wayside.schemas.errors import UsageError
+from wayside.schemas.settings import REPORT, Settings
+
+
+def toml(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "my.toml"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_without_layers_every_value_is_the_default_and_says_so() -> None:
+    settings, origins = load_settings()
+    assert settings == Settings()
+    assert set(origins.values()) == {"default"}
+    assert "segment.clusters" in origins
+
+
+def test_the_report_preset_sets_its_own_values_and_nothing_else() -> None:
+    settings, origins = load_settings("report")
+    for group, values in REPORT.items():
+        for name, value in values.items():
+            assert getattr(getattr(settings, group), name) == value
+            assert origins[f"{group}.{name}"] == "preset report"
+    assert origins["segment.clusters"] == "default"
+
+
+def test_later_layers_win_over_earlier_ones(tmp_path: Path) -> None:
+    file = toml(tmp_path, "[gate]\nsmallest_px = 60\nlargest_px = 30000\n[segment]\nclusters = 4\n")
+    settings, origins = load_settings(
+        "report",
+        file,
+        ["segment.clusters=5", "gate.smallest_px=70"],
+        {"segment.clusters": 6, "run.workers": None},
+    )
+    assert (settings.segment.clusters, origins["segment.clusters"]) == (6, "option")
+    assert (settings.gate.smallest_px, origins["gate.smallest_px"]) == (70, "--set")
+    assert (settings.gate.largest_px, origins["gate.largest_px"]) == (30000, "my.toml")
+    assert (settings.run.workers, origins["run.workers"]) == (2, "default")
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [("26.4ft", 8.04672), ("7.6m", 7.6), ("7.6 m", 7.6), ("7.6", 7.6), ("8", 8.0)],
+)
+def test_lengths_are_understood_in_feet_and_metres(text: str, metres: float) -> None:
+    settings, _ = load_settings(assignments=[f"read.spacing_m={text}"])
+    assert settings.read.spacing_m == pytest.approx(metres, abs=1e-9)
+    settings, _ = load_settings(options={"read.spacing_m": text})
+    assert settings.read.spacing_m == pytest.approx(metres, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "group", "name", "value"),
+    [
+        ("segment.whole_picture=yes", "segment", "whole_picture", True),
+        ("motion.always_adjust=False", "motion", "always_adjust", False),
+        ("read.from_s=30s", "read", "from_s", 30.0),
+        ("gate.largest_px=20_000px", "gate", "largest_px", 20_000),
+        ("read.camera=/front=left", "read", "camera", "/front=left"),
+        ("track.matching=sift", "track", "matching", "sift"),
+    ],
+)
+def test_assignments_take_the_type_of_the_setting(
+    text: str, group: str, name: str, value: object
+) -> None:
+    settings, _ = load_settings(assignments=[text])
+    found = getattr(getattr(settings, group), name)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Path) -> None:
+    settings, _ = load_settings(file=toml(tmp_path, "[read]\nthin_m = 5\n"))
+    assert settings.read.thin_m == 5.0
+    assert type(settings.read.thin_m) is float
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("segment.cluster=8", "did you mean segment.clusters"),
+        ("clusters=8", "did you mean segment.clusters"),
+        ("gate.workers=8", "did you mean"),
+        ("zzz=1", "wayside settings"),
+        ("segment.clusters", "group.name=value"),
+        ("=8", "group.name=value"),
+        ("segment.clusters=1", "2 to 16"),
+        ("segment.clusters=17", "2 to 16"),
+        ("segment.clusters=8.5", "a whole number"),
+        ("read.every=0", "at least 1"),
+        ("run.workers=0", "1 to 64"),
+        ("locate.confidence=nan", "0 to 1"),
+        ("read.thin_m=inf", "at least 0"),
+        ("read.thin_m=3 furlongs", "(m)"),
+        ("segment.whole_picture=maybe", "true or false"),
+        ("track.matching=magic", "places or sift"),
+        ("gate.largest_px=10", "no region could pass"),
+        ("track.longest=2", "no sign could be reported"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_with_what_was_wanted(text: str, words: str) -> None:
+    with pytest.raises(UsageError) as refusal:
+        load_settings(assignments=[text])
+    assert words in str(refusal.value)
+    assert len(str(refusal.value).splitlines()) <= 3
+
+
+def test_an_end_before_the_start_is_refused() -> None:
+    with pytest.raises(UsageError, match="until_s"):
+        load_settings(options={"read.from_s": 20.0, "read.until_s": 10.0})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[segmnt]\nclusters = 8\n", "did you mean segment"),
+        ("[segment]\nclustres = 8\n", "did you mean segment.clusters"),
+        ("segment = 8\n", r"table \[segment\]"),
+        ("[segment]\nclusters = true\n", "a whole number"),
+        ("[segment]\nclusters = [8]\n", "a whole number"),
+        ("[segment]\nwhole_picture = 1\n", "true or false"),
+        ("[segment\n", "not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_refused_by_name(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(UsageError, match=words) as refusal:
+        load_settings(file=toml(tmp_path, text))
+    assert "my.toml" in str(refusal.value)
+
+
+def test_a_missing_file_and_an_unknown_preset_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"none\.toml cannot be read"):
+        load_settings(file=tmp_path / "none.toml")
+    with pytest.raises(UsageError, match="did you mean report"):
+        load_settings("reports")
+
+
+@given(
+    clusters=st.integers(2, 16),
+    thin=st.floats(0, 1e6),
+    whole=st.booleans(),
+    topic=st.text(st.characters(exclude_categories=["Cs"])),
+)
+def test_what_is_written_is_read_back_the_same(
+    tmp_path_factory: pytest.TempPathFactory, clusters: int, thin: float, whole: bool, topic: str
+) -> None:
+    base = Settings()
+    settings = replace(
+        base,
+        segment=replace(base.segment, clusters=clusters, whole_picture=whole),
+        read=replace(base.read, thin_m=thin, camera=topic),
+    )
+    path = tmp_path_factory.mktemp("settings") / "again.toml"
+    path.write_text(format_settings(settings, {}), "utf-8", newline="")
+    assert load_settings(file=path)[0] == settings
+
+
+def test_the_listing_shows_every_setting_with_default_origin_and_words() -> None:
+    settings, origins = load_settings(assignments=["segment.clusters=8"])
+    text = format_settings(settings, origins)
+    assert "clusters = 8" in text
+    line = next(line for line in text.splitlines() if line.startswith("clusters"))
+    assert "colours | 16 | --set | k of pass one" in line
+    assert tomllib.loads(text) == settings_values(settings)
+
+
+def test_the_digest_follows_every_value_that_can_change_a_result() -> None:
+    base = Settings()
+    assert settings_digest(base) == settings_digest(load_settings()[0])
+    assert settings_digest(base) != settings_digest(load_settings("report")[0])
+    more_workers, _ = load_settings(assignments=["run.workers=7"])
+    assert settings_digest(more_workers) == settings_digest(base)
+
+
+def test_every_setting_says_what_it_is_and_its_default_lies_within_its_limits() -> None:
+    defaults = Settings()
+    for group in fields(defaults):
+        for leaf in fields(getattr(defaults, group.name)):
+            assert leaf.metadata["words"], leaf.name
+            name = f"{group.name}.{leaf.name}"
+            assert load_settings(options={name: leaf.default})[0] == defaults, name
+
+
+def test_every_value_of_the_report_preset_names_a_setting_that_exists() -> None:
+    for group, values in REPORT.items():
+        known = {leaf.name for leaf in fields(getattr(Settings(), group))}
+        assert set(values) <= known
