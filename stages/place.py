@@ -1,0 +1,207 @@
+"""A fitted place as it is reported: where, how large, what colour and shape, and how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import TreeModel
+from wayside.schemas.motion import Place, View
+from wayside.schemas.regions import COLORS, SHAPES
+from wayside.stages.numerics.path import Beside
+from wayside.stages.numerics.places import Fit
+from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
+from wayside.stages.numerics.trees import log_odds
+from wayside.stages.window import Held
+
+FACING_SIGMA_DEG = 20.0
+"""Scatter of the facing of panels along a road: what is known while it is not measured."""
+
+FEATURES = (
+    "views",
+    "share_seen",
+    "empty",
+    "score_mean",
+    "score_max",
+    "score_second",
+    "score_nearest",
+    "score_near_mean",
+    "score_least",
+    "residual_px",
+    "residual_share",
+    "size_scatter",
+    "width_m",
+    "height_m",
+    "aspect",
+    "nearest_m",
+    "tallest_px",
+    "right_m",
+    "above_m",
+    "sigma_ahead_share",
+    "color_share",
+    "rivals",
+)
+"""What the judge of a place looks at, in this order."""
+
+
+def place_features(
+    fit: Fit, held: Sequence[Held], scores: NDArray[np.float64], beside: Beside
+) -> NDArray[np.float64]:
+    """Numbers (22,) about a place, named by `FEATURES`; scores (v,) are the log odds of its views."""
+    count = len(fit.rows)
+    ordered = np.sort(scores)[::-1]
+    near = np.argsort(fit.depth, kind="stable")
+    tall_px = fit.metric[1] / fit.depth * np.array([held[f].focal for f in fit.frames])
+    nearest = int(near[0])
+    ray = held[fit.frames[nearest]].motion.pose.rotation[:, 2]
+    colors, _ = votes(fit, held, "color")
+    total = sum(colors.values())
+    return np.array(
+        [
+            count,
+            count / (count + fit.empty),
+            fit.empty,
+            scores.mean(),
+            ordered[0],
+            ordered[min(1, count - 1)],
+            scores[nearest],
+            scores[near[:3]].mean(),
+            ordered[-1],
+            fit.rms_px,
+            fit.rms_px / tall_px[near[:4]].mean(),
+            float((fit.spread / fit.metric).max()),
+            fit.metric[0],
+            fit.metric[1],
+            fit.metric[0] / fit.metric[1],
+            fit.depth[nearest],
+            tall_px.max(),
+            beside.right,
+            beside.above,
+            np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
+            max(colors.values()) / total if total > 0 else np.nan,
+            len(fit.covered) / count,
+        ]
+    )
+
+
+def judge_place(features: NDArray[np.float64], model: TreeModel | None) -> tuple[float, bool]:
+    """Log odds that a place is a sign, and whether it passes; without a model every place that fits passes."""
+    if model is None:
+        return float(features[FEATURES.index("views")] - 1), True
+    score = float(log_odds(model, features[None].astype(np.float32))[0])
+    return score, score >= model.accept
+
+
+def build_place(
+    fit: Fit,
+    held: Sequence[Held],
+    beside: Beside,
+    *,
+    track_id: int,
+    score: float,
+    verdict: str,
+) -> Place:
+    """The place in the frame where it is largest and whole."""
+    best = best_view(fit, held)
+    home = held[fit.frames[best]]
+    pose = home.motion.pose
+    covariance = covariance_at(fit, held, int(fit.frames[best]))
+    color, color_distance = winner(*votes(fit, held, "color"), COLORS)
+    shape, shape_distance = winner(*votes(fit, held, "shape"), SHAPES)
+    return Place(
+        track_id=track_id,
+        views=tuple(view_of(fit, held, i) for i in range(len(fit.rows))),
+        position=pose.to_camera(fit.point),
+        covariance=pose.rotation.T @ covariance @ pose.rotation,
+        offset=np.array([beside.right, beside.above, beside.station - home.motion.station_m]),
+        station_m=beside.station,
+        best_frame=home.frame.index,
+        best_time_ns=home.frame.time_ns,
+        best_box=view_of(fit, held, best).box,
+        best_pose=pose,
+        width_m=float(fit.metric[0]),
+        height_m=float(fit.metric[1]),
+        sigma_width_m=float(fit.spread[0]),
+        sigma_height_m=float(fit.spread[1]),
+        facing_deg=0.0,
+        sigma_facing_deg=FACING_SIGMA_DEG,
+        color=color,
+        color_distance=color_distance,
+        shape=shape,
+        shape_distance=shape_distance,
+        score=score,
+        residual_px=fit.rms_px,
+        verdict=verdict,
+    )
+
+
+def best_view(fit: Fit, held: Sequence[Held]) -> int:
+    """The view with the largest box that is whole; where all are cut, the largest."""
+    rank = [
+        (bool(held[f].whole[r]), float(held[f].size[r].prod()))
+        for f, r in zip(fit.frames, local_rows(fit, held), strict=True)
+    ]
+    return max(range(len(rank)), key=lambda i: rank[i])
+
+
+def covariance_at(fit: Fit, held: Sequence[Held], best: int) -> NDArray[np.float64]:
+    """Covariance (3, 3) relative to the camera of frame `best`, world axes: rays and motion."""
+    default = np.diag(STEP_SIGMA**2)
+    steps = [default if h.motion.covariance is None else h.motion.covariance for h in held]
+    used = fit.used
+    return point_covariance(
+        np.stack([h.motion.pose.rotation for h in held]),
+        np.stack([h.motion.pose.centre for h in held]),
+        fit.point,
+        fit.frames[used],
+        fit.weight_sigma[used],
+        fit.ray_sigma[used],
+        np.stack(steps),
+        best,
+    )
+
+
+def local_rows(fit: Fit, held: Sequence[Held]) -> NDArray[np.int64]:
+    """Rows among the followed candidates of each view's own frame, (v,)."""
+    first = np.concatenate([[0], np.cumsum([len(h.open) for h in held])])
+    return np.asarray(fit.rows - first[fit.frames], np.int64)
+
+
+def view_of(fit: Fit, held: Sequence[Held], i: int) -> View:
+    """View number i of a fit."""
+    home = held[fit.frames[i]]
+    row = int(home.open[local_rows(fit, held)[i]])
+    u, v = home.candidates.ideal[row]
+    x0, y0, x1, y1 = (float(c) for c in home.candidates.regions.box[row])
+    return View(
+        home.frame.index, row, float(u), float(v), (x0, y0, x1, y1), float(fit.residual_px[i])
+    )
+
+
+def votes(fit: Fit, held: Sequence[Held], what: str) -> tuple[dict[int, float], dict[int, float]]:
+    """Weight of each class over the views, and the least distance to it; large and sure views weigh more."""
+    weights: dict[int, float] = {}
+    distances: dict[int, float] = {}
+    for frame, local in zip(fit.frames, local_rows(fit, held), strict=True):
+        home = held[frame]
+        row = home.open[local]
+        kind = int(getattr(home.candidates, what)[row])
+        distance = float(getattr(home.candidates, f"{what}_distance")[row])
+        if kind < 0:
+            continue
+        sure = 1 / (1 + np.exp(-home.score[local]))
+        weights[kind] = weights.get(kind, 0.0) + float(home.size[local].prod() * (0.1 + sure))
+        distances[kind] = float(np.fmin(distances.get(kind, np.nan), distance))
+    return weights, distances
+
+
+def winner(
+    weights: dict[int, float], distances: dict[int, float], names: tuple[str, ...]
+) -> tuple[str | None, float]:
+    """The class of most weight with its distance; None where no view has a class."""
+    if not weights:
+        return None, float("nan")
+    kind = max(sorted(weights), key=lambda k: weights[k])
+    return names[kind], distances[kind]

@@ -1,0 +1,194 @@
+"""Follows candidates from frame to frame and places what they show (report chapters 5, 7 and 8).
+
+A thing that stands still is one point that all its views agree on. Every pair of candidates up to three frames apart
+that could be one thing proposes a place; each place looks for its views in all frames held; the best takes its
+candidates away, then the rest is solved again. A place is final when the vehicle has passed it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import TreeModel
+from wayside.schemas.motion import Moved, Settled
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.match import match_by_descriptors
+from wayside.stages.numerics.association import Gates, Sightings, link
+from wayside.stages.numerics.places import Fit, overlap_share, solve_places
+from wayside.stages.place import build_place, judge_place, local_rows, place_features
+from wayside.stages.window import Held, TravelledPath, settle_unused, sightings_of
+
+LINK_REACH = 3
+"""Candidates are linked over this many frames at most: one or two may be missing between."""
+HOP = 4
+"""Frames between two looks at the whole window."""
+LEAST_TOTAL = 2.0
+ALIKE_DEPTH, ALIKE_COVER = 0.12, 0.55
+"""Two places are one face where their depths differ less and the smaller is covered more."""
+
+
+def track(
+    moved: Iterator[Moved], settings: TrackSettings, place_judge: TreeModel | None = None
+) -> Iterator[Settled]:
+    """Settle every candidate: place it in space with its other views, or say why not.
+
+    Frames come out in order, each once, at most `settings.longest` + 4 used frames late. A place is given with
+    the first frame it was seen in.
+
+    Parameters
+    ----------
+    moved
+        Frames with their candidates and motion.
+    settings
+        How far and by what to follow.
+    place_judge
+        Judge of whole places; None: every place that holds together is a sign.
+    """
+    if settings.matching == "sift":
+        yield from match_by_descriptors(moved, settings)
+        return
+    tracker = _Tracker(settings, place_judge)
+    waiting: deque[Moved | Held] = deque()
+    for item in moved:
+        camera = item.look.picture.frame.camera
+        if item.motion is None or camera is None:
+            waiting.append(item)
+        else:
+            held = Held.of(item, item.motion, camera)
+            waiting.append(held)
+            tracker.append(held)
+        yield from _released(waiting, tracker)
+    tracker.finish()
+    yield from _released(waiting, tracker)
+
+
+def _released(waiting: deque[Moved | Held], tracker: _Tracker) -> Iterator[Settled]:
+    while waiting:
+        first = waiting[0]
+        if isinstance(first, Held):
+            if tracker.holds(first):
+                return
+            yield first.settle()
+        else:
+            yield settle_unused(first)
+        waiting.popleft()
+
+
+class _Tracker:
+    """The window and the places proposed in it."""
+
+    def __init__(self, settings: TrackSettings, judge: TreeModel | None) -> None:
+        self._settings, self._judge = settings, judge
+        self._gates = Gates(gap_px=settings.gap_px)
+        self._path = TravelledPath(2 * settings.longest + HOP)
+        self._held: list[Held] = []
+        self._proposed: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._next_id = 0
+
+    def holds(self, one: Held) -> bool:
+        """Whether the frame is still in the window."""
+        return any(h is one for h in self._held)
+
+    def append(self, one: Held) -> None:
+        """Take the next frame; a full window is solved and its oldest frames let go."""
+        self._held.append(one)
+        self._path.append(one.motion)
+        self._proposed.append(self._propose())
+        if len(self._held) >= self._settings.longest + HOP:
+            self._solve(last=False)
+            del self._held[:HOP], self._proposed[:HOP]
+
+    def finish(self) -> None:
+        """Solve what is left: nothing more comes."""
+        if self._held:
+            self._solve(last=True)
+        self._held.clear()
+        self._proposed.clear()
+
+    def _propose(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Places that the newest frame proposes together with each of the few before it."""
+        recent = self._held[-1 - LINK_REACH :]
+        sightings = sightings_of(recent)
+        newest = len(recent) - 1
+        points, sizes = [np.zeros((0, 3))], [np.zeros((0, 2))]
+        for older in range(newest):
+            links = link(sightings, older, newest, self._gates)
+            points.append(links.point)
+            sizes.append(links.size)
+            recent[older].linked[links.older - sightings.first[older], 1] = True
+            recent[newest].linked[links.newer - sightings.first[newest], 0] = True
+        return np.concatenate(points), np.concatenate(sizes)
+
+    def _solve(self, *, last: bool) -> None:
+        """Find all places in the window and finish those that the vehicle has passed."""
+        sightings = sightings_of(self._held)
+        points, sizes = (np.concatenate(column) for column in zip(*self._proposed, strict=True))
+        free = ~np.concatenate([h.taken for h in self._held])
+        fits = solve_places(
+            sightings,
+            points,
+            sizes,
+            free,
+            self._gates,
+            fewest=self._settings.fewest_views,
+            least_total=LEAST_TOTAL,
+        )
+        done = [f for f in fits if last or passed(sightings, f)]
+        self._finish_places(sightings, done)
+
+    def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> None:
+        judged = []
+        for fit in fits:
+            beside = self._path.beside(fit.point)
+            features = place_features(fit, self._held, sightings.score[fit.rows], beside)
+            judged.append((*judge_place(features, self._judge), fit, beside))
+        judged.sort(key=lambda entry: -entry[0])
+        kept: list[Fit] = []
+        for score, passes, fit, beside in judged:
+            verdict = "sign" if passes else "place_score"
+            if passes and any(same_face(sightings, fit, other) for other in kept):
+                verdict = "duplicate"
+            if verdict == "sign":
+                kept.append(fit)
+            place = build_place(
+                fit,
+                self._held,
+                beside,
+                track_id=self._next_id,
+                score=score,
+                verdict=verdict,
+            )
+            self._held[fit.frames[0]].places.append(place)
+            self._claim(sightings, fit, verdict)
+            self._next_id += 1
+
+    def _claim(self, sightings: Sightings, fit: Fit, verdict: str) -> None:
+        rows = local_rows(fit, self._held)
+        for frame, row, residual in zip(fit.frames, rows, fit.residual_px, strict=True):
+            self._held[frame].claim(row, self._next_id, verdict, residual)
+        frames = np.searchsorted(sightings.first, fit.covered, side="right") - 1
+        for frame, row in zip(frames, fit.covered - sightings.first[frames], strict=True):
+            self._held[frame].claim(row, self._next_id, "overlap", np.nan)
+
+
+def passed(sightings: Sightings, fit: Fit) -> bool:
+    """Whether a place can be seen no more: it lies outside the newest picture or too near."""
+    x, y, z = (fit.point - sightings.centre[-1]) @ sightings.rotation[-1]
+    if z < 4.0:
+        return True
+    left, top, right, bottom = sightings.bounds[-1]
+    return not (left < x / z < right and top < y / z < bottom)
+
+
+def same_face(sightings: Sightings, one: Fit, other: Fit) -> bool:
+    """Whether two places are one face: at like depth in front of each other."""
+    frame = int(min(one.frames[-1], other.frames[-1]))
+    axis = sightings.rotation[frame][:, 2]
+    near, far = sorted(float((f.point - sightings.centre[frame]) @ axis) for f in (one, other))
+    if near <= 0 or far - near > ALIKE_DEPTH * near:
+        return False
+    return max(overlap_share(sightings, one, other, frame)) > ALIKE_COVER

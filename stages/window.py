@@ -1,0 +1,180 @@
+"""The frames that a tracker holds: candidates as rays, the travelled path, and what became of each candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera, Frame
+from wayside.schemas.motion import Motion, Moved, Place, Settled
+from wayside.schemas.regions import Candidates, verdict_code
+from wayside.stages.numerics.association import Sightings
+from wayside.stages.numerics.path import Beside, beside_path
+from wayside.stages.numerics.undistort import rays_of_ideal, to_rays
+
+NO_TRACK = -1
+
+
+@dataclass(slots=True)
+class Held:
+    """One frame in the window, without pixels; the last five fields change until it is released.
+
+    open (k,): candidate rows that are followed; ray, size (k, 2): ideal image coordinates of centre and extent; whole
+    (k,): the box does not touch the edge of the picture; taken (k,): belongs to a finished place; linked (k, 2): fits
+    something in an earlier, in a later frame; verdict, track, residual: of all rows.
+    """
+
+    frame: Frame
+    motion: Motion
+    candidates: Candidates
+    region_count: int
+    rows: tuple[int, int]
+    open: NDArray[np.int64]
+    ray: NDArray[np.float64]
+    size: NDArray[np.float64]
+    score: NDArray[np.float64]
+    whole: NDArray[np.bool_]
+    bounds: NDArray[np.float64]
+    focal: float
+    taken: NDArray[np.bool_]
+    linked: NDArray[np.bool_]
+    verdict: NDArray[np.uint8]
+    track: NDArray[np.int32]
+    residual: NDArray[np.float32]
+    places: list[Place]
+
+    @classmethod
+    def of(cls, moved: Moved, motion: Motion, camera: Camera) -> Held:
+        """Take what tracking needs of a frame; the pixels stay behind."""
+        look = moved.look
+        table = look.candidates
+        rows = table.open_rows()
+        box = table.regions.box[rows].astype(np.float64)
+        ray = rays_of_ideal(camera, table.ideal[rows])
+        score = table.score[rows].astype(np.float64)
+        edge = (box[:, :2] < 2).any(axis=1)
+        edge |= (box[:, 2] > camera.width - 2) | (box[:, 3] > camera.height - 2)
+        return cls(
+            frame=look.picture.frame,
+            motion=motion,
+            candidates=table,
+            region_count=look.region_count,
+            rows=look.rows,
+            open=rows,
+            ray=np.ascontiguousarray(ray),
+            size=ideal_size(box, camera),
+            score=np.nan_to_num(score),
+            whole=~edge,
+            bounds=picture_bounds(camera),
+            focal=(camera.fx + camera.fy) / 2,
+            taken=np.zeros(len(rows), np.bool_),
+            linked=np.zeros((len(rows), 2), np.bool_),
+            verdict=table.verdict.copy(),
+            track=np.full(len(table), NO_TRACK, np.int32),
+            residual=np.full(len(table), np.nan, np.float32),
+            places=[],
+        )
+
+    def claim(self, local: int, track: int, verdict: str, residual: float) -> None:
+        """Give one followed candidate to a place."""
+        row = self.open[local]
+        self.taken[local] = True
+        self.track[row], self.residual[row] = track, residual
+        self.verdict[row] = verdict_code(verdict)
+
+    def settle(self) -> Settled:
+        """The frame with every candidate decided.
+
+        What no place took is `unmatched` where it fits nothing nearby, `moving` where it fits something before and
+        something after but no one standing thing, and else `few_views`.
+        """
+        rest = ~self.taken
+        rows = self.open
+        before, after = self.linked[:, 0], self.linked[:, 1]
+        self.verdict[rows[rest]] = verdict_code("unmatched")
+        self.verdict[rows[rest & (before | after)]] = verdict_code("few_views")
+        self.verdict[rows[rest & before & after]] = verdict_code("moving")
+        return Settled(
+            self.frame,
+            self.motion,
+            replace(self.candidates, verdict=self.verdict),
+            self.track,
+            self.residual,
+            self.region_count,
+            self.rows,
+            tuple(self.places),
+        )
+
+
+def settle_unused(moved: Moved) -> Settled:
+    """A frame that takes no part, as it came."""
+    table = moved.look.candidates
+    return Settled(
+        moved.look.picture.frame,
+        moved.motion,
+        table,
+        np.full(len(table), NO_TRACK, np.int32),
+        np.full(len(table), np.nan, np.float32),
+        moved.look.region_count,
+        moved.look.rows,
+    )
+
+
+def ideal_size(box: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Width and height (n, 2) of distorted boxes (n, 4) as ideal image coordinates.
+
+    Boxes are half open, so the face reaches from half a pixel before the first to half a pixel before the last number.
+    """
+    x0, y0, x1, y1 = (box - 0.5).T
+    u, v = (x0 + x1) / 2, (y0 + y1) / 2
+    ends = np.concatenate([np.stack(pair, axis=1) for pair in ((x0, v), (x1, v), (u, y0), (u, y1))])
+    left, right, top, bottom = to_rays(camera, ends).reshape(4, len(box), 2)
+    return np.ascontiguousarray(np.stack([right[:, 0] - left[:, 0], bottom[:, 1] - top[:, 1]], 1))
+
+
+def picture_bounds(camera: Camera) -> NDArray[np.float64]:
+    """Rays of the middle of the left, upper, right and lower edge: (4,) as x, y, x, y."""
+    right, bottom = camera.width - 1.0, camera.height - 1.0
+    edges = np.array([[0, camera.cy], [camera.cx, 0], [right, camera.cy], [camera.cx, bottom]])
+    rays = to_rays(camera, edges)
+    return np.array([rays[0, 0], rays[1, 1], rays[2, 0], rays[3, 1]])
+
+
+def sightings_of(held: Sequence[Held]) -> Sightings:
+    """Rays of all followed candidates of a stretch of frames."""
+    counts = [len(h.open) for h in held]
+    return Sightings(
+        rotation=np.stack([h.motion.pose.rotation for h in held]),
+        centre=np.stack([h.motion.pose.centre for h in held]),
+        focal=np.array([h.focal for h in held]),
+        bounds=np.stack([h.bounds for h in held]),
+        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        ray=np.concatenate([h.ray for h in held]),
+        size=np.concatenate([h.size for h in held]),
+        score=np.concatenate([h.score for h in held]),
+        whole=np.concatenate([h.whole for h in held]),
+    )
+
+
+class TravelledPath:
+    """The last stretch of the chain of camera centres."""
+
+    def __init__(self, longest: int) -> None:
+        self._longest = longest
+        self._points: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
+        self._ahead = np.array([0.0, 0.0, 1.0])
+
+    def append(self, motion: Motion) -> None:
+        """Go one frame further."""
+        pose = motion.pose
+        self._points.append((pose.centre, -pose.rotation[:, 1], motion.station_m))
+        self._ahead = pose.rotation[:, 2]
+        del self._points[: -self._longest]
+
+    def beside(self, point: NDArray[np.float64]) -> Beside:
+        """Station and offset of a point of the drive's frame."""
+        centres, ups, stations = (np.array(column) for column in zip(*self._points, strict=True))
+        return beside_path(point, centres, ups, stations, self._ahead)
