@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.numerics.compiled import compiled
+from wayside.stages.numerics.outline import resample_outline
 
 SPACES = ("fourier6", "fourier6_oriented")
-
-SAMPLES = 64
-"""Points at equal steps of arc length that stand for an outline."""
 
 TERMS = (-1, 2, -2, 3, -3, -4)
 """Terms behind the six descriptors. The report says "magnitude of upper terms / first term" and gives no list.
@@ -27,34 +24,6 @@ def shape_dimensions(space: str) -> int:
     if space not in SPACES:
         raise ValueError(f"shape space: wanted one of {', '.join(SPACES)}, found {space!r}")
     return 6 if space == "fourier6" else 10
-
-
-def resample_outline(outline: NDArray[Any], samples: int = SAMPLES) -> NDArray[np.complex128]:
-    """The closed outline as `samples` complex numbers u + iv at equal steps of arc length.
-
-    Parameters
-    ----------
-    outline
-        Corners or boundary pixels in order, shape (n, 2), u right and v down, n >= 3; the last joins the first.
-    samples
-        How many points come out.
-
-    Returns
-    -------
-    Shape (samples,), clockwise as seen, whatever the order of the input. All nan for an outline of no length.
-
-    Raises
-    ------
-    ValueError
-        If the outline is not (n, 2) with n >= 3.
-    """
-    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
-        raise ValueError(
-            f"outline: wanted (n, 2) points with n >= 3, found {outline.shape}; skip smaller ones"
-        )
-    result = np.empty(samples, np.complex128)
-    _resample(np.ascontiguousarray(outline, np.float64), result)
-    return result
 
 
 def outline_terms(sequences: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -127,39 +96,3 @@ def shape_features(outline: NDArray[Any], space: str) -> NDArray[np.float64]:
         If the space is unknown or the outline is not (n, 2) with n >= 3.
     """
     return np.asarray(sequence_features(resample_outline(outline)[None], space)[0])
-
-
-@compiled
-def _resample(outline: NDArray[np.float64], result: NDArray[np.complex128]) -> None:
-    """Equal steps along the closed polygon (n, 2), clockwise as seen (v points down)."""
-    n = outline.shape[0]
-    length = 0.0
-    twice_area = 0.0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        length += np.hypot(outline[j, 0] - outline[i, 0], outline[j, 1] - outline[i, 1])
-        twice_area += outline[i, 0] * outline[j, 1] - outline[j, 0] * outline[i, 1]
-    if length <= 0.0:
-        result[:] = complex(np.nan, np.nan)
-        return
-    way = 1 if twice_area >= 0 else -1
-    step = length / result.size
-    here = 0
-    there = (way + n) % n
-    side = np.hypot(outline[there, 0] - outline[here, 0], outline[there, 1] - outline[here, 1])
-    behind = 0.0
-    passed = 1
-    for s in range(result.size):
-        want = s * step
-        while behind + side < want and passed < n:
-            behind += side
-            here = there
-            there = (there + way + n) % n
-            passed += 1
-            side = np.hypot(
-                outline[there, 0] - outline[here, 0], outline[there, 1] - outline[here, 1]
-            )
-        share = (want - behind) / side if side > 0 else 0.0
-        u = outline[here, 0] + share * (outline[there, 0] - outline[here, 0])
-        v = outline[here, 1] + share * (outline[there, 1] - outline[here, 1])
-        result[s] = complex(u, v)

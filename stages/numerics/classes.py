@@ -1,0 +1,84 @@
+"""Nearest class of a Gaussian model, with a threshold for each (report eq. 3.1)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.errors import InputError
+from wayside.schemas.models import GaussianModel
+
+
+def check_model(model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]) -> None:
+    """Refuse a model that has no class, an unknown name or space, or another number of dimensions than its space.
+
+    Parameters
+    ----------
+    model
+        The model to look at.
+    names
+        Names that a class may bear.
+    spaces
+        Spaces that the model may be in, with their dimensions.
+
+    Raises
+    ------
+    InputError
+        Saying what was wanted and found.
+    """
+    if model.space not in spaces:
+        raise InputError(
+            f"model: wanted a space among {', '.join(spaces)}, found {model.space!r}; learn it again"
+        )
+    if not model.classes:
+        raise InputError("model: wanted at least one class, found none; choose another")
+    dimensions = spaces[model.space]
+    for one in model.classes:
+        if one.name not in names:
+            raise InputError(
+                f"model: wanted classes among {', '.join(names)}, found {one.name!r}; correct its name"
+            )
+        if one.mean.shape != (dimensions,) or one.covariance.shape != (dimensions, dimensions):
+            raise InputError(
+                f"model: wanted {dimensions} numbers a class in space {model.space!r}, found mean "
+                f"{one.mean.shape} and covariance {one.covariance.shape} in {one.name!r}; learn it again"
+            )
+
+
+def nearest_class(
+    values: NDArray[np.floating[Any]], model: GaussianModel, names: tuple[str, ...]
+) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
+    """Class of each value (n, d): the nearest among those whose threshold holds, else the nearest of all.
+
+    Several classes of a model may bear one name, such as a triangle on its base and one on its point.
+
+    Parameters
+    ----------
+    values
+        Coordinates in the model's space; rows that are not finite belong to no class.
+    model
+        Classes with thresholds, as `check_model` wants them.
+    names
+        The names that a class may bear; the code of a class is its position here.
+
+    Returns
+    -------
+    Code (n,) int8, -1 for no class; Mahalanobis distance (n,) float32, nan there; whether a threshold holds (n,) bool.
+    """
+    codes = np.array([names.index(one.name) for one in model.classes], np.int8)
+    code = np.full(len(values), -1, np.int8)
+    distance = np.full(len(values), np.nan, np.float32)
+    accepted = np.zeros(len(values), bool)
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(known) == 0:
+        return code, distance, accepted
+    gaps = model.distances(values[known])
+    holds = gaps <= np.array([one.threshold for one in model.classes])
+    any_holds = np.asarray(holds.any(axis=1))
+    best = np.where(holds | ~any_holds[:, None], gaps, np.inf).argmin(axis=1)
+    code[known] = codes[best]
+    distance[known] = gaps[np.arange(len(known)), best]
+    accepted[known] = any_holds
+    return code, distance, accepted
