@@ -78,6 +78,7 @@ class CandidateSettings:
         "trees: learned judge on every candidate; report: colour and shape distances",
         choices=("trees", "report"),
     )
+    most: int = setting(1000, "candidates", "at most this many are judged in one picture", low=1)
     keep: int = setting(
         60, "candidates", "at most this many of the best are followed in one picture", low=1
     )
@@ -133,6 +134,21 @@ class LocateSettings:
     confidence: float = setting(
         0.5, "", "places below this confidence get status uncertain", low=0, high=1
     )
+    smallest_side_m: float = setting(
+        0.12, "m", "panels with a smaller side are refused", low=0, high=10
+    )
+    largest_side_m: float = setting(
+        7.0, "m", "panels with a larger side are refused", low=0, high=100
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ModelSettings:
+    """Learned numbers: colours, shapes, places and judges."""
+
+    folder: str = setting(
+        "", "folder", "model files here replace those that ship, each by its name; empty: none"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +171,7 @@ class Settings:
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
+    models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
 
 
