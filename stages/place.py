@@ -12,8 +12,8 @@ from wayside.schemas.motion import Place, View
 from wayside.schemas.regions import COLORS, SHAPES
 from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit
-from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
 from wayside.stages.numerics.trees import log_odds
+from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
 from wayside.stages.window import Held
 
 FACING_SIGMA_DEG = 20.0
