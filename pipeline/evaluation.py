@@ -1,0 +1,199 @@
+"""How a result compares with the truth: the figures, their JSON form, and the statistics they are made of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Median and 95th percentile of n values, None where there are none; rounded to four places."""
+
+    n: int
+    median: float | None
+    p95: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaShare:
+    """Share of n errors within one and two stated standard deviations (a normal error: 0.68 and 0.95)."""
+
+    n: int
+    one: float | None
+    two: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Keys `n`, `1`, `2`."""
+        return {"n": self.n, "1": self.one, "2": self.two}
+
+
+@dataclass(frozen=True, slots=True)
+class FalseSign:
+    """A reported panel that is none, with the known thing it lies on; `place` is right, down, ahead in metres."""
+
+    sign_id: str
+    best_frame: int
+    best_box: tuple[float, ...]
+    color: str | None
+    shape: str | None
+    place: tuple[float, float, float] | None
+    cause: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As columns of `signs.parquet`, with the cause."""
+        values = asdict(self)
+        place, cause = values.pop("place"), values.pop("cause")
+        if place is not None:
+            values |= dict(zip(("right_m", "down_m", "ahead_m"), place, strict=True))
+        return values | {"best_box": list(self.best_box), "cause": cause}
+
+
+@dataclass(frozen=True, slots=True)
+class MissedPanel:
+    """A true panel that should have been found; fields of the truth file."""
+
+    id: int
+    kind: str | None
+    color: str | None
+    shape: str | None
+    width_m: float | None
+    height_m: float | None
+    lateral_m: float | None
+    station_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedEvaluation:
+    """Figures of a rendered drive, whose truth is exact.
+
+    Errors are absolute, of found panels, in the camera frame of `best_frame`: `error_m` by lateral, up, along and
+    total; width and height errors are shares of the true size. `found` pairs sign and panel.
+    """
+
+    wanted: int
+    found: tuple[tuple[str, int], ...]
+    false: tuple[FalseSign, ...]
+    missed: tuple[MissedPanel, ...]
+    error_m: dict[str, Spread]
+    width_error: Spread
+    height_error: Spread
+    bottom_error_m: Spread
+    sigma_share: dict[str, SigmaShare]
+    color_right: float | None
+    shape_right: float | None
+    color_confusion: dict[str, int]
+    shape_confusion: dict[str, int]
+
+    @property
+    def found_count(self) -> int:
+        """Wanted panels that were found."""
+        return len(self.found)
+
+    @property
+    def recall(self) -> float:
+        """Share of the wanted panels that were found; 1 where none was wanted."""
+        return self.found_count / self.wanted if self.wanted else 1.0
+
+    @property
+    def precision(self) -> float:
+        """Share of the reported panels that are true ones; panels that need not be found count as neither."""
+        counted = self.found_count + len(self.false)
+        return self.found_count / counted if counted else 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures under plain keys."""
+        return _common_json(self) | {
+            "missed": [asdict(panel) for panel in self.missed],
+            "error_m": {name: asdict(spread) for name, spread in self.error_m.items()},
+            "width_error": asdict(self.width_error),
+            "height_error": asdict(self.height_error),
+            "bottom_error_m": asdict(self.bottom_error_m),
+            "sigma_share": {name: share.to_json() for name, share in self.sigma_share.items()},
+            "color_right": self.color_right,
+            "shape_right": self.shape_right,
+            "color_confusion": self.color_confusion,
+            "shape_confusion": self.shape_confusion,
+            "found": [list(pair) for pair in self.found],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class RealEvaluation:
+    """Figures of a real drive with hand-made boxes.
+
+    The labels are not complete: `precision` is a lower bound, and every false sign is worth a look. `touching` counts
+    reported signs that lie on a label, wanted or not.
+    """
+
+    wanted: int
+    found: tuple[str, ...]
+    touching: int
+    false: tuple[FalseSign, ...]
+    missed: tuple[str, ...]
+
+    @property
+    def found_count(self) -> int:
+        """Wanted labels that were found."""
+        return len(self.found)
+
+    @property
+    def recall(self) -> float:
+        """Share of the wanted labels that were found; 1 where none was wanted."""
+        return self.found_count / self.wanted if self.wanted else 1.0
+
+    @property
+    def precision(self) -> float:
+        """Share of the reported signs that lie on a label."""
+        counted = self.touching + len(self.false)
+        return self.touching / counted if counted else 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures under plain keys."""
+        return _common_json(self) | {"missed": list(self.missed), "found": list(self.found)}
+
+
+Evaluation = RenderedEvaluation | RealEvaluation
+
+
+def _common_json(evaluation: Evaluation) -> dict[str, Any]:
+    return {
+        "wanted": evaluation.wanted,
+        "found_count": evaluation.found_count,
+        "recall": evaluation.recall,
+        "precision": evaluation.precision,
+        "false": [sign.to_json() for sign in evaluation.false],
+    }
+
+
+def spread(values: Iterable[float] | NDArray[np.float64]) -> Spread:
+    """Median and 95th percentile (linear interpolation)."""
+    array = np.asarray(list(values), np.float64)
+    if array.size == 0:
+        return Spread(0, None, None)
+    return Spread(
+        int(array.size),
+        round(float(np.median(array)), 4),
+        round(float(np.percentile(array, 95)), 4),
+    )
+
+
+def share(flags: Sequence[bool]) -> float | None:
+    """Share of true flags, rounded to four places; None where there are none."""
+    return round(sum(flags) / len(flags), 4) if flags else None
+
+
+def sigma_share(errors: Iterable[float], sigmas: Iterable[float | None]) -> SigmaShare:
+    """Share of errors within one and two of their own sigmas; unknown and zero sigmas are left out."""
+    ratios = [abs(e) / s for e, s in zip(errors, sigmas, strict=True) if s]
+    return SigmaShare(len(ratios), share([r <= 1 for r in ratios]), share([r <= 2 for r in ratios]))
+
+
+def confusion(pairs: Iterable[tuple[str | None, str | None]]) -> dict[str, int]:
+    """Count `true -> reported`, sorted by name."""
+    return dict(sorted(Counter(f"{true} -> {reported}" for true, reported in pairs).items()))

@@ -1,0 +1,559 @@
+"""Judging a result by the truth, beside the reference scorer where it is at hand."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from wayside.pipeline.evaluate import evaluate, format_evaluation, write_evaluation
+from wayside.pipeline.evaluate_real import same_thing
+from wayside.pipeline.evaluate_rendered import cover
+from wayside.pipeline.evaluation import RealEvaluation, RenderedEvaluation, share, spread
+from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.regions import COLORS, SHAPES
+from wayside.schemas.tables import OBSERVATIONS, SIGNS, Table
+
+REFERENCE = Path(__file__).parents[3] / "shared" / "tools" / "score.py"
+
+
+# --- truth and results made for the test ---------------------------------------------------------
+
+
+def frame(
+    index: int, x: float, quaternion: tuple[float, ...] = (-0.5, 0.5, -0.5, 0.5)
+) -> dict[str, Any]:
+    return {"index": index, "position": [x, 0.0, 2.0], "quaternion": list(quaternion)}
+
+
+def panel(number: int, centre: tuple[float, float, float], **change: Any) -> dict[str, Any]:
+    views = [
+        {"frame": i, "box": [100, 100, 120, 120 + i], "side": "front", "visible_fraction": 1.0}
+        for i in range(3)
+    ]
+    return {
+        "id": number,
+        "kind": "stop",
+        "color": "red",
+        "shape": "octagon",
+        "centre": list(centre),
+        "width_m": 0.75,
+        "height_m": 0.75,
+        "bottom_m": 1.5,
+        "lateral_m": 4.0,
+        "station_m": 30.0,
+        "faces_travel": True,
+        "frames": views,
+    } | change
+
+
+def sign(number: int, place: tuple[float, float, float], **change: Any) -> dict[str, Any]:
+    right, down, ahead = place
+    return {
+        "sign_id": f"drive-{number:04}",
+        "status": "sign",
+        "color": "red",
+        "shape": "octagon",
+        "best_frame": 0,
+        "best_box": [100.0, 100.0, 120.0, 120.0],
+        "right_m": right,
+        "down_m": down,
+        "ahead_m": ahead,
+        "panel_width_m": 0.75,
+        "panel_height_m": 0.75,
+        "bottom_m": 1.5,
+        "sigma_lateral_m": 0.1,
+        "sigma_up_m": 0.1,
+        "sigma_along_m": 0.1,
+    } | change
+
+
+def write_table(folder: Path, table: Table, rows: list[dict[str, Any]]) -> None:
+    empty: dict[Any, Any] = {"string": "", "bool": False}
+    filled = []
+    for row in rows:
+        values = {}
+        for column in table.columns:
+            blank = column.values[0] if column.values else empty.get(str(column.type), 0)
+            if pa.types.is_fixed_size_list(column.type):
+                blank = [0.0] * column.type.list_size
+            values[column.name] = row.get(column.name, None if column.nullable else blank)
+        filled.append(values)
+    folder.mkdir(exist_ok=True)
+    pq.write_table(pa.Table.from_pylist(filled, schema=table.schema), folder / table.file)
+
+
+def judged(
+    tmp_path: Path, signs: list[dict[str, Any]], truth: dict[str, Any]
+) -> RenderedEvaluation:
+    write_table(tmp_path / "out", SIGNS, signs)
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    evaluation = evaluate(tmp_path / "out", tmp_path / "truth.json")
+    assert isinstance(evaluation, RenderedEvaluation)
+    return evaluation
+
+
+def judged_real(
+    tmp_path: Path,
+    signs: list[dict[str, Any]],
+    observations: list[dict[str, Any]],
+    labels: dict[str, Any],
+) -> RealEvaluation:
+    write_table(tmp_path / "out", SIGNS, signs)
+    write_table(tmp_path / "out", OBSERVATIONS, observations)
+    (tmp_path / "labels.json").write_text(json.dumps(labels))
+    evaluation = evaluate(tmp_path / "out", tmp_path / "labels.json")
+    assert isinstance(evaluation, RealEvaluation)
+    return evaluation
+
+
+# --- rendered drives -----------------------------------------------------------------------------
+
+FRAMES = [frame(i, 8.0 * i) for i in range(4)]
+AT_30_M = panel(1, (30.0, -4.0, 3.0))
+ON_IT = (4.0, -1.0, 30.0)
+
+
+def test_a_panel_at_its_true_place_is_found_without_error(tmp_path: Path) -> None:
+    evaluation = judged(tmp_path, [sign(1, ON_IT)], {"frames": FRAMES, "signs": [AT_30_M]})
+    assert (evaluation.recall, evaluation.precision) == (1.0, 1.0)
+    assert evaluation.found == (("drive-0001", 1),)
+    assert evaluation.error_m["total"].median == pytest.approx(0, abs=1e-4)
+    assert evaluation.color_right == evaluation.shape_right == 1.0
+
+
+def test_errors_are_told_apart_by_axis_of_the_camera(tmp_path: Path) -> None:
+    reported = sign(1, (4.3, -1.2, 31.0), sigma_lateral_m=0.2, sigma_up_m=0.4, sigma_along_m=0.3)
+    evaluation = judged(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
+    medians = {name: value.median for name, value in evaluation.error_m.items()}
+    assert medians == {
+        "lateral": 0.3,
+        "up": 0.2,
+        "along": 1.0,
+        "total": pytest.approx(1.063, abs=1e-3),
+    }
+    within = {name: (value.one, value.two) for name, value in evaluation.sigma_share.items()}
+    assert within == {"lateral": (0.0, 1.0), "up": (1.0, 1.0), "along": (0.0, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("right", "ahead", "found"),
+    [(5.49, 30.0, True), (5.6, 30.0, False), (4.0, 33.0, True), (4.0, 33.2, False)],
+)
+def test_a_match_reaches_as_far_as_said_and_no_farther(
+    tmp_path: Path, right: float, ahead: float, found: bool
+) -> None:
+    truth = {"frames": FRAMES, "signs": [AT_30_M]}
+    evaluation = judged(tmp_path, [sign(1, (right, -1.0, ahead))], truth)
+    assert (evaluation.found_count == 1) is found
+    assert len(evaluation.missed) == len(evaluation.false) == (0 if found else 1)
+
+
+def test_one_panel_is_found_once_and_by_the_nearest(tmp_path: Path) -> None:
+    signs = [sign(1, (4.5, -1.0, 30.0)), sign(2, ON_IT)]
+    evaluation = judged(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    assert evaluation.found == (("drive-0002", 1),)
+    assert [false.sign_id for false in evaluation.false] == ["drive-0001"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"faces_travel": False},
+        {"frames": AT_30_M["frames"][:2]},
+        {"frames": [view | {"box": [0, 0, 9, 9.9]} for view in AT_30_M["frames"]]},
+        {"frames": [view | {"visible_fraction": 0.4} for view in AT_30_M["frames"]]},
+    ],
+    ids=["turned away", "too few pictures", "too small", "hidden"],
+)
+def test_a_panel_that_need_not_be_found_counts_as_neither(
+    tmp_path: Path, change: dict[str, Any]
+) -> None:
+    truth = {"frames": FRAMES, "signs": [AT_30_M | change]}
+    evaluation = judged(tmp_path, [sign(1, ON_IT)], truth)
+    assert (evaluation.wanted, evaluation.found_count, len(evaluation.false)) == (0, 0, 0)
+    assert (evaluation.recall, evaluation.precision) == (1.0, 1.0)
+
+
+def test_a_back_is_no_panel_to_match(tmp_path: Path) -> None:
+    views = [view | {"side": "back", "visible_fraction": None} for view in AT_30_M["frames"]]
+    truth = {"frames": FRAMES, "signs": [AT_30_M | {"frames": views}]}
+    evaluation = judged(tmp_path, [sign(1, ON_IT)], truth)
+    assert [false.cause for false in evaluation.false] == ["sign stop 1"]
+
+
+def test_backs_and_uncertain_rows_are_not_judged(tmp_path: Path) -> None:
+    signs = [sign(1, (0, 0, 9), status="back"), sign(2, (0, 0, 9), status="uncertain")]
+    evaluation = judged(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    assert not evaluation.false
+    assert evaluation.recall == 0.0
+
+
+def test_a_false_sign_names_the_distractor_it_lies_on(tmp_path: Path) -> None:
+    billboard = {
+        "id": "b-7",
+        "kind": "billboard",
+        "frames": [{"frame": 0, "box": [90, 90, 150, 150]}],
+    }
+    truth = {"frames": FRAMES, "signs": [], "distractors": [billboard]}
+    elsewhere = sign(2, (9, 0, 50), best_box=[500.0, 500.0, 520.0, 520.0])
+    evaluation = judged(tmp_path, [sign(1, (9, 0, 50)), elsewhere], truth)
+    assert [false.cause for false in evaluation.false] == ["distractor billboard b-7", "unknown"]
+    assert evaluation.false[0].place == (9, 0, 50)
+
+
+def test_a_sign_whose_best_frame_is_not_in_the_truth_is_false(tmp_path: Path) -> None:
+    truth = {"frames": FRAMES, "signs": [AT_30_M]}
+    evaluation = judged(tmp_path, [sign(1, ON_IT, best_frame=77)], truth)
+    assert len(evaluation.false) == 1
+
+
+def test_unknown_sizes_and_sigmas_are_left_out(tmp_path: Path) -> None:
+    reported = sign(1, ON_IT, panel_width_m=None, bottom_m=None, sigma_up_m=None, sigma_along_m=0.0)
+    evaluation = judged(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
+    assert (evaluation.width_error.n, evaluation.bottom_error_m.n) == (0, 0)
+    assert (evaluation.sigma_share["up"].n, evaluation.sigma_share["along"].n) == (0, 0)
+    assert evaluation.height_error.median == 0.0
+
+
+# --- real drives ---------------------------------------------------------------------------------
+
+
+def labels(*signs: dict[str, Any], distractors: tuple[dict[str, Any], ...] = ()) -> dict[str, Any]:
+    return {
+        "log": "d.mcap",
+        "stride": 4,
+        "frames": [],
+        "signs": list(signs),
+        "distractors": list(distractors),
+    }
+
+
+LABEL = {"id": "R1", "wanted": True, "boxes": [{"i": 5, "box": [100, 100, 120, 120]}]}
+
+
+def test_a_label_is_found_by_an_observation_of_a_reported_sign(tmp_path: Path) -> None:
+    seen = {"sign_id": "drive-0001", "frame": 5, "box": [101.0, 101.0, 121.0, 121.0]}
+    evaluation = judged_real(tmp_path, [sign(1, ON_IT)], [seen], labels(LABEL))
+    assert (evaluation.found, evaluation.missed, evaluation.false) == (("R1",), (), ())
+
+
+def test_observations_of_no_sign_find_nothing(tmp_path: Path) -> None:
+    seen = {"sign_id": None, "frame": 5, "box": [100.0, 100.0, 120.0, 120.0]}
+    evaluation = judged_real(tmp_path, [], [seen], labels(LABEL))
+    assert (evaluation.recall, evaluation.missed, evaluation.precision) == (0.0, ("R1",), 1.0)
+
+
+def test_a_label_that_need_not_be_found_saves_its_sign_from_being_false(tmp_path: Path) -> None:
+    on_it = sign(1, ON_IT, best_frame=5)
+    evaluation = judged_real(tmp_path, [on_it], [], labels(LABEL | {"wanted": False}))
+    assert (evaluation.wanted, evaluation.touching, evaluation.false) == (0, 1, ())
+
+
+def test_a_false_sign_on_a_boxed_distractor_says_which(tmp_path: Path) -> None:
+    flag = {"what": "advertising flag", "source_frame": 32, "box": [100, 100, 120, 120]}
+    on_it, off_it = sign(1, ON_IT, best_frame=8), sign(2, ON_IT, best_frame=9)
+    evaluation = judged_real(tmp_path, [on_it, off_it], [], labels(distractors=(flag,)))
+    assert [false.cause for false in evaluation.false] == ["advertising flag", "unlabelled"]
+
+
+def test_a_small_box_inside_a_large_one_is_the_same_thing_up_to_a_factor_of_five() -> None:
+    assert same_thing([40, 40, 60, 60], [30, 30, 70, 70])
+    assert not same_thing([40, 40, 60, 60], [0, 0, 100, 100])
+    assert not same_thing([0, 0, 10, 10], [20, 20, 30, 30])
+
+
+# --- what cannot be judged -----------------------------------------------------------------------
+
+
+def test_a_folder_without_tables_is_refused_with_the_command_that_fills_it(tmp_path: Path) -> None:
+    (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
+    with pytest.raises(InputError, match="wayside run"):
+        evaluate(tmp_path / "nothing", tmp_path / "truth.json")
+
+
+def test_a_file_that_is_no_parquet_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "signs.parquet").write_text("sign_id\n")
+    (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
+    with pytest.raises(InputError, match=r"signs\.parquet cannot be read"):
+        evaluate(tmp_path, tmp_path / "truth.json")
+
+
+def test_a_table_of_another_program_is_refused_by_the_column_it_lacks(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"sign_id": ["a"], "status": ["sign"]}), tmp_path / "signs.parquet")
+    (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
+    with pytest.raises(InputError, match="lacks the column color"):
+        evaluate(tmp_path, tmp_path / "truth.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "cannot be read"),
+        ("{", "not JSON"),
+        ("[]", "neither the truth"),
+        ('{"signs": []}', "neither the truth"),
+        ('{"signs": [{"id": 1}], "frames": []}', "not as expected"),
+    ],
+)
+def test_a_wrong_truth_file_is_refused(tmp_path: Path, text: str | None, words: str) -> None:
+    write_table(tmp_path, SIGNS, [])
+    if text is not None:
+        (tmp_path / "truth.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        evaluate(tmp_path, tmp_path / "truth.json")
+
+
+def test_figures_that_cannot_be_written_say_so(tmp_path: Path) -> None:
+    evaluation = RealEvaluation(0, (), 0, (), ())
+    with pytest.raises(OutputError, match="could not be written"):
+        write_evaluation(evaluation, tmp_path / "missing" / "figures.json")
+
+
+# --- words and small statistics ------------------------------------------------------------------
+
+
+def test_the_table_for_a_person_holds_every_part(tmp_path: Path) -> None:
+    truth = {"frames": FRAMES, "signs": [AT_30_M, panel(2, (60.0, 5.0, 3.0), kind="yield")]}
+    signs = [sign(1, ON_IT, color="orange"), sign(2, (0, 0, 9))]
+    text = format_evaluation(judged(tmp_path, signs, truth))
+    for part in (
+        "recall     0.500   1 of 2 found",
+        "precision  0.500   1 false",
+        "along, m",
+        "red -> orange (1)",
+        "drive-0002  frame 0  red octagon",
+        "yield, red octagon",
+    ):
+        assert part in text
+    assert all(len(line) <= 120 for line in text.splitlines())
+
+
+def test_the_table_of_a_real_drive_lists_what_was_missed() -> None:
+    text = format_evaluation(RealEvaluation(2, ("R1",), 1, (), ("R2",)))
+    assert text.splitlines()[0] == "recall     0.500   1 of 2 found"
+    assert text.splitlines()[-1] == "  R2"
+
+
+@given(st.lists(st.floats(0, 100), max_size=30))
+def test_a_spread_lies_within_its_values(values: list[float]) -> None:
+    result = spread(values)
+    assert result.n == len(values)
+    if result.median is not None and result.p95 is not None:
+        assert min(values) - 1e-4 <= result.median <= result.p95 <= max(values) + 1e-4
+
+
+def test_shares_of_nothing_are_unknown() -> None:
+    assert share([]) is None
+    assert spread([]).median is None
+
+
+BOXES = st.tuples(st.floats(0, 90), st.floats(0, 90), st.floats(0.1, 50), st.floats(0.1, 50)).map(
+    lambda b: [b[0], b[1], b[0] + b[2], b[1] + b[3]]
+)
+
+
+@given(BOXES, BOXES)
+def test_cover_is_a_share_and_a_box_covers_itself(a: list[float], b: list[float]) -> None:
+    assert 0.0 <= cover(a, b) <= 1.0 + 1e-9
+    assert cover(a, a) == pytest.approx(1.0)
+    assert same_thing(a, a)
+
+
+# --- beside the reference scorer -----------------------------------------------------------------
+
+needs_reference = pytest.mark.skipif(
+    not REFERENCE.is_file(), reason="the reference scorer is not beside this checkout"
+)
+
+
+@needs_reference
+@pytest.mark.parametrize("seed", range(3))
+def test_figures_of_rendered_drives_are_those_of_the_reference(tmp_path: Path, seed: int) -> None:
+    signs, truth = random_rendered(np.random.default_rng(seed))
+    ours = judged(tmp_path, signs, truth)
+    theirs = reference(tmp_path, "--truth", "truth.json")
+    assert ours.found_count > 2
+    assert ours.false
+    assert ours.missed
+    assert_alike(json.loads(json.dumps(ours.to_json())), theirs)
+
+
+@needs_reference
+@pytest.mark.parametrize("seed", range(3))
+def test_figures_of_real_drives_are_those_of_the_reference(tmp_path: Path, seed: int) -> None:
+    signs, observations, marks = random_real(np.random.default_rng(seed))
+    ours = judged_real(tmp_path, signs, observations, marks)
+    theirs = reference(tmp_path, "--labels", "labels.json")
+    assert ours.found
+    assert ours.false
+    assert_alike(json.loads(json.dumps(ours.to_json())), theirs)
+
+
+def reference(tmp_path: Path, option: str, file: str) -> dict[str, Any]:
+    command = [sys.executable, str(REFERENCE), str(tmp_path / "out"), option, str(tmp_path / file)]
+    subprocess.run(
+        [*command, "--json", str(tmp_path / "reference.json"), "--quiet"],
+        check=True,
+        capture_output=True,
+    )
+    figures: dict[str, Any] = json.loads((tmp_path / "reference.json").read_text())
+    return figures
+
+
+def assert_alike(ours: Any, theirs: Any, where: str = "") -> None:
+    """Equal, but for the last rounded place of a number."""
+    if isinstance(theirs, dict):
+        assert (
+            list(ours) == list(theirs)
+            if where.endswith("confusion")
+            else ours.keys() == theirs.keys()
+        ), where
+        for key in theirs:
+            assert_alike(ours[key], theirs[key], f"{where}.{key}")
+    elif isinstance(theirs, list):
+        assert len(ours) == len(theirs), where
+        for i, (a, b) in enumerate(zip(ours, theirs, strict=True)):
+            assert_alike(a, b, f"{where}[{i}]")
+    elif isinstance(theirs, float):
+        assert math.isclose(ours, theirs, abs_tol=1.01e-4), (where, ours, theirs)
+    else:
+        assert ours == theirs, where
+
+
+def random_rendered(rng: np.random.Generator) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    frames = []
+    for i in range(12):
+        turn = rng.normal((-0.5, 0.5, -0.5, 0.5), 0.02)
+        frames.append(frame(i, 8.0 * i, tuple((turn / np.linalg.norm(turn)).tolist())))
+    panels = []
+    for number in range(1, 31):
+        views = []
+        for i in rng.choice(12, rng.integers(2, 10), replace=False):
+            x, y, w, h = (*rng.uniform(0, 1000, 2), *rng.uniform(6, 60, 2))
+            front = rng.random() < 0.85
+            seen = float(rng.uniform(0.2, 1)) if front else None
+            box = [x, y, x + w, y + h]
+            views.append(
+                {
+                    "frame": int(i),
+                    "box": box,
+                    "side": "front" if front else "back",
+                    "visible_fraction": seen,
+                }
+            )
+        centre = (rng.uniform(20, 130), rng.uniform(-12, 12), rng.uniform(1, 4))
+        panels.append(
+            panel(
+                number,
+                centre,
+                color=str(rng.choice(COLORS)),
+                shape=str(rng.choice(SHAPES)),
+                width_m=float(rng.uniform(0.3, 2)),
+                faces_travel=bool(rng.random() < 0.9),
+                frames=views,
+            )
+        )
+    return [random_sign(rng, i, panels, frames) for i in range(35)], {
+        "frames": frames,
+        "signs": panels,
+        "distractors": [
+            {
+                "id": f"d{i}",
+                "kind": "board",
+                "frames": [
+                    {"frame": int(rng.integers(12)), "box": [0, 0, *rng.uniform(200, 900, 2)]}
+                ],
+            }
+            for i in range(20)
+        ],
+    }
+
+
+def random_sign(
+    rng: np.random.Generator,
+    number: int,
+    panels: list[dict[str, Any]],
+    frames: list[dict[str, Any]],
+) -> dict[str, Any]:
+    """A report of some panel, near it or far off, with some figures unknown; frame 12 has no pose."""
+    target = panels[int(rng.integers(len(panels)))]
+    best = int(rng.integers(13))
+    view = frames[min(best, 11)]
+    actual = (
+        Rotation.from_quat(view["quaternion"])
+        .inv()
+        .apply(np.subtract(target["centre"], view["position"]))
+    )
+    right, down, ahead = actual + rng.normal(0, rng.choice([0.1, 1.0]), 3)
+    left, top, width, height = (*rng.uniform(0, 1000, 2), *rng.uniform(6, 60, 2))
+    unknown = rng.random(4) < 0.2
+    return sign(
+        number,
+        (float(right), float(down), float(ahead)),
+        status=str(rng.choice(["sign", "sign", "sign", "back", "uncertain"])),
+        color=None
+        if unknown[0]
+        else str(target["color"] if rng.random() < 0.7 else rng.choice(COLORS)),
+        shape=str(target["shape"] if rng.random() < 0.7 else rng.choice(SHAPES)),
+        best_frame=best,
+        best_box=[float(left), float(top), float(left + width), float(top + height)],
+        panel_width_m=None if unknown[1] else float(rng.uniform(0.3, 2)),
+        bottom_m=None if unknown[2] else float(rng.uniform(0, 3)),
+        sigma_up_m=None if unknown[3] else float(rng.choice([0.0, 0.1, 1.0])),
+        sigma_along_m=float(rng.uniform(0.05, 2)),
+    )
+
+
+def random_real(
+    rng: np.random.Generator,
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
+    def box() -> list[float]:
+        x, y, w, h = (*rng.uniform(0, 60, 2), *rng.uniform(5, 40, 2))
+        return [round(float(v), 1) for v in (x, y, x + w, y + h)]
+
+    marks = labels(
+        *(
+            {
+                "id": f"R{i}",
+                "wanted": bool(rng.random() < 0.6),
+                "boxes": [{"i": int(f), "box": box()} for f in rng.choice(40, 2, replace=False)],
+            }
+            for i in range(15)
+        ),
+        distractors=tuple(
+            {"what": f"thing {i}", "source_frame": int(rng.integers(160)), "box": box()}
+            for i in range(10)
+        ),
+    )
+    marks["distractors"].append({"what": "followed thing", "boxes": [{"i": 3, "box": box()}]})
+    signs = [
+        sign(
+            i,
+            ON_IT,
+            status=str(rng.choice(["sign", "sign", "back"])),
+            best_frame=int(rng.integers(40)),
+            best_box=box(),
+        )
+        for i in range(20)
+    ]
+    observations = [
+        {
+            "frame": int(rng.integers(40)),
+            "box": box(),
+            "sign_id": f"drive-{rng.integers(25):04}" if rng.random() < 0.8 else None,
+        }
+        for _ in range(80)
+    ]
+    return signs, observations, marks
