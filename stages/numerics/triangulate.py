@@ -68,6 +68,43 @@ def midpoint(
     return Midpoints(point, gap, along)
 
 
+def pair_residual(
+    previous: NDArray[np.floating[Any]],
+    current: NDArray[np.floating[Any]],
+    rotation: NDArray[np.floating[Any]],
+    direction: NDArray[np.floating[Any]],
+    focal_px: tuple[float, float],
+) -> Array:
+    """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
+
+    Parameters
+    ----------
+    previous, current
+        Rays (n, 2) as (x/z, y/z) of both pictures.
+    rotation, direction
+        Current camera in the previous one's frame: axes (3, 3) and centre (3,), of any length.
+    focal_px
+        fx, fy. The report's single f takes centred, undistorted pixels for granted.
+
+    Returns
+    -------
+    Array
+        (n,) px squared; inf where the rays do not meet ahead of both cameras.
+    """
+    ones = np.ones((len(previous), 1))
+    first, second = np.hstack([previous, ones]), np.hstack([current, ones]) @ np.asarray(rotation).T
+    found = midpoint(np.zeros(3), direction, first, second)
+    behind = ~found.ahead
+    point = np.where(behind[:, None], 1.0, found.point)
+    local = (point - direction) @ rotation
+    local[:, 2] = np.where(local[:, 2] > 0, local[:, 2], np.nan)
+    gaps = np.hstack(
+        [point[:, :2] / point[:, 2:] - previous, local[:, :2] / local[:, 2:] - current]
+    )
+    squares = ((gaps * (*focal_px, *focal_px)) ** 2).sum(axis=1)
+    return np.where(behind | np.isnan(squares), np.inf, squares)
+
+
 def triangulate_views(
     rotations: NDArray[np.floating[Any]],
     centres: NDArray[np.floating[Any]],

@@ -1,0 +1,136 @@
+"""What to expect of the step to the next picture: a straight line, odometry, poses or fixes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, inf, radians, sqrt
+
+import numpy as np
+
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Fix, Frame, Pose, PosePrior
+from wayside.stages.numerics.compiled import Array
+from wayside.stages.numerics.epipolar import Prior, half_turn
+
+POSE_SIGMA_M, POSE_SIGMA_RAD = 0.03, radians(0.1)
+"""Of one pose, where the log does not say."""
+FIX_SIGMA_M, FIX_STEP_SHARE = 1.5, 0.2
+"""Of one fix, where the log does not say; and the noise of the way between two as a share of it: the error varies
+slowly, so most of it is common to both."""
+EARTH_M = 6_371_000.0
+POSE_SLACK_PX, TURN_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
+"""How far from the prediction corners are looked for: with a pose; with the turn of the step before; with nothing."""
+SHORTEST_M = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """A step before looking.
+
+    prior: of rotation and direction; baseline_m with sigma_m; straight: rotation and direction to fall back on;
+    search: rotation (3, 3) round which corners are matched, slack_px far; source: "straight", "odometry", "poses"
+    or "fixes".
+    """
+
+    prior: Prior
+    baseline_m: float
+    sigma_m: float
+    straight: tuple[Array, Array]
+    search: Array
+    slack_px: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """Direction of travel (3,) of a camera fixed to a vehicle, half way through each turn; sigma (2,) in radians."""
+
+    direction: Array
+    sigma: Array
+
+
+def expect_step(
+    before: Frame,
+    now: Frame,
+    law: Law,
+    last_turn: Array | None,
+    *,
+    spacing_sigma_m: float,
+) -> Expectation:
+    """The step between two frames by the best source there is: poses, then spacing, then fixes.
+
+    Raises
+    ------
+    InputError
+        Where none of them gives the distance.
+    """
+    if before.pose is not None and now.pose is not None:
+        step = now.pose.pose.relative_to(before.pose.pose)
+        if float(np.linalg.norm(step.centre)) > SHORTEST_M:
+            return _by_poses(before.pose, now.pose, step, law)
+    if now.spacing_m is not None:
+        baseline, sigma, source = now.spacing_m, spacing_sigma_m, "straight"
+    elif before.fix is not None and now.fix is not None:
+        baseline, sigma = fix_distance_m(before.fix, now.fix), _fix_sigma_m(before.fix, now.fix)
+        source = "fixes"
+    else:
+        raise InputError(
+            f"frame {now.index}: wanted the distance from the picture before it, found no pose, spacing or fix; "
+            "give the distance between pictures (--spacing 26.4ft)"
+        )
+    prior = Prior(np.eye(3), inf, law.direction, law.sigma, True)
+    return Expectation(
+        prior,
+        max(baseline, SHORTEST_M),
+        sigma,
+        (np.eye(3), law.direction),
+        np.eye(3) if last_turn is None else last_turn,
+        FIRST_SLACK_PX if last_turn is None else TURN_SLACK_PX,
+        source,
+    )
+
+
+def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: Law) -> Expectation:
+    sigma_m = sqrt(2.0) * max(_or(first.sigma_m, POSE_SIGMA_M), _or(second.sigma_m, POSE_SIGMA_M))
+    sigma_rad = sqrt(2.0) * max(
+        _or(first.sigma_rad, POSE_SIGMA_RAD), _or(second.sigma_rad, POSE_SIGMA_RAD)
+    )
+    baseline = float(np.linalg.norm(step.centre))
+    direction = step.centre / baseline
+    # The direction between two noisy positions is no better than the mount's: take both by their weights.
+    given, habit = (sigma_m / baseline) ** -2, law.sigma**-2
+    expected = half_turn(np.ascontiguousarray(step.rotation), law.direction)
+    slopes = (given * direction[:2] / direction[2] + habit * expected[:2] / expected[2]) / (
+        given + habit
+    )
+    both = np.array([slopes[0], slopes[1], 1.0])
+    prior = Prior(
+        step.rotation, sigma_rad, both / np.linalg.norm(both), (given + habit) ** -0.5, False
+    )
+    return Expectation(
+        prior,
+        baseline,
+        sigma_m,
+        (step.rotation, direction),
+        step.rotation,
+        POSE_SLACK_PX,
+        second.source,
+    )
+
+
+def fix_distance_m(first: Fix, second: Fix) -> float:
+    """Distance between two fixes a few metres apart, on a sphere."""
+    north = radians(second.latitude_deg - first.latitude_deg) * EARTH_M
+    east = radians(second.longitude_deg - first.longitude_deg) * EARTH_M
+    east *= cos(radians(first.latitude_deg))
+    up = second.altitude_m - first.altitude_m
+    return float(np.sqrt(north * north + east * east + up * up))
+
+
+def _fix_sigma_m(first: Fix, second: Fix) -> float:
+    known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
+    return FIX_STEP_SHARE * max(known, default=FIX_SIGMA_M)
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None or not value > 0 else value

@@ -1,0 +1,342 @@
+"""How the camera moved from picture to picture (report chapters 7 and 8).
+
+Each used picture is compared with the used one before it. A straight line of known length, odometry, poses or fixes
+say what to expect; tie points over the whole picture say what was; the adjustment with the baseline held joins both.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+
+from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.motion import Motion, Moved, Ties
+from wayside.schemas.regions import Look
+from wayside.schemas.settings import MotionSettings
+from wayside.stages.expectation import Expectation, Law, expect_step
+from wayside.stages.numerics.adjust import Adjusted, adjust_two_views
+from wayside.stages.numerics.compiled import Array
+from wayside.stages.numerics.epipolar import (
+    Prior,
+    fit_epipolar,
+    half_turn,
+    sampson_px,
+)
+from wayside.stages.numerics.road import camera_height
+from wayside.stages.numerics.rotation import across
+from wayside.stages.numerics.triangulate import midpoint, pair_residual
+from wayside.stages.numerics.undistort import rays_of_ideal
+from wayside.stages.ties import (
+    HELD_SIGMA,
+    REGISTERED_SIGMA_PX,
+    Tied,
+    View,
+    find_coarse_motion,
+    register_ties,
+)
+
+MOUNT_SIGMA, LAW_SIGMA = np.radians([1.5, 1.5]), np.radians([0.35, 0.25])
+"""Scatter of the direction of travel sideways and up: before the mount is known, and about it."""
+MOUNT_STEPS = 3
+LAW_LIMIT = np.radians([1.2, 0.9])
+"""A step that strays further is held at the law: something else than the road moved."""
+WIDE_SLACK_PX, ENOUGH_AGREEING = 160.0, 60
+AGAIN_RAD, ROUNDS = np.radians(0.1), 3
+FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
+ROTATION_INFLATION, DIRECTION_INFLATION = 3.0, 4.0
+"""Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
+UNSEEN_TURN_SIGMA = np.radians(1.0)
+RATIO_TIES, RATIO_SLACK, NEAREST_FLOW_PX = 8, 0.15, 6.0
+TRIMMED = 0.9
+
+
+def estimate_motion(looks: Iterator[Look], settings: MotionSettings) -> Iterator[Moved]:
+    """Add the camera's motion to each look.
+
+    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
+
+    Raises
+    ------
+    InputError
+        Where nothing says how far the camera moved.
+    """
+    drive = Drive(settings)
+    for look in looks:
+        yield Moved(look, drive.follow(look) if look.picture.frame.used else None)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A measured step: rotation and direction as in `numerics.epipolar`, the ties, which of them agree."""
+
+    rotation: Array
+    direction: Array
+    prior: Prior
+    tied: Tied
+    previous: Array
+    current: Array
+    inlier: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+@dataclass(slots=True)
+class Drive:
+    """What is kept between pictures: the last view, and a few numbers learnt on the way."""
+
+    settings: MotionSettings
+    view: View | None = None
+    frame: Frame | None = None
+    motion: Motion | None = None
+    depths: Array = field(default_factory=lambda: np.zeros(0))
+    turn: Array | None = None
+    mounts: deque[Array] = field(default_factory=lambda: deque(maxlen=61))
+    heights: deque[float] = field(default_factory=lambda: deque(maxlen=31))
+
+    def follow(self, look: Look) -> Motion:
+        """Motion from the last look to this one."""
+        view, frame = View.of(look), look.picture.frame
+        if self.frame is None or self.motion is None:
+            motion = _START
+        else:
+            expected = expect_step(
+                self.frame,
+                frame,
+                self.law,
+                self.turn,
+                spacing_sigma_m=self.settings.spacing_sigma_m,
+            )
+            motion = self._step(self.motion, view, expected)
+        self.view, self.frame, self.motion = view, frame, motion
+        return motion
+
+    @property
+    def law(self) -> Law:
+        """Direction of travel as learnt so far: the median over the steps, straight ahead at first."""
+        if len(self.mounts) < MOUNT_STEPS:
+            return Law(np.array([0.0, 0.0, 1.0]), MOUNT_SIGMA)
+        slopes = np.median(np.array(self.mounts), axis=0)
+        direction = np.array([slopes[0], slopes[1], 1.0])
+        return Law(direction / np.linalg.norm(direction), LAW_SIGMA)
+
+    def _step(self, last: Motion, view: View | None, expected: Expectation) -> Motion:
+        step = None
+        if self.view is not None and view is not None:
+            step = self._measure(self.view, view, expected)
+        if step is None or view is None or self.view is None:
+            self.depths, self.turn = np.zeros(0), None
+            return _unmeasured(last, expected, self._height())
+        focal = (view.camera.fx, view.camera.fy)
+        held = step.previous[step.inlier], step.current[step.inlier]
+        straight_px = _root_mean(pair_residual(*held, *expected.straight, focal))
+        adjusted = adjust_two_views(
+            *held,
+            (step.rotation, step.direction),
+            step.prior,
+            focal_px=focal,
+            sigma_px=REGISTERED_SIGMA_PX,
+            scale_px=FINE_SCALES_PX[-1],
+        )
+        self._learn(adjusted.rotation, adjusted.direction)
+        baseline = self._length(step, adjusted, expected)
+        needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
+        rotation, direction = (
+            (adjusted.rotation, adjusted.direction) if needed else expected.straight
+        )
+        points = _points(step, rotation, direction, baseline)
+        self.depths = np.full(len(view.corners), np.nan)
+        self.depths[step.tied.rows[step.inlier, 1]] = points[step.inlier, 2]
+        self.turn = adjusted.rotation
+        height = camera_height(points[step.inlier], self.law.direction)
+        if np.isfinite(height):
+            self.heights.append(height)
+        pose = Pose(rotation, baseline * direction)
+        return Motion(
+            last.pose.compose(pose),
+            pose,
+            _covariance(adjusted, step, baseline, expected.sigma_m),
+            expected.source,
+            baseline,
+            last.station_m + baseline,
+            Ties(step.tied.previous, step.tied.current, step.inlier, points),
+            straight_px,
+            _root_mean(pair_residual(*held, rotation, direction, focal)),
+            needed,
+            adjusted.iterations if needed else 0,
+            self._height(),
+        )
+
+    def _measure(self, before: View, now: View, expected: Expectation) -> Step | None:
+        coarse, agreeing = find_coarse_motion(
+            before, now, expected.prior, expected.search, expected.slack_px
+        )
+        if agreeing < ENOUGH_AGREEING:
+            wide, more = find_coarse_motion(
+                before, now, expected.prior, expected.straight[0], WIDE_SLACK_PX
+            )
+            if more > agreeing:
+                coarse, agreeing = wide, more
+        if coarse is None or agreeing < self.settings.smallest_ties:
+            return None
+        step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior)
+        if np.any(np.abs(self._stray(step.rotation, step.direction)) > self._limit()):
+            law = self.law
+            kept = expected.prior._replace(
+                direction=law.direction,
+                sigma_direction=np.array([HELD_SIGMA, HELD_SIGMA]),
+                halfway=True,
+            )
+            step = _refine(
+                before, now, step.rotation, half_turn(step.rotation, law.direction), kept
+            )
+        return step if step.inlier.sum() >= self.settings.smallest_ties else None
+
+    def _stray(self, rotation: Array, direction: Array) -> Array:
+        """Slopes by which a direction strays from the law, sideways and up."""
+        law = self.law.direction
+        return np.asarray(_mount(rotation, direction) - law[:2] / law[2])
+
+    def _limit(self) -> Array:
+        return LAW_LIMIT if len(self.mounts) >= MOUNT_STEPS else 2 * MOUNT_SIGMA + LAW_LIMIT
+
+    def _learn(self, rotation: Array, direction: Array) -> None:
+        self.mounts.append(_mount(rotation, direction))
+
+    def _height(self) -> float:
+        return float(np.median(self.heights)) if self.heights else float("nan")
+
+    def _length(self, step: Step, adjusted: Adjusted, expected: Expectation) -> float:
+        """The step's length; a multiple of the spacing where a trigger was dropped.
+
+        Points that were measured over the last step too say how long this one is against it. None of them was
+        found by its depth.
+        """
+        if expected.source != "straight" or len(self.depths) == 0:
+            return expected.baseline_m
+        ratio = self._ratio(step, adjusted)
+        steps = round(ratio / expected.baseline_m) if np.isfinite(ratio) else 1
+        if steps > 1 and abs(ratio / expected.baseline_m - steps) < RATIO_SLACK * steps:
+            return steps * expected.baseline_m
+        return expected.baseline_m
+
+    def _ratio(self, step: Step, adjusted: Adjusted) -> float:
+        """Length of this step, metres, by the depths of the step before; nan where too few points are common."""
+        known = self.depths[step.tied.rows[step.inlier, 0]]
+        flow = np.linalg.norm((step.tied.current - step.tied.previous)[step.inlier], axis=1)
+        lengths = known * adjusted.point[:, 2]
+        common = np.isfinite(lengths) & (flow > NEAREST_FLOW_PX) & (adjusted.point[:, 2] > 0)
+        if common.sum() < RATIO_TIES:
+            return float("nan")
+        return float(np.median(lengths[common]))
+
+
+def _refine(before: View, now: View, rotation: Array, direction: Array, prior: Prior) -> Step:
+    # Ties chosen by a motion tend to confirm it: choose again while it still moves.
+    for _ in range(ROUNDS):
+        tied = register_ties(before, now, rotation, direction)
+        previous = rays_of_ideal(before.camera, tied.previous)
+        current = rays_of_ideal(now.camera, tied.current)
+        last = direction
+        for scale in FINE_SCALES_PX:
+            fit = fit_epipolar(
+                previous,
+                current,
+                (rotation, direction),
+                prior,
+                focal_px=now.focal_px,
+                sigma_px=REGISTERED_SIGMA_PX,
+                scale_px=scale,
+            )
+            rotation, direction = fit.rotation, fit.direction
+        if np.abs(direction - last).max() < AGAIN_RAD:
+            break
+    gaps = sampson_px(previous, current, rotation, direction, now.focal_px)
+    inlier = np.abs(gaps) < INLIER_PX
+    return Step(rotation, direction, prior, tied, previous, current, inlier)
+
+
+def _mount(rotation: Array, direction: Array) -> Array:
+    """Slopes (2,) of the direction of travel in the axes half way through the turn."""
+    half = half_turn(np.ascontiguousarray(rotation.T), direction)
+    return np.asarray(half[:2] / half[2])
+
+
+def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) -> Array:
+    """Ties in the current camera's frame (n, 3), nan where rays do not meet ahead of both cameras."""
+    ones = np.ones((len(step.previous), 1))
+    centre = baseline_m * direction
+    found = midpoint(
+        np.zeros(3),
+        centre,
+        np.hstack([step.previous, ones]),
+        np.hstack([step.current, ones]) @ rotation.T,
+    )
+    points = (found.point - centre) @ rotation
+    points[~found.ahead] = np.nan
+    return points
+
+
+def _covariance(adjusted: Adjusted, step: Step, baseline_m: float, sigma_m: float) -> Array:
+    """Covariance (6, 6) of rotation vector and translation in the previous camera's axes."""
+    basis = across(adjusted.direction)
+    spread = np.zeros((6, 5))
+    spread[:3, :3] = np.eye(3) * ROTATION_INFLATION
+    spread[3:, 3:] = baseline_m * basis.T * DIRECTION_INFLATION
+    freedom = max(1, len(adjusted.squares) - 5)
+    chi = max(1.0, float(adjusted.squares.sum()) / (REGISTERED_SIGMA_PX**2 * freedom))
+    covariance = spread @ adjusted.covariance @ spread.T * chi
+    covariance[3:, 3:] += sigma_m**2 * np.outer(adjusted.direction, adjusted.direction)
+    return np.asarray(covariance)
+
+
+def _unmeasured(last: Motion, expected: Expectation, height_m: float) -> Motion:
+    # Too few ties: the expectation as it is.
+    rotation, direction = expected.straight
+    baseline = expected.baseline_m
+    turn = min(expected.prior.sigma_rotation, UNSEEN_TURN_SIGMA)
+    aside = baseline * float(expected.prior.sigma_direction.max())
+    covariance = np.diag([turn**2] * 3 + [aside**2] * 3)
+    covariance[3:, 3:] += expected.sigma_m**2 * np.outer(direction, direction)
+    pose = Pose(rotation, baseline * direction)
+    nan = float("nan")
+    return Motion(
+        last.pose.compose(pose),
+        pose,
+        covariance,
+        expected.source,
+        baseline,
+        last.station_m + baseline,
+        None,
+        nan,
+        nan,
+        False,
+        0,
+        height_m,
+    )
+
+
+def _root_mean(squares: Array) -> float:
+    """Eq. 7.5 of each tie (n,) as RMS per coordinate over the best nine tenths.
+
+    Midpoints near the focus of expansion may fall beside the camera; a few such ties would say all.
+    """
+    best = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
+    return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf
+
+
+_START = Motion(
+    Pose(np.eye(3), np.zeros(3)),
+    None,
+    None,
+    "start",
+    0.0,
+    0.0,
+    None,
+    float("nan"),
+    float("nan"),
+    False,
+    0,
+    float("nan"),
+)

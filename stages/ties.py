@@ -1,0 +1,214 @@
+"""Tie points of two pictures: match corners, find the coarse motion, register the rest to a hundredth of a pixel.
+
+Prediction needs no depth: from where a point at infinity would stand, nearer ones lie further out on the line from
+the focus of expansion. So a step that is longer than thought cannot confirm the wrong length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.regions import Look
+from wayside.stages.numerics.compiled import Array
+from wayside.stages.numerics.epipolar import EpipolarFit, Prior, fit_epipolar, sampson_px
+from wayside.stages.numerics.hamming import match_in_bands
+from wayside.stages.numerics.register import register_patches
+from wayside.stages.numerics.rotation import rotation_from_vector
+from wayside.stages.numerics.undistort import (
+    ideal_of_rays,
+    ideal_points,
+    rays_of_ideal,
+)
+
+FARTHEST_BITS, FARTHEST_RATIO = 64, 0.85
+GUIDED_BITS, GUIDED_RATIO = 80, 0.92
+"""Descriptor distance of a match, and its share of the next best's: in wide and in narrow bands."""
+LARGEST_GROWTH = 2.6
+"""Nothing that grows more than this between two pictures is matched."""
+LONGEST_PX = 500.0
+STARTS_DEG = (0.0, -1.5, 1.5)
+COARSE_SCALES_PX = (20.0, 5.0, 1.5)
+COARSE_SIGMA_PX = 1.0
+GUIDED_WIDTH_PX = 4.0
+CELL_PX, PER_CELL = 100.0, 6
+"""Matches that are registered: at most so many of the best in each cell of the picture."""
+ALIKE = 0.85
+"""Smallest correlation of a registered patch."""
+REGISTERED_SIGMA_PX = 0.08
+HELD_SIGMA = radians(0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What ties need of one picture."""
+
+    camera: Camera
+    grey: NDArray[np.uint8]
+    corners: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    ideal: Array
+
+    @staticmethod
+    def of(look: Look) -> View | None:
+        """The view of a look, None where it has no pixels or no camera."""
+        camera, grey = look.picture.frame.camera, look.picture.grey
+        if camera is None or grey is None:
+            return None
+        features = look.features
+        ideal = ideal_points(camera, features.corners)
+        return View(camera, grey, features.corners, features.descriptors, ideal)
+
+    @property
+    def focal_px(self) -> float:
+        """Mean of both focal lengths."""
+        return 0.5 * (self.camera.fx + self.camera.fy)
+
+
+class Tied(NamedTuple):
+    """Registered tie points of a pair.
+
+    previous, current (n, 2): ideal pixels; rows (n, 2): corners of both pictures they stem from.
+    """
+
+    previous: Array
+    current: Array
+    rows: NDArray[np.int64]
+
+
+def find_coarse_motion(
+    before: View, now: View, prior: Prior, predicted: Array, slack_px: float
+) -> tuple[EpipolarFit | None, int]:
+    """Rotation and direction from matched corners, and how many of them agree.
+
+    Parameters
+    ----------
+    before, now
+        The two views.
+    prior
+        What is known of the step.
+    predicted
+        Rotation (3, 3) to search around.
+    slack_px
+        How far off the prediction matches are looked for.
+    """
+    direction = prior.direction
+    pairs = _match(before, now, predicted, direction, slack_px, FARTHEST_BITS, FARTHEST_RATIO)
+    if len(pairs) < 8:
+        return None, 0
+    previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
+    current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
+    best: EpipolarFit | None = None
+    for yaw_deg in STARTS_DEG:
+        turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
+        fit = _released(previous, current, turn @ predicted, prior, now.focal_px)
+        if best is None or fit.cost < best.cost:
+            best = fit
+    if best is None:
+        return None, 0
+    gaps = sampson_px(previous, current, best.rotation, best.direction, now.focal_px)
+    return best, int((np.abs(gaps) < 3 * COARSE_SIGMA_PX).sum())
+
+
+def _released(
+    previous: Array, current: Array, rotation: Array, prior: Prior, focal_px: float
+) -> EpipolarFit:
+    # Forward motion leaves a free direction and the yaw to imitate each other: hold the direction first.
+    held = prior._replace(sigma_direction=np.minimum(prior.sigma_direction, HELD_SIGMA))
+    start = (rotation, prior.direction)
+    for scale in COARSE_SCALES_PX:
+        fit = fit_epipolar(
+            previous,
+            current,
+            start,
+            held,
+            focal_px=focal_px,
+            sigma_px=COARSE_SIGMA_PX,
+            scale_px=scale,
+        )
+        start = (fit.rotation, fit.direction)
+    return fit_epipolar(
+        previous,
+        current,
+        start,
+        prior,
+        focal_px=focal_px,
+        sigma_px=COARSE_SIGMA_PX,
+        scale_px=COARSE_SCALES_PX[-1],
+    )
+
+
+def register_ties(before: View, now: View, rotation: Array, direction: Array) -> Tied:
+    """Match again in narrow bands along the epipolar lines and register every match to sub-pixel."""
+    pairs = _match(before, now, rotation, direction, GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
+    pairs = _spread(pairs, before.corners)
+    far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
+    corners = np.rint(before.corners[pairs[:, 0]]).astype(np.int64)
+    # Growth from the distances to the epipole; near it they say nothing, and growth is small there.
+    reach = np.linalg.norm(far - epipole, axis=1)
+    growth = np.linalg.norm(now.ideal[pairs[:, 1]] - epipole, axis=1) / np.maximum(reach, 1e-9)
+    growth = np.where(reach > 20, np.clip(growth, 0.8, LARGEST_GROWTH), 1.1)
+    shift = corners - before.corners[pairs[:, 0]].astype(np.float64)
+    starts = now.corners[pairs[:, 1]] + shift * growth[:, None]
+    found = register_patches(before.grey, now.grey, corners, np.ascontiguousarray(starts), growth)
+    good = found.zncc >= ALIKE
+    return Tied(
+        ideal_points(before.camera, corners[good].astype(np.float64)),
+        ideal_points(now.camera, found.point[good]),
+        pairs[good],
+    )
+
+
+def _match(
+    before: View,
+    now: View,
+    rotation: Array,
+    direction: Array,
+    slack_px: float,
+    farthest: int,
+    ratio: float,
+) -> NDArray[np.int64]:
+    far, epipole = _far_points(before, now, rotation, direction, slice(None))
+    outward = far - epipole
+    reach = np.linalg.norm(outward, axis=1)
+    outward /= np.maximum(reach, 1e-9)[:, None]
+    length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
+    width = np.full(len(far), slack_px)
+    bands = np.column_stack([far, outward, length, width])
+    return match_in_bands(
+        bands,
+        before.descriptors,
+        now.ideal,
+        now.descriptors,
+        farthest=farthest,
+        ratio=ratio,
+    )
+
+
+def _far_points(
+    before: View, now: View, rotation: Array, direction: Array, rows: NDArray[np.int64] | slice
+) -> tuple[Array, Array]:
+    """Ideal pixels (n, 2) in the second picture of the first one's corners at infinity, and its epipole (2,)."""
+    rays = rays_of_ideal(before.camera, before.ideal[rows])
+    turned = rays @ rotation[:2] + rotation[2]
+    ahead = np.maximum(turned[:, 2:], 1e-6)
+    far = ideal_of_rays(now.camera, turned[:, :2] / ahead)
+    toward = rotation.T @ direction
+    epipole = ideal_of_rays(now.camera, (toward[:2] / toward[2])[None])[0]
+    return far, epipole
+
+
+def _spread(pairs: NDArray[np.int64], corners: NDArray[np.float32]) -> NDArray[np.int64]:
+    # The first few of each cell; corners come sorted by row, so this takes no part of the cell on purpose.
+    cell = np.floor(corners[pairs[:, 0]] / CELL_PX).astype(np.int64)
+    key = cell[:, 1] * 10_000 + cell[:, 0]
+    order = np.argsort(key, kind="stable")
+    ordered = key[order]
+    rank = np.arange(len(order)) - np.searchsorted(ordered, ordered)
+    kept: NDArray[np.int64] = pairs[np.sort(order[rank < PER_CELL])]
+    return kept
