@@ -1,0 +1,163 @@
+"""Gaussian classes with thresholds: colours, shapes, places."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.samples import Face
+from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.schemas.regions import COLORS, SHAPES
+from wayside.stages.numerics.colorspace import to_space
+from wayside.stages.numerics.fourier import sequence_features
+
+REPORT_MEAN = (3.121, 0.603)
+"""Mean place of a sign in the report: (1.9783, 10.2391) feet up and right of the camera (chapters 8 and 11)."""
+
+COLOR_FLOOR = {"rgb": (6.0, 6.0, 6.0), "log_chromaticity": (0.15, 0.05, 0.05)}
+"""Smallest spread of a colour class: less is an accident of few signs."""
+
+SHAPE_FLOOR = 0.01
+PLACE_FLOOR = (2.0, 0.8)
+FEWEST = 4
+"""A class of fewer samples is not learned."""
+
+KNEE = "knee of the ROC: largest true minus false positive rate (report chapter 10)"
+MOST = "99 of 100 of its own samples"
+
+
+def color_model(
+    faces: Sequence[Face], background: NDArray[Any], space: str, provenance: str
+) -> GaussianModel:
+    """Colour classes in `space`; thresholds at the knee between own faces and `background` (n, 3) mean colours of regions."""
+    values = to_space(np.array([f.rgb for f in faces]), space)
+    others = to_space(background, space)
+    floor = np.array(COLOR_FLOOR[space])
+    classes = []
+    for name in COLORS:
+        own = np.array([f.color == name for f in faces])
+        if own.sum() < FEWEST:
+            continue
+        weight = balanced([f.sign for f, mine in zip(faces, own, strict=True) if mine])
+        classes.append(_fitted(name, values[own], weight, floor, others))
+    return GaussianModel(space, tuple(classes), provenance)
+
+
+def shape_model(
+    faces: Sequence[Face], space: str, provenance: str, variant: Callable[[Face], str]
+) -> GaussianModel:
+    """Shape classes in `space`, one for each `variant` of a shape; thresholds at the knee against the other shapes."""
+    values = sequence_features(np.array([f.outline for f in faces]), space)
+    known = np.isfinite(values).all(axis=1)
+    faces, values = [f for f, k in zip(faces, known, strict=True) if k], values[known]
+    variants = np.array([variant(f) for f in faces])
+    shapes = np.array([f.shape for f in faces])
+    floor = np.full(values.shape[1], SHAPE_FLOOR)
+    classes = []
+    for one in sorted(set(variants), key=lambda v: (SHAPES.index(v.split("/")[0]), v)):
+        own = variants == one
+        if own.sum() < max(FEWEST, values.shape[1] + 2):
+            continue
+        name = one.split("/")[0]
+        weight = balanced([f.sign for f, mine in zip(faces, own, strict=True) if mine])
+        classes.append(_fitted(name, values[own], weight, floor, values[shapes != name]))
+    return GaussianModel(space, tuple(classes), provenance)
+
+
+def plain_variant(face: Face) -> str:
+    """One class a shape, as in the report."""
+    return face.shape
+
+
+def oriented_variant(face: Face) -> str:
+    """Triangles by their point, rectangles by their aspect: each a class of its own, under one name."""
+    if face.shape == "triangle":
+        return f"triangle/{'up' if face.point_up else 'down'}"
+    if face.shape == "rectangle":
+        aspect = np.digitize(face.aspect, (0.5, 0.9, 1.25, 2.2))
+        return f"rectangle/{aspect}"
+    return face.shape
+
+
+def location_model(
+    places: NDArray[np.float64], others: NDArray[np.float64], provenance: str
+) -> GaussianModel:
+    """Where signs stand, (right of the path, above the camera's path) in metres: a mixture, and the report's mean.
+
+    places (n, 2): of signs; others (m, 2): of things that are none. Overhead panels hang 4 m above the camera or
+    higher; the rest stands right or left. A component holds all of its own signs that stand within 4 sigma, for what
+    stands beyond the last sign seen may be the next sign.
+    """
+    overhead = places[:, 1] > 4.0
+    groups = {
+        "right": ~overhead & (places[:, 0] >= 0),
+        "left": ~overhead & (places[:, 0] < 0),
+        "overhead": overhead,
+    }
+    floor = np.array(PLACE_FLOOR)
+    classes = []
+    for name, own in groups.items():
+        if own.sum() < 3:
+            continue
+        mean, covariance = moments(places[own], np.full(own.sum(), 1 / own.sum()), floor)
+        if name == "overhead":
+            # Over any lane: three lanes either way are as likely as the middle.
+            mean[0], covariance = 0.0, np.diag([5.0**2, covariance[1, 1]])
+        classes.append(GaussianClass(name, mean, covariance, 4.0, "four sigma", int(own.sum())))
+    # The report calls the plain distance from its mean the Mahalanobis distance: unit covariance.
+    report = GaussianClass("report", np.array(REPORT_MEAN), np.eye(2), 0.0, KNEE, len(places))
+    single = GaussianModel("right_up_m", (report,), "")
+    threshold = knee(single.distances(places)[:, 0], single.distances(others)[:, 0])
+    classes.append(
+        GaussianClass("report", report.mean, report.covariance, threshold, KNEE, len(places))
+    )
+    return GaussianModel("right_up_m", tuple(classes), provenance)
+
+
+def balanced(signs: Sequence[str]) -> NDArray[np.float64]:
+    """Weights (n,) that sum to 1 and give every sign the same, however many views it has."""
+    views = Counter(signs)
+    weight = np.array([1.0 / views[s] for s in signs])
+    return np.asarray(weight / weight.sum())
+
+
+def moments(
+    values: NDArray[np.float64], weight: NDArray[np.float64], floor: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Weighted mean (d,) and covariance (d, d) of values (n, d); no axis is narrower than its `floor` (d,)."""
+    mean = weight @ values
+    gap = values - mean
+    covariance = (gap * weight[:, None]).T @ gap
+    lacking = np.maximum(floor**2 - np.diag(covariance), 0.0)
+    return mean, covariance + np.diag(lacking) + np.diag((0.1 * floor) ** 2)
+
+
+def knee(own: NDArray[np.float64], others: NDArray[np.float64]) -> float:
+    """Distance at which most of `own` and fewest of `others` are accepted: largest difference of the two shares.
+
+    Where several are equally good, the smallest; half-way to the next sample of either.
+    """
+    steps = np.unique(np.concatenate([own, others]))
+    accepted = np.searchsorted(np.sort(own), steps, side="right") / max(len(own), 1)
+    wrong = np.searchsorted(np.sort(others), steps, side="right") / max(len(others), 1)
+    best = int(np.argmax(accepted - wrong))
+    following = steps[min(best + 1, len(steps) - 1)]
+    return float((steps[best] + following) / 2)
+
+
+def _fitted(
+    name: str,
+    values: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    floor: NDArray[np.float64],
+    others: NDArray[np.float64],
+) -> GaussianClass:
+    mean, covariance = moments(values, weight, floor)
+    unbounded = GaussianClass(name, mean, covariance, np.inf, KNEE, len(values))
+    single = GaussianModel("", (unbounded,), "")
+    threshold = knee(single.distances(values)[:, 0], single.distances(others)[:, 0])
+    return GaussianClass(name, mean, covariance, threshold, KNEE, len(values))

@@ -1,0 +1,275 @@
+"""What the models are learned from: faces and candidates of rendered drives, faces of real pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Picture
+from wayside.schemas.regions import COLORS, SHAPES, Segmented
+from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
+from wayside.stages.judge import candidate_features
+from wayside.stages.numerics.boxes import overlap_of
+from wayside.stages.numerics.outline import region_sequences
+from wayside.stages.propose import propose
+from wayside.stages.segment import segment
+
+CLEAR_SHARE, CLEAR_PX = 0.8, 15
+"""A face teaches colour and shape where this share of it is seen and it is so tall."""
+
+FACE_SHARE, FACE_PX = 0.4, 8
+"""A box on a face is an example for the judge from here on; fainter ones count as neither."""
+
+ON_FACE, NEAR_FACE = 0.5, 0.3
+"""Overlap (IoU) from which a box is on a face, and below which it is off it; between them it counts as neither."""
+
+OFF, ON, NEITHER = 0, 1, -1
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """One clear view of one sign: its name over all views, truth, mean colour of the main patch, outline (64,) complex."""
+
+    sign: str
+    color: str
+    shape: str
+    point_up: bool
+    aspect: float
+    rgb: NDArray[np.float64]
+    outline: NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Views:
+    """Candidates of one drive, n rows, as the judge sees them.
+
+    values (n, features) float32; rgb (n, 3) mean colours; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
+    overlap (n,) float32 with the nearest face; face (n,) int32 row of that face among all of the drive (-1: none);
+    box (n, 4) float32.
+    """
+
+    values: NDArray[np.float32]
+    rgb: NDArray[np.float32]
+    frame: NDArray[np.int32]
+    label: NDArray[np.int8]
+    overlap: NDArray[np.float32]
+    face: NDArray[np.int32]
+    box: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Everything that one rendered drive teaches; `wanted` (m,) bool: faces that a judge of one view should find."""
+
+    name: str
+    frames: int
+    faces: tuple[Face, ...]
+    views: Views
+    wanted: NDArray[np.bool_]
+    height_px: NDArray[np.float32]
+    places: NDArray[np.float64]
+    """Right of the path and above the camera of each sign that faces the travel, (signs, 2) metres."""
+
+
+def read_truth(path: Path) -> dict[str, Any]:
+    """Truth of a rendered drive; raises InputError where the file is none."""
+    try:
+        truth = json.loads(path.read_text(encoding="utf-8"))
+        if not {"name", "camera", "frames", "signs"} <= truth.keys():
+            raise KeyError("name, camera, frames or signs")
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{path}: wanted the truth of a rendered drive, found {type(error).__name__}: {error}; "
+            "render the drive again with masks"
+        ) from error
+    return dict(truth)
+
+
+def read_drive(pictures: Iterable[Picture], truth: dict[str, Any], masks: Path) -> Drive:
+    """Go through a drive once: `pictures` in order, `masks` the folder of FRAME.png with sign ids."""
+    seen: dict[int, list[tuple[dict[str, Any], dict[str, Any]]]] = {}
+    for sign in truth["signs"]:
+        for view in sign["frames"]:
+            if sign["faces_travel"]:
+                seen.setdefault(view["frame"], []).append((sign, view))
+    faces: list[Face] = []
+    parts: list[Views] = []
+    wanted: list[bool] = []
+    heights: list[float] = []
+    count = 0
+    for item in _candidates(pictures):
+        picture = item.picture
+        if picture.rgb is None:
+            continue
+        count += 1
+        index = picture.frame.index
+        here = seen.get(index, [])
+        mask = cv2.imread(str(masks / f"{index:04d}.png"), cv2.IMREAD_UNCHANGED)
+        if mask is None:
+            raise InputError(
+                f"{masks}/{index:04d}.png: wanted the mask of a picture, found none; "
+                "render the drive again with masks"
+            )
+        faces += clear_faces(picture.rgb, mask, here, truth["name"])
+        parts.append(_views(item, here, len(wanted)))
+        heights += [_height(view) for _, view in here]
+        wanted += [_share(view) >= 0.5 and _height(view) >= 10 for _, view in here]
+    if not parts:
+        raise InputError(f"{truth['name']}: wanted pictures, found none that can be used")
+    columns = [np.concatenate([getattr(p, name) for p in parts]) for name in Views.__slots__]
+    return Drive(
+        truth["name"],
+        count,
+        tuple(faces),
+        Views(*columns),
+        np.array(wanted, bool),
+        np.array(heights, np.float32),
+        sign_places(truth),
+    )
+
+
+def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:
+    """Right of the path and above the camera's path of the signs that face the travel, (n, 2) metres."""
+    height = truth["camera"]["mount"]["height_m"]
+    rows = [
+        (sign["lateral_m"], sign["up_m"] - height)
+        for sign in truth["signs"]
+        if sign["faces_travel"] and sign["eligible_frames"] > 0
+    ]
+    return np.array(rows, np.float64).reshape(-1, 2)
+
+
+def clear_faces(
+    rgb: NDArray[np.uint8],
+    mask: NDArray[np.uint8],
+    here: list[tuple[dict[str, Any], dict[str, Any]]],
+    drive: str,
+) -> list[Face]:
+    """The faces of one picture that are clear enough to teach colour and shape."""
+    found = []
+    for sign, view in here:
+        clear = _share(view) >= CLEAR_SHARE and _height(view) >= CLEAR_PX
+        pixels = rgb[mask == sign["id"]] if clear else rgb[:0, 0]
+        if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
+            continue
+        box = np.array([view["box"]])
+        mean = main_color(pixels)
+        size = box[0, 2:] - box[0, :2]
+        found.append(
+            Face(
+                f"{drive}/{sign['id']}",
+                sign["color"],
+                sign["shape"],
+                bool(sign.get("point_up", False)),
+                float(size[0] / size[1]),
+                mean,
+                region_sequences(rgb, box, mean[None])[0],
+            )
+        )
+    return found
+
+
+def main_color(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Mean colour (3,) of the main patch among pixels (n, 3): legends and borders are left out.
+
+    The half nearest to the median, twice.
+    """
+    values = pixels.astype(np.float64)
+    middle = np.median(values, axis=0)
+    for _ in range(2):
+        gap = ((values - middle) ** 2).sum(axis=1)
+        middle = values[gap <= np.median(gap)].mean(axis=0)
+    return np.asarray(middle)
+
+
+def real_faces(folder: Path) -> list[Face]:
+    """Faces of the boxed signs of a folder of real scenes (`scenes/scenes.json`) and crops (`scenes/crops/crops.json`)."""
+    scenes = folder / "scenes"
+    try:
+        listed = json.loads((scenes / "scenes.json").read_text(encoding="utf-8"))
+        crops = json.loads((scenes / "crops" / "crops.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{scenes}: wanted scenes.json and crops/crops.json, found {error}; correct --real"
+        ) from error
+    found: list[Face] = []
+    for scene in listed:
+        rgb = _read_rgb(scenes / scene["file"])
+        for number, sign in enumerate(scene["signs"]):
+            found += _real_face(rgb, sign, np.array(sign["box"]), f"{scene['file']}/{number}")
+    for crop in crops:
+        rgb = _read_rgb(scenes / crop["file"])
+        # The crops have a margin of about an eighth on every side.
+        x, y = rgb.shape[1] / 8, rgb.shape[0] / 8
+        box = np.array([x, y, rgb.shape[1] - x, rgb.shape[0] - y])
+        # Crops of one kind mostly show one sign.
+        found += _real_face(rgb, crop, box, f"crop/{crop['kind']}")
+    return found
+
+
+def _real_face(
+    rgb: NDArray[np.uint8], sign: dict[str, Any], box: NDArray[Any], name: str
+) -> list[Face]:
+    x0, y0, x1, y1 = (max(0, round(float(v))) for v in box)
+    pixels = rgb[y0:y1, x0:x1].reshape(-1, 3)
+    if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
+        return []
+    mean = main_color(pixels)
+    outline = region_sequences(rgb, np.array([box], np.float64), mean[None])[0]
+    aspect = (x1 - x0) / (y1 - y0)
+    return [Face(name, sign["color"], sign["shape"], False, aspect, mean, outline)]
+
+
+def _read_rgb(path: Path) -> NDArray[np.uint8]:
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if pixels is None:
+        raise InputError(f"{path}: wanted a picture, found none that can be read; correct --real")
+    return np.ascontiguousarray(pixels, np.uint8)
+
+
+def _candidates(pictures: Iterable[Picture]) -> Iterator[Segmented]:
+    """The pictures with the candidates that a run of preset `default` judges."""
+    segmented = segment(iter(pictures), SegmentSettings(), GateSettings())
+    return propose(segmented, settings=CandidateSettings())
+
+
+def _share(view: dict[str, Any]) -> float:
+    return float(view["visible_fraction"] or 0.0)
+
+
+def _height(view: dict[str, Any]) -> float:
+    return float(view["box"][3] - view["box"][1])
+
+
+def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], first: int) -> Views:
+    rgb, camera, regions = item.picture.rgb, item.picture.frame.camera, item.regions
+    if rgb is None or camera is None:
+        raise InputError("learning: wanted pictures with calibration, found one without")
+    n = len(regions)
+    overlap, nearest = np.zeros(n, np.float32), np.full(n, -1, np.int32)
+    label = np.full(n, OFF, np.int8)
+    if here:
+        gaps = overlap_of(regions.box, np.array([view["box"] for _, view in here]))
+        best = gaps.argmax(axis=1)
+        overlap = gaps.max(axis=1).astype(np.float32)
+        teaches = np.array([_share(v) >= FACE_SHARE and _height(v) >= FACE_PX for _, v in here])
+        label[overlap >= NEAR_FACE] = NEITHER
+        label[(overlap >= ON_FACE) & teaches[best]] = ON
+        nearest = np.where(overlap > 0, best + first, -1).astype(np.int32)
+    return Views(
+        candidate_features(rgb, regions, camera),
+        regions.rgb,
+        np.full(n, item.picture.frame.index, np.int32),
+        label,
+        overlap,
+        nearest,
+        regions.box,
+    )

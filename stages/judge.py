@@ -1,0 +1,117 @@
+"""The judge of one view: which boxes show the face of a sign.
+
+Boosted trees on what the box shows and where it stands; then the best of overlapping boxes. The judge of a place,
+later, sees all views together; so the bar here is low, and the score travels on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.models import TreeModel
+from wayside.schemas.regions import Candidates, Judged, Regions, verdict_code
+from wayside.schemas.settings import CandidateSettings
+from wayside.stages.numerics.boxes import suppressed_boxes
+from wayside.stages.numerics.colorspace import to_space
+from wayside.stages.numerics.maps import halved
+from wayside.stages.numerics.patch import patch_feature_names, patch_features
+from wayside.stages.numerics.trees import log_odds
+
+REGION_FEATURES = (
+    "log_height",
+    "log_width",
+    "log_aspect",
+    "up",
+    "right",
+    "beside",
+    "fill",
+    "source",
+    "region_brightness",
+    "region_red_green",
+    "region_blue_green",
+)
+"""Angular size and place, share of the box that the region fills, where it came from, its mean colour."""
+
+OVERLAP = 0.4
+"""Boxes that overlap a better one by more (IoU) show the same face."""
+
+
+def judge(
+    items: Iterator[Judged], *, trees: TreeModel, settings: CandidateSettings
+) -> Iterator[Judged]:
+    """Score all open candidates; those below the model's bar get the verdict `score`.
+
+    Of overlapping survivors the best stays (`overlap`), of all of them the best `settings.keep` (`score`).
+    """
+    for item in items:
+        picture = item.segmented.picture
+        rows = item.candidates.open_rows()
+        if picture.rgb is None or picture.frame.camera is None or len(rows) == 0:
+            yield item
+            continue
+        values = candidate_features(
+            picture.rgb, item.candidates.regions.select(rows), picture.frame.camera
+        )
+        found = log_odds(trees, values)
+        yield replace(
+            item, candidates=decided(item.candidates, rows, found, trees.accept, settings.keep)
+        )
+
+
+def feature_names() -> tuple[str, ...]:
+    """Names of the columns of `candidate_features`, in order."""
+    return (*REGION_FEATURES, *patch_feature_names())
+
+
+def candidate_features(
+    rgb: NDArray[np.uint8], regions: Regions, camera: Camera
+) -> NDArray[np.float32]:
+    """What the judge knows of each region: shape (n, features), in the order of `feature_names`."""
+    half = halved(rgb)
+    patch = patch_features((rgb, half, halved(half)), regions.box)
+    return np.concatenate([region_features(regions, camera), patch], axis=1)
+
+
+def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
+    """Size, place and colour of each region: (n, 11). Sizes and places are angles (tangents), whatever the camera."""
+    box = regions.box.astype(np.float64)
+    width, height = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
+    middle = (box[:, :2] + box[:, 2:] - 1) / 2
+    right = (middle[:, 0] - camera.cx) / camera.fx
+    columns = [
+        np.log(height / camera.fy),
+        np.log(width / camera.fx),
+        np.log((width / camera.fx) / (height / camera.fy)),
+        (camera.cy - middle[:, 1]) / camera.fy,
+        right,
+        np.abs(right),
+        regions.area_px / (width * height),
+        regions.source,
+        to_space(regions.rgb, "log_chromaticity"),
+    ]
+    return np.column_stack(columns).astype(np.float32)
+
+
+def decided(
+    candidates: Candidates,
+    rows: NDArray[np.int64],
+    found: NDArray[np.float32],
+    accept: float,
+    keep: int,
+) -> Candidates:
+    """The candidates with the scores `found` of `rows` and the verdicts that follow from them."""
+    score, verdict = candidates.score.copy(), candidates.verdict.copy()
+    score[rows] = found
+    verdict[rows[found < accept]] = verdict_code("score")
+    alive = rows[found >= accept]
+    # Best first; the earlier row wins a tie.
+    alive = alive[np.argsort(-score[alive], kind="stable")]
+    hidden = suppressed_boxes(candidates.regions.box[alive], OVERLAP)
+    verdict[alive[hidden]] = verdict_code("overlap")
+    verdict[alive[~hidden][keep:]] = verdict_code("score")
+    return replace(candidates, score=score, verdict=verdict)

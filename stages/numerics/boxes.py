@@ -1,0 +1,110 @@
+"""Small things done with many boxes `[x0, y0, x1, y1]`, half open, pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.numerics.compiled import compiled
+from wayside.stages.numerics.guards import require_array, require_picture
+
+
+def distinct_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.int64]:
+    """Rows of the boxes (n, 4) float32 that overlap no earlier kept one by more than `same` (IoU), in order."""
+    box = np.ascontiguousarray(box, np.float32)
+    require_array(box, "box", np.float32, (None, 4))
+    kept = np.empty(len(box), np.int64)
+    return kept[: _distinct(box, same, kept)]
+
+
+def suppressed_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.bool_]:
+    """Which boxes (n, 4), given best first, overlap a better one that stays by more than `same` (IoU)."""
+    hidden = np.ones(len(box), np.bool_)
+    hidden[distinct_boxes(box, same)] = False
+    return hidden
+
+
+def overlap_of(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """IoU of each box a (n, 4) with each box b (m, 4): (n, m)."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    shared = np.prod(np.clip(high - low, 0, None), axis=2, dtype=np.float64)
+    own = np.prod(a[:, 2:] - a[:, :2], axis=1, dtype=np.float64)
+    other = np.prod(b[:, 2:] - b[:, :2], axis=1, dtype=np.float64)
+    return np.asarray(shared / np.maximum(own[:, None] + other[None] - shared, 1e-9))
+
+
+def patch_means(
+    rgb: NDArray[np.uint8], values: NDArray[np.uint8], box: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Mean colour (n, 3) of the brighter part of a map in each box: where `values` is at least its mean there.
+
+    rgb (height, width, 3) and values (height, width) uint8; boxes inside the picture.
+    At most about 24 x 24 samples a box are looked at.
+    """
+    require_picture(rgb)
+    require_array(values, "values", np.uint8, rgb.shape[:2])
+    box = np.ascontiguousarray(box, np.float32)
+    require_array(box, "box", np.float32, (None, 4))
+    result = np.zeros((len(box), 3), np.float32)
+    _patch_means(rgb, values, box, result)
+    return result
+
+
+@compiled
+def _distinct(box: Any, same: Any, kept: Any) -> Any:
+    m = 0
+    for i in range(box.shape[0]):
+        own = (box[i, 2] - box[i, 0]) * (box[i, 3] - box[i, 1])
+        new = True
+        for k in range(m):
+            j = kept[k]
+            w = min(box[i, 2], box[j, 2]) - max(box[i, 0], box[j, 0])
+            if w <= 0:
+                continue
+            h = min(box[i, 3], box[j, 3]) - max(box[i, 1], box[j, 1])
+            if h <= 0:
+                continue
+            other = (box[j, 2] - box[j, 0]) * (box[j, 3] - box[j, 1])
+            if w * h > same * (own + other - w * h):
+                new = False
+                break
+        if new:
+            kept[m] = i
+            m += 1
+    return m
+
+
+@compiled
+def _patch_means(rgb: Any, values: Any, box: Any, result: Any) -> None:
+    height, width = values.shape
+    for i in range(box.shape[0]):
+        x0 = max(0, int(box[i, 0]))
+        y0 = max(0, int(box[i, 1]))
+        x1 = min(width, int(np.ceil(box[i, 2])))
+        y1 = min(height, int(np.ceil(box[i, 3])))
+        dx = max(1, (x1 - x0) // 24)
+        dy = max(1, (y1 - y0) // 24)
+        total = 0
+        n = 0
+        for y in range(y0, y1, dy):
+            for x in range(x0, x1, dx):
+                total += values[y, x]
+                n += 1
+        r = 0
+        g = 0
+        b = 0
+        m = 0
+        for y in range(y0, y1, dy):
+            for x in range(x0, x1, dx):
+                if values[y, x] * n >= total:
+                    r += rgb[y, x, 0]
+                    g += rgb[y, x, 1]
+                    b += rgb[y, x, 2]
+                    m += 1
+        if m > 0:
+            result[i, 0] = r / m
+            result[i, 1] = g / m
+            result[i, 2] = b / m

@@ -1,0 +1,122 @@
+"""Candidates for sign faces beyond the segments: regions that last over the levels of a few maps.
+
+One palette for a whole picture covers half of the faces; a face is one connected region at some level of some map
+(colour against other colours, lighter or darker than the neighbourhood). All levels of six maps are swept, at full
+size where far signs stand (near the horizon), at half and quarter size for near and large ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.regions import SOURCES, Regions, Segmented
+from wayside.schemas.settings import CandidateSettings
+from wayside.stages.numerics.boxes import distinct_boxes, patch_means
+from wayside.stages.numerics.levels import level_regions
+from wayside.stages.numerics.maps import LOWEST, face_maps, halved
+
+BANDS = ((-0.075, 0.06), (-0.20, 0.10), (-0.42, 0.16))
+"""Rows looked at in full, half and quarter size, as tangents from the optical axis (up negative).
+
+On level and hilly roads all faces under 40 px stand in the first, under 80 px in the second; pitch and hills included.
+"""
+
+STEP = 4
+"""Width of a level; noise of a recorded picture is about as large."""
+
+LASTING = 2
+"""Levels over which a box must last."""
+
+NARROWEST, WIDEST = 0.2, 5.0
+"""Width by height of a face's box."""
+
+SHORTEST_PX = 8
+"""Height of the smallest face looked for, pixels of the picture."""
+
+SAME = 0.7
+"""Boxes that overlap more (IoU) are one candidate; at .45 faces were lost to their neighbours, at .6 not."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    box: NDArray[np.float32]
+    area: NDArray[np.int32]
+    rgb: NDArray[np.float32]
+    lasted: NDArray[np.int32]
+
+
+def propose(items: Iterator[Segmented], *, settings: CandidateSettings) -> Iterator[Segmented]:
+    """Add regions of the sources `level` to each picture's segments.
+
+    Segments outside the size of a face are dropped, like boxes are merged; at most `settings.most` regions
+    remain, those that lasted over most levels first. A picture that is not used passes untouched.
+    """
+    for item in items:
+        rgb, camera = item.picture.rgb, item.picture.frame.camera
+        if rgb is None or camera is None:
+            yield item
+            continue
+        found = [level_candidates(band, top, scale) for band, top, scale in bands(rgb, camera)]
+        yield replace(item, regions=merged(item.regions, found, settings.most))
+
+
+def bands(rgb: NDArray[np.uint8], camera: Camera) -> Iterator[tuple[NDArray[np.uint8], int, int]]:
+    """The strips of the picture that are swept: pixels, first row in the picture, pixels of the picture per pixel."""
+    scale = 1
+    for above, below in BANDS:
+        top = max(0, round(camera.cy + above * camera.fy)) // 4 * 4
+        bottom = min(rgb.shape[0], round(camera.cy + below * camera.fy))
+        strip = rgb[top : max(top, bottom)]
+        for _ in range(scale.bit_length() - 1):
+            strip = halved(strip)
+        yield np.ascontiguousarray(strip), top, scale
+        scale *= 2
+
+
+def level_candidates(band: NDArray[np.uint8], top: int, scale: int) -> _Found:
+    """Regions of all maps of one strip, boxes in pixels of the picture."""
+    maps = face_maps(band)
+    parts = []
+    for values, lowest in zip(maps, LOWEST, strict=True):
+        shortest = max(SHORTEST_PX // scale, 6)
+        swept = level_regions(
+            values, lowest=lowest, step=STEP, lasting=LASTING, smallest=(3, shortest)
+        )
+        size = swept.box[:, 2:] - swept.box[:, :2]
+        aspect = size[:, 0] / size[:, 1]
+        keep = (aspect >= NARROWEST) & (aspect <= WIDEST)
+        box = swept.box[keep]
+        rgb = patch_means(band, values, box)
+        box = box * scale + np.array([0, top, 0, top], np.float32)
+        parts.append(_Found(box, swept.area[keep] * scale**2, rgb, swept.lasted[keep]))
+    return _Found(
+        np.concatenate([p.box for p in parts]),
+        np.concatenate([p.area for p in parts]),
+        np.concatenate([p.rgb for p in parts]),
+        np.concatenate([p.lasted for p in parts]),
+    )
+
+
+def merged(segments: Regions, found: list[_Found], most: int) -> Regions:
+    """Segments and swept regions as one table, like boxes once, at most `most` rows."""
+    size = segments.box[:, 2:] - segments.box[:, :2]
+    aspect = size[:, 0] / np.maximum(size[:, 1], 1)
+    plausible = (aspect >= NARROWEST) & (aspect <= WIDEST) & (size[:, 1] >= SHORTEST_PX)
+    segments = segments.select(plausible)
+    count = sum(len(f.box) for f in found)
+    box = np.concatenate([*(f.box for f in found), segments.box]).astype(np.float32)
+    together = Regions(
+        box,
+        np.concatenate([*(f.area for f in found), segments.area_px]).astype(np.int32),
+        np.concatenate([*(f.rgb for f in found), segments.rgb]).astype(np.float32),
+        np.concatenate([np.full(count, SOURCES.index("level"), np.uint8), segments.source]),
+    )
+    lasted = np.concatenate([*(f.lasted for f in found), np.zeros(len(segments), np.int32)])
+    order = np.argsort(-lasted, kind="stable")
+    kept = distinct_boxes(box[order], SAME)[:most]
+    return together.select(order[kept])
