@@ -47,7 +47,7 @@ LAW_LIMIT = np.radians([1.2, 0.9])
 WIDE_SLACK_PX, ENOUGH_AGREEING = 160.0, 60
 AGAIN_RAD, ROUNDS = np.radians(0.1), 3
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
-ROTATION_INFLATION, DIRECTION_INFLATION = 3.0, 4.0
+ROTATION_INFLATION, DIRECTION_INFLATION = 2.0, 5.0
 """Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, NEAREST_FLOW_PX = 8, 0.15, 6.0
@@ -234,27 +234,35 @@ class Drive:
 
 def _refine(before: View, now: View, rotation: Array, direction: Array, prior: Prior) -> Step:
     # Ties chosen by a motion tend to confirm it: choose again while it still moves.
-    for _ in range(ROUNDS):
-        tied = register_ties(before, now, rotation, direction)
-        previous = rays_of_ideal(before.camera, tied.previous)
-        current = rays_of_ideal(now.camera, tied.current)
-        last = direction
-        for scale in FINE_SCALES_PX:
-            fit = fit_epipolar(
-                previous,
-                current,
-                (rotation, direction),
-                prior,
-                focal_px=now.focal_px,
-                sigma_px=REGISTERED_SIGMA_PX,
-                scale_px=scale,
-            )
-            rotation, direction = fit.rotation, fit.direction
-        if np.abs(direction - last).max() < AGAIN_RAD:
+    tied = register_ties(before, now, rotation, direction)
+    step = _fit_ties(before, now, tied, (rotation, direction), prior)
+    for _ in range(ROUNDS - 1):
+        if np.abs(step.direction - direction).max() < AGAIN_RAD:
             break
-    gaps = sampson_px(previous, current, rotation, direction, now.focal_px)
-    inlier = np.abs(gaps) < INLIER_PX
-    return Step(rotation, direction, prior, tied, previous, current, inlier)
+        rotation, direction = step.rotation, step.direction
+        tied = register_ties(before, now, rotation, direction, tied)
+        step = _fit_ties(before, now, tied, (rotation, direction), prior)
+    return step
+
+
+def _fit_ties(
+    before: View, now: View, tied: Tied, start: tuple[Array, Array], prior: Prior
+) -> Step:
+    previous = rays_of_ideal(before.camera, tied.previous)
+    current = rays_of_ideal(now.camera, tied.current)
+    for scale in FINE_SCALES_PX:
+        fit = fit_epipolar(
+            previous,
+            current,
+            start,
+            prior,
+            focal_px=now.focal_px,
+            sigma_px=REGISTERED_SIGMA_PX,
+            scale_px=scale,
+        )
+        start = (fit.rotation, fit.direction)
+    gaps = sampson_px(previous, current, *start, now.focal_px)
+    return Step(*start, prior, tied, previous, current, np.abs(gaps) < INLIER_PX)
 
 
 def _mount(rotation: Array, direction: Array) -> Array:

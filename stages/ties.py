@@ -38,6 +38,7 @@ COARSE_SIGMA_PX = 1.0
 GUIDED_WIDTH_PX = 4.0
 CELL_PX, PER_CELL = 100.0, 6
 """Matches that are registered: at most so many of the best in each cell of the picture."""
+NEAR_EPIPOLE_PX = 20.0
 ALIKE = 0.85
 """Smallest correlation of a registered patch."""
 REGISTERED_SIGMA_PX = 0.08
@@ -73,12 +74,14 @@ class View:
 class Tied(NamedTuple):
     """Registered tie points of a pair.
 
-    previous, current (n, 2): ideal pixels; rows (n, 2): corners of both pictures they stem from.
+    previous, current (n, 2): ideal pixels; rows (n, 2): corners of both pictures they stem from; tried: all rows
+    that were registered, with where they were found (nan: nowhere).
     """
 
     previous: Array
     current: Array
     rows: NDArray[np.int64]
+    tried: tuple[NDArray[np.int64], Array]
 
 
 def find_coarse_motion(
@@ -143,25 +146,52 @@ def _released(
     )
 
 
-def register_ties(before: View, now: View, rotation: Array, direction: Array) -> Tied:
-    """Match again in narrow bands along the epipolar lines and register every match to sub-pixel."""
+def register_ties(
+    before: View, now: View, rotation: Array, direction: Array, last: Tied | None = None
+) -> Tied:
+    """Match again in narrow bands along the epipolar lines and register every match to sub-pixel.
+
+    Matches that `last` has tried already keep their result: it does not depend on the motion.
+    """
     pairs = _match(before, now, rotation, direction, GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
     pairs = _spread(pairs, before.corners)
+    found = np.full((len(pairs), 2), np.nan)
+    fresh = np.ones(len(pairs), np.bool_)
+    if last is not None:
+        keys, known = _keys(pairs, now), _keys(last.tried[0], now)
+        _, here, there = np.intersect1d(keys, known, assume_unique=True, return_indices=True)
+        found[here] = last.tried[1][there]
+        fresh[here] = False
+    found[fresh] = _register(before, now, rotation, direction, pairs[fresh])
+    good = np.isfinite(found[:, 0])
+    corners = np.rint(before.corners[pairs[good, 0]]).astype(np.float64)
+    return Tied(
+        ideal_points(before.camera, corners),
+        ideal_points(now.camera, found[good]),
+        pairs[good],
+        (pairs, found),
+    )
+
+
+def _keys(pairs: NDArray[np.int64], now: View) -> NDArray[np.int64]:
+    keys: NDArray[np.int64] = pairs[:, 0] * len(now.corners) + pairs[:, 1]
+    return keys
+
+
+def _register(
+    before: View, now: View, rotation: Array, direction: Array, pairs: NDArray[np.int64]
+) -> Array:
+    """Recorded pixels (n, 2) in the second picture of the first one's corners, nan where they do not look alike."""
     far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
     corners = np.rint(before.corners[pairs[:, 0]]).astype(np.int64)
     # Growth from the distances to the epipole; near it they say nothing, and growth is small there.
     reach = np.linalg.norm(far - epipole, axis=1)
     growth = np.linalg.norm(now.ideal[pairs[:, 1]] - epipole, axis=1) / np.maximum(reach, 1e-9)
-    growth = np.where(reach > 20, np.clip(growth, 0.8, LARGEST_GROWTH), 1.1)
+    growth = np.where(reach > NEAR_EPIPOLE_PX, np.clip(growth, 0.8, LARGEST_GROWTH), 1.1)
     shift = corners - before.corners[pairs[:, 0]].astype(np.float64)
-    starts = now.corners[pairs[:, 1]] + shift * growth[:, None]
-    found = register_patches(before.grey, now.grey, corners, np.ascontiguousarray(starts), growth)
-    good = found.zncc >= ALIKE
-    return Tied(
-        ideal_points(before.camera, corners[good].astype(np.float64)),
-        ideal_points(now.camera, found.point[good]),
-        pairs[good],
-    )
+    starts = np.ascontiguousarray(now.corners[pairs[:, 1]] + shift * growth[:, None])
+    registered = register_patches(before.grey, now.grey, corners, starts, growth)
+    return np.where(registered.zncc[:, None] >= ALIKE, registered.point, np.nan)
 
 
 def _match(

@@ -71,28 +71,33 @@ def register_patches(
 
 @compiled
 def _sample(
-    picture: NDArray[np.uint8], u: float, v: float, scale: float, patch: Array
+    picture: NDArray[np.uint8],
+    u: float,
+    v: float,
+    scale: float,
+    columns: NDArray[np.int64],
+    shares: Array,
+    patch: Array,
 ) -> tuple[float, float]:
     # Bilinear (SIDE, SIDE) patch round u, v; returns mean and root of the sum of squares about it, or -1 outside.
     reach = RADIUS * scale
     height, width = picture.shape
     if not (u - reach >= 0 and v - reach >= 0 and u + reach < width - 1 and v + reach < height - 1):
         return 0.0, -1.0
+    for j in range(SIDE):
+        x = u + scale * (j - RADIUS)
+        columns[j] = int(x)
+        shares[j] = x - int(x)
     total, squares = 0.0, 0.0
     for i in range(SIDE):
         y = v + scale * (i - RADIUS)
         row = int(y)
         fy = y - row
         for j in range(SIDE):
-            x = u + scale * (j - RADIUS)
-            column = int(x)
-            fx = x - column
-            a = picture[row, column] + fx * (
-                float(picture[row, column + 1]) - float(picture[row, column])
-            )
-            b = picture[row + 1, column] + fx * (
-                float(picture[row + 1, column + 1]) - float(picture[row + 1, column])
-            )
+            c, fx = columns[j], shares[j]
+            a, b = float(picture[row, c]), float(picture[row + 1, c])
+            a += fx * (float(picture[row, c + 1]) - a)
+            b += fx * (float(picture[row + 1, c + 1]) - b)
             value = a + fy * (b - a)
             patch[i, j] = value
             total += value
@@ -174,7 +179,7 @@ def _register(
     template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
     slopes = np.empty((3, SIDE, SIDE))
     normal, inverse = np.empty((3, 3)), np.empty((3, 3))
-    right = np.empty(3)
+    columns, shares = np.empty(SIDE, np.int64), np.empty(SIDE)
     for n in range(corners.shape[0]):
         cu, cv = corners[n, 0], corners[n, 1]
         edge = RADIUS + 1
@@ -229,29 +234,27 @@ def _register(
         u, v = _coarse(near, template, starts[n], scale, search)
         zncc = 0.0
         for _ in range(ITERATIONS):
-            mean, norm = _sample(near, u, v, scale, patch)
+            mean, norm = _sample(near, u, v, scale, columns, shares, patch)
             if norm <= 1e-6:
                 zncc = 0.0
                 break
-            product = 0.0
-            right[:] = 0.0
+            product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0
             for i in range(SIDE):
                 for j in range(SIDE):
                     value = patch[i, j] - mean
                     product += value * template[i, j]
-                    for k in range(3):
-                        right[k] += slopes[k, i, j] * value
+                    r0 += slopes[0, i, j] * value
+                    r1 += slopes[1, i, j] * value
+                    r2 += slopes[2, i, j] * value
             zncc = product / (norm * norm_t)
             if zncc < 0.3:
                 break
             # gain of the near patch against the template
             gain = product / square_t
-            du, dv, ds = 0.0, 0.0, 0.0
-            for k in range(3):
-                value = right[k] / gain
-                du += inverse[0, k] * value
-                dv += inverse[1, k] * value
-                ds += inverse[2, k] * value
+            r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
+            du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
+            dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
+            ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
             ds = min(0.2, max(-0.2, ds))
             # the template moved by (d, 1 + ds) fits the patch: compose the inverse of that with the warp so far
             scale /= 1.0 + ds

@@ -89,20 +89,27 @@ def pair_residual(
     Returns
     -------
     Array
-        (n,) px squared; inf where the rays do not meet ahead of both cameras.
+        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the best place
+        that is left, with its gap shared by both pictures.
     """
-    ones = np.ones((len(previous), 1))
-    first, second = np.hstack([previous, ones]), np.hstack([current, ones]) @ np.asarray(rotation).T
-    found = midpoint(np.zeros(3), direction, first, second)
-    behind = ~found.ahead
-    point = np.where(behind[:, None], 1.0, found.point)
-    local = (point - direction) @ rotation
-    local[:, 2] = np.where(local[:, 2] > 0, local[:, 2], np.nan)
-    gaps = np.hstack(
-        [point[:, :2] / point[:, 2:] - previous, local[:, :2] / local[:, 2:] - current]
-    )
+    first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
+    ones, turn = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
+    rays = np.hstack([first, ones]), np.hstack([second, ones]) @ turn.T
+    found = midpoint(np.zeros(3), direction, *rays)
+    local = (found.point - direction) @ turn
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gaps = np.hstack(
+            [
+                found.point[:, :2] / found.point[:, 2:] - first,
+                local[:, :2] / local[:, 2:] - second,
+            ]
+        )
+        far = rays[0] @ turn
+        apart = far[:, :2] / far[:, 2:] - second
+    near = found.ahead & (found.point[:, 2] > 0) & (local[:, 2] > 0)
     squares = ((gaps * (*focal_px, *focal_px)) ** 2).sum(axis=1)
-    return np.where(behind | np.isnan(squares), np.inf, squares)
+    distant = 0.5 * ((apart * focal_px) ** 2).sum(axis=1)
+    return np.asarray(np.where(near, squares, distant))
 
 
 def triangulate_views(
