@@ -1,0 +1,53 @@
+# Everything a newcomer needs; each target first makes the environment in .venv.
+# Needs make and Python 3.11; `make PYTHON=/path/to/python` chooses another one.
+
+MAKEFLAGS += --no-print-directory
+SHELL := /bin/sh
+PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
+	$(name) -c 'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
+RUN := .venv/bin/python -m
+JOBS ?= 2
+
+.PHONY: help demo test check accept drives learn clean
+help:
+	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
+	@echo 'make test     run the fast tests'
+	@echo 'make check    lint, format, types, layers'
+	@echo 'make accept   measure recall, precision and accuracy on rendered drives; fails below the floor'
+	@echo 'make drives   render all drives into .cache/drives'
+	@echo 'make learn    learn the models from the rendered drives'
+	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
+
+demo: .venv/.ready
+	@.venv/bin/wayside run recordings/demo.mcap -o out/demo
+	@echo
+	@.venv/bin/wayside evaluate out/demo --truth recordings/demo.truth.json
+
+test: .venv/.ready
+	@$(RUN) pytest -q
+
+check: .venv/.ready
+	@$(RUN) ruff check
+	@$(RUN) ruff format --check
+	@$(RUN) mypy
+	@.venv/bin/lint-imports
+
+accept: .venv/.ready
+	@.venv/bin/python benchmarks/accept.py --jobs $(JOBS)
+
+drives: .venv/.ready
+	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
+
+learn: drives
+	@.venv/bin/wayside fit .cache/drives
+
+clean:
+	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+
+.venv/.ready: pyproject.toml requirements.lock
+	@test -n "$(PYTHON)" || { echo 'wanted Python 3.11 or newer, found none; install it or say make PYTHON=/path/to/python' >&2; exit 2; }
+	@echo 'making the environment in .venv (once)'
+	@$(PYTHON) -m venv .venv
+	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@

@@ -1,0 +1,93 @@
+"""What is installed is what stands in the folders, with dependencies that are pinned and explained."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LAYERS = ("pipeline", "stages", "schemas")
+
+
+@pytest.fixture(scope="module")
+def project() -> dict[str, Any]:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def requirement_name(text: str) -> str:
+    return re.sub(r"[-_.]+", "-", re.split(r"[^\w.-]", text.strip(), maxsplit=1)[0]).lower()
+
+
+def pins() -> dict[str, str]:
+    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    return dict(
+        (requirement_name(name), number)
+        for name, _, number in (line.partition("==") for line in lines if line and line[0] != "#")
+    )
+
+
+def test_every_folder_with_modules_is_a_listed_package(project: dict[str, Any]) -> None:
+    folders = {
+        ".".join(("wayside", *path.parent.relative_to(ROOT).parts))
+        for layer in LAYERS
+        for path in (ROOT / layer).rglob("*.py")
+        if "__pycache__" not in path.parts
+    }
+    assert set(project["tool"]["setuptools"]["packages"]) == folders
+
+
+def test_every_package_has_an_init_module(project: dict[str, Any]) -> None:
+    for name in project["tool"]["setuptools"]["packages"]:
+        folder = ROOT.joinpath(*name.split(".")[1:])
+        assert (folder / "__init__.py").is_file(), name
+
+
+def test_every_layer_is_marked_as_typed() -> None:
+    assert all((ROOT / layer / "py.typed").is_file() for layer in LAYERS)
+
+
+def test_every_data_file_is_of_a_kind_that_is_packed(project: dict[str, Any]) -> None:
+    packed = project["tool"]["setuptools"]["package-data"]["*"]
+    for layer in LAYERS:
+        for path in (ROOT / layer).rglob("*"):
+            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:
+                assert any(path.match(pattern) for pattern in packed), path
+
+
+def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> None:
+    extras = project["project"]["optional-dependencies"].values()
+    wanted = [*project["project"]["dependencies"], *(name for extra in extras for name in extra)]
+    words = (ROOT / "docs" / "dependencies.md").read_text()
+    for text in wanted:
+        name = requirement_name(text)
+        assert name in pins(), f"{name} is not in requirements.lock"
+        assert f"`{name}`" in words, f"{name} is not explained in docs/dependencies.md"
+
+
+def test_nothing_is_explained_that_is_no_longer_used(project: dict[str, Any]) -> None:
+    extras = project["project"]["optional-dependencies"].values()
+    wanted = [*project["project"]["dependencies"], *(name for extra in extras for name in extra)]
+    names = {requirement_name(text) for text in wanted}
+    rows = re.findall(
+        r"^\| `([\w-]+)` \|", (ROOT / "docs" / "dependencies.md").read_text(), re.MULTILINE
+    )
+    assert set(rows) == names
+    assert len(rows) == len(set(rows))
+
+
+def test_pins_hold_versions_and_no_places() -> None:
+    for line in (ROOT / "requirements.lock").read_text().splitlines():
+        assert line.startswith("#") or re.fullmatch(r"[\w.-]+==[\w.!+]+", line), line
+
+
+def test_the_change_log_knows_the_version(project: dict[str, Any]) -> None:
+    assert project["project"]["version"] == version("wayside")
+    log = (ROOT / "CHANGELOG.md").read_text()
+    assert re.search(
+        r"^## \[?(Unreleased|" + re.escape(version("wayside")) + r")\b", log, re.MULTILINE
+    )
