@@ -1,0 +1,65 @@
+"""Lengths and times as people write them on a command line."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from wayside.schemas.errors import UsageError
+
+METRES_IN_FOOT = 0.3048
+
+_UNITS = {
+    "m": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "ft": METRES_IN_FOOT,
+    "foot": METRES_IN_FOOT,
+    "feet": METRES_IN_FOOT,
+    "'": METRES_IN_FOOT,
+}
+_LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-z']*)")
+_CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:\.\d*)?)")
+_SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
+
+
+def parse_length(text: str) -> float:
+    """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'".
+
+    Raises
+    ------
+    UsageError
+        The text is no length, has no unit, or is negative.
+    """
+    match = _LENGTH.fullmatch(text.strip().lower())
+    if match is None or match[2] not in _UNITS:
+        raise UsageError(
+            f"wanted a length with its unit, found {text!r}; write feet or metres, as in 26.4ft or 8.05m"
+        )
+    metres = float(match[1]) * _UNITS[match[2]]
+    if metres < 0 or not math.isfinite(metres):
+        raise UsageError(f"wanted a length that is not negative, found {text!r}; 8m is one")
+    return metres
+
+
+def parse_time(text: str) -> float:
+    """Seconds of a time: "90", "90s", "1:30", "1:02:03.5".
+
+    Raises
+    ------
+    UsageError
+        The text is no time.
+    """
+    bare = text.strip().lower()
+    if clock := _CLOCK.fullmatch(bare):
+        hours, minutes, seconds = int(clock[1] or 0), int(clock[2]), float(clock[3])
+        if seconds < 60 and (clock[1] is None or minutes < 60):
+            return 3600.0 * hours + 60.0 * minutes + seconds
+    elif plain := _SECONDS.fullmatch(bare):
+        return float(plain[1])
+    raise UsageError(
+        f"wanted a time after the first picture, found {text!r}; write seconds or minutes:seconds, "
+        "as in 90s or 1:30"
+    )

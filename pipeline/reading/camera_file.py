@@ -1,0 +1,69 @@
+"""Camera calibrations as files of the form ROS tools write (camera_info YAML)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from wayside.pipeline.reading.contents import ContentError, make_camera
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
+
+_EXAMPLE = "image_width, image_height, camera_matrix, distortion_model and distortion_coefficients"
+
+
+def read_camera_file(path: Path) -> Camera:
+    """Camera of a ROS camera_info YAML file.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is no calibration of that form.
+    """
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "no text"
+        raise InputError(
+            f"{path}: wanted a camera calibration to read, found: {reason}; check the name"
+        ) from error
+    return parse_camera(text, str(path))
+
+
+def parse_camera(text: str, name: str) -> Camera:
+    """Camera of the text of a ROS camera_info YAML file; `name` is for errors.
+
+    Raises
+    ------
+    InputError
+        The text is no calibration of that form.
+    """
+    try:
+        content = yaml.safe_load(text)
+        if not isinstance(content, dict):
+            raise ContentError("it has no named entries")
+        missing = [k for k in ("image_width", "image_height", "camera_matrix") if k not in content]
+        if missing:
+            raise ContentError(f"it has no {missing[0]}")
+        return make_camera(
+            (int(content["image_width"]), int(content["image_height"])),
+            _numbers(content["camera_matrix"]),
+            str(content.get("distortion_model") or ""),
+            _numbers(content.get("distortion_coefficients", ())),
+        )
+    except (yaml.YAMLError, ContentError, TypeError, ValueError) as error:
+        what = "no YAML" if isinstance(error, yaml.YAMLError) else f"a fault: {error}"
+        raise InputError(
+            f"{name}: wanted a camera calibration (ROS camera_info YAML), found {what}; "
+            f"such a file has {_EXAMPLE}"
+        ) from error
+
+
+def _numbers(entry: Any) -> tuple[float, ...]:
+    """Numbers of a matrix entry: `{rows, cols, data: [...]}`, a list, or a list of rows."""
+    values = entry.get("data", ()) if isinstance(entry, dict) else entry
+    rows = values if isinstance(values, (list, tuple)) else [values]
+    flat = [v for row in rows for v in (row if isinstance(row, list) else [row])]
+    return tuple(float(v) for v in flat)

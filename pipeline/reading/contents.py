@@ -1,0 +1,115 @@
+"""What messages say, whatever dialect they say it in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from wayside.schemas.frame import Camera, Fix
+
+Quaternion = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
+
+
+class ContentError(ValueError):
+    """A message that follows its schema and still makes no sense."""
+
+
+@dataclass(frozen=True, slots=True)
+class PictureContent:
+    """A picture: compressed (`width`, `height`, `step` 0) or raw rows of `step` bytes."""
+
+    time_ns: int | None
+    frame_id: str
+    encoding: str
+    data: memoryview = field(repr=False)
+    width: int = 0
+    height: int = 0
+    step: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationContent:
+    """A calibration; `camera` is None where it cannot be used, and `why` says for what reason."""
+
+    time_ns: int | None
+    frame_id: str
+    camera: Camera | None
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseContent:
+    """Frame `child` in frame `parent` (names may be empty): rotation x, y, z, w; translation in metres."""
+
+    time_ns: int | None
+    parent: str
+    child: str
+    rotation: Quaternion
+    translation: Vector
+    sigma_m: float | None = None
+    sigma_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no rigid motion."""
+        if not all(map(math.isfinite, (*self.rotation, *self.translation))):
+            raise ContentError("a pose that is not finite")
+        if not 0.5 < math.hypot(*self.rotation) < 2.0:
+            raise ContentError("a pose whose quaternion has no direction")
+
+
+@dataclass(frozen=True, slots=True)
+class FixContent:
+    """A satellite fix."""
+
+    time_ns: int | None
+    fix: Fix
+
+
+Content = PictureContent | CalibrationContent | PoseContent | FixContent
+
+_SUPPORTED_LENSES = {"", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"}
+_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+
+
+def make_camera(
+    size: tuple[int, int], k: tuple[float, ...], model: str, d: tuple[float, ...]
+) -> Camera:
+    """A camera of the 3x3 matrix `k` (row by row) and the distortion `d` of a lens model by its ROS name.
+
+    Raises
+    ------
+    ContentError
+        The camera is not calibrated, or its lens is none that can be used.
+    """
+    if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
+        raise ContentError("it has no focal length (not calibrated)")
+    if not (0 < size[0] < 1 << 16 and 0 < size[1] < 1 << 16):
+        raise ContentError(f"its picture size {size[0]} x {size[1]} makes no sense")
+    if not any(d):
+        d = ()
+    if d and model.lower() not in _SUPPORTED_LENSES:
+        raise ContentError(
+            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are"
+        )
+    if len(d) not in _COEFFICIENTS:
+        raise ContentError(f"its lens has {len(d)} coefficients; 0, 4, 5 or 8 are understood")
+    return Camera(size[0], size[1], k[0], k[4], k[2], k[5], d)
+
+
+def make_fix(
+    latitude: float, longitude: float, altitude: float, covariance: tuple[float, ...] | None
+) -> Fix | None:
+    """A fix with the standard deviations east, north, up of its row-major 3x3 covariance.
+
+    None where latitude or longitude is not finite or out of range: receivers write that while they have no fix.
+    """
+    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        return None
+    sigma = None
+    if covariance is not None and len(covariance) == 9:
+        east, north, up = covariance[0], covariance[4], covariance[8]
+        if min(east, north, up) > 0 and math.isfinite(east + north + up):
+            sigma = (math.sqrt(east), math.sqrt(north), math.sqrt(up))
+    height = altitude if math.isfinite(altitude) else 0.0
+    return Fix(latitude, longitude, height, sigma)

@@ -1,0 +1,101 @@
+"""Contents of the Foxglove schemas, unpacked from protobuf or JSON.
+
+Field names and meanings: https://docs.foxglove.dev/docs/sdk/schemas
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from wayside.pipeline.reading.contents import (
+    CalibrationContent,
+    ContentError,
+    FixContent,
+    PictureContent,
+    PoseContent,
+    make_camera,
+    make_fix,
+)
+
+
+def compressed_image(message: Any, data: memoryview) -> list[PictureContent]:
+    """`foxglove.CompressedImage`."""
+    return [PictureContent(_time(message), _name(message), message.format, data)]
+
+
+def raw_image(message: Any, data: memoryview) -> list[PictureContent]:
+    """`foxglove.RawImage`."""
+    m = message
+    return [PictureContent(_time(m), _name(m), m.encoding, data, m.width, m.height, m.step)]
+
+
+def calibration(message: Any, _: memoryview) -> list[CalibrationContent]:
+    """`foxglove.CameraCalibration`."""
+    m = message
+    try:
+        camera = make_camera(
+            (m.width, m.height),
+            tuple(map(float, m.K)),
+            getattr(m, "distortion_model", ""),
+            tuple(map(float, getattr(m, "D", ()))),
+        )
+    except ContentError as error:
+        return [CalibrationContent(_time(m), _name(m), None, str(error))]
+    return [CalibrationContent(_time(m), _name(m), camera)]
+
+
+def pose_in_frame(message: Any, _: memoryview) -> list[PoseContent]:
+    """`foxglove.PoseInFrame`."""
+    return [_pose(message, message.pose)]
+
+
+def poses_in_frame(message: Any, _: memoryview) -> list[PoseContent]:
+    """`foxglove.PosesInFrame`: the first, which is the one at its time stamp."""
+    return [_pose(message, pose) for pose in message.poses[:1]]
+
+
+def frame_transform(message: Any, _: memoryview) -> list[PoseContent]:
+    """`foxglove.FrameTransform`."""
+    m, r, t = message, message.rotation, message.translation
+    return [
+        PoseContent(
+            _time(m),
+            m.parent_frame_id,
+            m.child_frame_id,
+            (r.x, r.y, r.z, r.w),
+            (t.x, t.y, t.z),
+        )
+    ]
+
+
+def frame_transforms(message: Any, data: memoryview) -> list[PoseContent]:
+    """`foxglove.FrameTransforms`."""
+    return [pose for one in message.transforms for pose in frame_transform(one, data)]
+
+
+def location_fix(message: Any, _: memoryview) -> list[FixContent]:
+    """`foxglove.LocationFix`; covariance type 0 means unknown."""
+    m = message
+    known = getattr(m, "position_covariance_type", 0)
+    covariance = tuple(map(float, m.position_covariance)) if known else None
+    fix = make_fix(m.latitude, m.longitude, m.altitude, covariance)
+    return [] if fix is None else [FixContent(_time(m), fix)]
+
+
+def _pose(message: Any, pose: Any) -> PoseContent:
+    p, q = pose.position, pose.orientation
+    return PoseContent(_time(message), _name(message), "", (q.x, q.y, q.z, q.w), (p.x, p.y, p.z))
+
+
+def _time(message: Any) -> int | None:
+    """Nanoseconds of the time stamp (protobuf `seconds, nanos`; JSON `sec, nsec`), None where it is not set."""
+    stamp = getattr(message, "timestamp", None)
+    if stamp is None:
+        return None
+    if hasattr(stamp, "seconds"):
+        return (int(stamp.seconds) * 10**9 + int(stamp.nanos)) or None
+    return (int(stamp.sec) * 10**9 + int(stamp.nsec)) or None
+
+
+def _name(message: Any) -> str:
+    return str(getattr(message, "frame_id", ""))

@@ -1,0 +1,336 @@
+"""Pictures of a log, each with the calibration, pose and fix of its own time."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from wayside.pipeline.reading.contents import (
+    CalibrationContent,
+    FixContent,
+    PictureContent,
+)
+from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
+from wayside.pipeline.reading.picture_headers import format_word, read_picture_header
+from wayside.pipeline.reading.plan import Plan, plan_reading
+from wayside.pipeline.reading.poses import CameraPoses
+from wayside.pipeline.reading.records import Message, ScanReport, scan
+from wayside.pipeline.reading.series import TimeSeries, blend_fixes
+from wayside.pipeline.reading.survey import topic_key
+from wayside.pipeline.reading.thinning import Thinning, position_of
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import (
+    NO_CALIBRATION,
+    OUTSIDE,
+    SKIPPED,
+    THINNED,
+    UNDECODABLE,
+    USED,
+    WRONG_SIZE,
+    Camera,
+    Fix,
+    Frame,
+    PosePrior,
+)
+from wayside.schemas.settings import ReadSettings
+
+LOOK_AHEAD_NS = 1_500_000_000
+"""A picture waits at most this long for what belongs to it: fixes that come once a second are paired."""
+MOST_WAITING, MOST_WAITING_BYTES = 64, 1 << 26
+_OFTEN_NS = 10**9
+_MUCH_SMALLER = 8
+"""A picture so much smaller than its chunk is copied, so that it does not keep all of the chunk in memory."""
+_NOTHING = memoryview(b"")
+
+
+@dataclass(slots=True)
+class ReadReport(ScanReport):
+    """What the reading of a log came across and chose, filled while it runs."""
+
+    pictures: int = 0
+    with_pose: int = 0
+    with_fix: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    camera_topic: str = ""
+    calibration_source: str = ""
+    motion_source: str = ""
+    motion_topic: str = ""
+    fix_topic: str = ""
+    spacing_m: float = 0.0
+    first_time_ns: int | None = None
+    last_time_ns: int | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A picture message that waits for its pose; `picture` is None where it could not be decoded."""
+
+    index: int
+    number: int
+    log_time_ns: int
+    time_ns: int
+    picture: PictureContent | None
+
+
+def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Iterator[Frame]:
+    """Frames of a log's chosen camera, every picture message one, in file order.
+
+    Pictures that do not take part come too, with their status and without data. Memory is bounded by one chunk and the
+    pictures of `LOOK_AHEAD_NS`. Pictures are not copied where the encoding allows it.
+
+    Parameters
+    ----------
+    path
+        The MCAP file.
+    settings
+        Camera, calibration, part and thinning.
+    report
+        Filled while the frames are taken.
+
+    Raises
+    ------
+    UsageError
+        Settings that make no sense or name no camera of the log, or several cameras and none chosen; at once.
+    InputError
+        The log cannot be used; at once, or at the end where no picture has the size of its calibration.
+    """
+    plan = plan_reading(path, settings)
+    report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
+    report.motion_source = plan.motion_source
+    report.motion_topic = "" if plan.motion is None else plan.motion.name
+    report.fix_topic = "" if plan.fixes is None else plan.fixes.name
+    report.spacing_m = plan.spacing_m
+    if plan.by_log_time:
+        report.notes.append(
+            "header times are of different clocks: log times pair poses and pictures"
+        )
+    return _Reader(plan, settings, report).frames()
+
+
+class _Reader:
+    """One reading of one log."""
+
+    def __init__(self, plan: Plan, settings: ReadSettings, report: ReadReport) -> None:
+        self.plan, self.report = plan, report
+        self.selection = _Selection(plan, settings)
+        self.decoders = Decoders()
+        self.faulty: dict[
+            str, list[int]
+        ] = {}  # topic: messages that could not be decoded, offset of the first
+        self.waiting: deque[_Waiting] = deque()
+        self.waiting_bytes = 0
+        self.calibrations: TimeSeries[Camera] = TimeSeries()
+        self.fixes: TimeSeries[Fix] = TimeSeries()
+        self.poses: CameraPoses | None = None
+        if plan.motion_source:
+            self.poses = CameraPoses(plan.camera_frame, plan.motion_source)
+            self.poses.tree = (
+                plan.survey.tree
+            )  # mounts that come after the first picture are known already
+        self._seed_calibration()
+
+    def frames(self) -> Iterator[Frame]:
+        """All frames; see `read_frames`."""
+        plan = self.plan
+        topics = (plan.camera, plan.calibration, plan.motion, plan.fixes)
+        wanted = {(t.name, t.schema) for t in topics if t is not None}
+        camera = plan.camera.name, plan.camera.schema
+        transforms = self.poses is not None
+        for record in scan(plan.survey.path, self.report):
+            if not isinstance(record, Message):
+                continue
+            key = topic_key(record.channel)
+            if key in wanted or (transforms and kind_of(record.channel) is Kind.TRANSFORM):
+                self._take(record, is_picture=key == camera)
+            while self.waiting and self._is_ready(record.log_time_ns):
+                yield self._next_frame()
+        while self.waiting:
+            yield self._next_frame()
+        self._finish()
+
+    def _seed_calibration(self) -> None:
+        """The first calibration serves the pictures before it, too."""
+        topic = self.plan.calibration
+        if topic is not None and isinstance(topic.first, CalibrationContent) and topic.first.camera:
+            time_ns = self._time_ns(topic.first.time_ns, topic.first_log_ns)
+            self.calibrations.add(time_ns, topic.first.camera)
+
+    def _time_ns(self, header_ns: int | None, log_ns: int) -> int:
+        return log_ns if header_ns is None or self.plan.by_log_time else header_ns
+
+    def _take(self, message: Message, *, is_picture: bool) -> None:
+        channel = message.channel
+        try:
+            contents = self.decoders.decode(channel, message.data)
+        except MessageError:
+            if is_picture:
+                self._wait(message, None)
+            else:
+                self.faulty.setdefault(channel.topic, [0, message.offset])[0] += 1
+            return
+        for content in contents:
+            time_ns = self._time_ns(content.time_ns, message.log_time_ns)
+            if isinstance(content, PictureContent):
+                self._wait(message, content)
+            elif isinstance(content, CalibrationContent):
+                if content.camera is not None:
+                    self.calibrations.add(time_ns, content.camera)
+            elif isinstance(content, FixContent):
+                self.fixes.add(time_ns, content.fix)
+            elif self.poses is not None and kind_of(channel) is Kind.TRANSFORM:
+                self.poses.tree.add(time_ns, content)
+            elif self.poses is not None:
+                self.poses.add(time_ns, content)
+
+    def _wait(self, message: Message, picture: PictureContent | None) -> None:
+        report = self.report
+        index = report.pictures
+        if (
+            picture is not None
+            and len(picture.data) * _MUCH_SMALLER < memoryview(message.data.obj).nbytes
+        ):
+            picture = replace(picture, data=memoryview(bytes(picture.data)))
+        report.pictures += 1
+        time_ns = self._time_ns(None if picture is None else picture.time_ns, message.log_time_ns)
+        number = message.sequence if self.plan.by_number else index
+        self.waiting.append(_Waiting(index, number, message.log_time_ns, time_ns, picture))
+        self.waiting_bytes += 0 if picture is None else len(picture.data)
+
+    def _is_ready(self, now_ns: int) -> bool:
+        """Whether the oldest waiting picture has all that belongs to it, or has waited long enough."""
+        oldest = self.waiting[0]
+        if (
+            now_ns - oldest.log_time_ns > LOOK_AHEAD_NS
+            or len(self.waiting) > MOST_WAITING
+            or self.waiting_bytes > MOST_WAITING_BYTES
+        ):
+            return True
+        time_ns = oldest.time_ns
+        if self.poses is not None and not self.poses.reaches(time_ns):
+            return False
+        if self.plan.fixes is not None and not self.fixes.reaches(time_ns):
+            return False
+        times = (
+            self.calibrations.times
+        )  # waited for only where they come often, as one with each picture
+        often = len(times) > 1 and times[-1] - times[-2] < _OFTEN_NS
+        return not often or self.calibrations.reaches(time_ns)
+
+    def _next_frame(self) -> Frame:
+        one = self.waiting.popleft()
+        self.waiting_bytes -= 0 if one.picture is None else len(one.picture.data)
+        camera = self.plan.camera_given or self.calibrations.latest(one.time_ns)
+        pose = None if self.poses is None else self.poses.at(one.time_ns)
+        fix = self.fixes.at(one.time_ns, blend_fixes)
+        frame = self.selection.decide(one, camera, pose, fix)
+        report = self.report
+        report.statuses[frame.status] += 1
+        report.with_pose += pose is not None
+        report.with_fix += fix is not None
+        if report.first_time_ns is None:
+            report.first_time_ns = frame.time_ns
+        report.last_time_ns = frame.time_ns
+        return frame
+
+    def _finish(self) -> None:
+        report = self.report
+        for topic, (count, offset) in sorted(self.faulty.items()):
+            report.add_problem(offset, f"{count} messages of {topic} lost: they cannot be decoded")
+        if self.poses is not None and self.poses.assumed_mount:
+            report.notes.append(
+                "the log does not say how the camera is mounted: it is taken to look straight ahead"
+            )
+        if self.poses is not None and report.pictures and not report.with_pose:
+            report.notes.append(
+                f"no picture has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
+            )
+        if report.statuses[WRONG_SIZE] and not report.statuses[USED]:
+            size, camera = self.plan.camera.picture_size, self.selection.last_camera
+            found = "other sizes" if size is None else f"{size[0]} x {size[1]}"
+            wanted = "" if camera is None else f" of {camera.width} x {camera.height}"
+            raise InputError(
+                f"{self.plan.survey.path}: wanted pictures{wanted} as the calibration "
+                f"({self.plan.calibration_source}) has them, found {found} on {self.plan.camera.name}; "
+                "give the right one with --calibration camera.yaml"
+            )
+
+
+class _Selection:
+    """Decides what becomes of each picture, in order."""
+
+    def __init__(self, plan: Plan, settings: ReadSettings) -> None:
+        self.settings = settings
+        self.spacing_m = plan.spacing_m
+        self.thinning = Thinning(settings.thin_m, plan.spacing_m)
+        self.first_ns: int | None = None
+        self.inside = 0
+        self.last_used: int | None = None
+        self.last_camera: Camera | None = None
+
+    def decide(
+        self, one: _Waiting, camera: Camera | None, pose: PosePrior | None, fix: Fix | None
+    ) -> Frame:
+        """The frame of a picture, with its status."""
+        if self.first_ns is None:
+            self.first_ns = one.time_ns
+        self.last_camera = camera
+        picture = one.picture
+        encoding, width, height = "", 0, 0
+        if picture is not None:
+            encoding, width, height = _format_and_size(picture)
+        status = self._status(one, camera, (width, height), pose, fix)
+        used = status == USED and picture is not None
+        spacing_m = None
+        if used:
+            if pose is None and self.spacing_m and self.last_used is not None:
+                spacing_m = self.spacing_m * (one.number - self.last_used)
+            self.last_used = one.number
+        return Frame(
+            index=one.index,
+            log_time_ns=one.log_time_ns,
+            header_time_ns=None if picture is None else picture.time_ns,
+            status=status,
+            encoding=encoding,
+            data=picture.data if used and picture is not None else _NOTHING,
+            camera=camera,
+            width=width,
+            height=height,
+            step=0 if picture is None else picture.step,
+            pose=pose,
+            fix=fix,
+            spacing_m=spacing_m,
+        )
+
+    def _status(
+        self,
+        one: _Waiting,
+        camera: Camera | None,
+        size: tuple[int, int],
+        pose: PosePrior | None,
+        fix: Fix | None,
+    ) -> str:
+        settings = self.settings
+        passed_s = (one.time_ns - (self.first_ns or 0)) / 1e9
+        if passed_s < settings.from_s or (settings.until_s and passed_s > settings.until_s):
+            return OUTSIDE
+        self.inside += 1
+        if (self.inside - 1) % settings.every:
+            return SKIPPED
+        if one.picture is None:
+            return UNDECODABLE
+        if camera is None:
+            return NO_CALIBRATION
+        if size != (0, 0) and size != (camera.width, camera.height):
+            return WRONG_SIZE
+        return USED if self.thinning.keeps(one.number, position_of(pose, fix)) else THINNED
+
+
+def _format_and_size(picture: PictureContent) -> tuple[str, int, int]:
+    """Encoding in a word, width and height; 0 where only decoding will tell."""
+    if picture.width:
+        return picture.encoding, picture.width, picture.height
+    header = read_picture_header(picture.data)
+    return (format_word(picture.encoding), 0, 0) if header is None else header

@@ -1,0 +1,234 @@
+"""Which topics of a log are read: one camera, its calibration, what tells its motion; or why it cannot be read."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.contents import CalibrationContent, PictureContent, PoseContent
+from wayside.pipeline.reading.messages import Kind
+from wayside.pipeline.reading.survey import Survey, Topic, survey_log
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings import ReadSettings
+
+_CLOCKS_DIFFER_NS = 60 * 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is read from a log.
+
+    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; motion_source:
+    "transforms", "poses", "odometry" or "" (none); by_log_time: header times are on different clocks and cannot
+    be compared; by_number: message sequence numbers count the pictures taken, gaps included.
+    """
+
+    survey: Survey
+    camera: Topic
+    calibration: Topic | None
+    camera_given: Camera | None
+    calibration_source: str
+    motion_source: str
+    motion: Topic | None
+    fixes: Topic | None
+    spacing_m: float
+    by_number: bool
+    by_log_time: bool
+
+    @property
+    def camera_frame(self) -> str:
+        """`frame_id` of the pictures."""
+        first = self.camera.first
+        return first.frame_id if isinstance(first, PictureContent) else ""
+
+
+def check_settings(settings: ReadSettings) -> None:
+    """Refuse settings that no log could satisfy; raises UsageError."""
+    wanted = (
+        (settings.every >= 1, "--every", "1 or more", settings.every),
+        (
+            settings.thin_m >= 0,
+            "read.thin_m",
+            "a distance, or 0 for every picture",
+            settings.thin_m,
+        ),
+        (settings.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", settings.spacing_m),
+        (settings.from_s >= 0, "--from", "a time after the first picture", settings.from_s),
+        (
+            settings.until_s == 0 or settings.until_s > settings.from_s,
+            "--until",
+            f"a time after --from ({settings.from_s:g} s)",
+            settings.until_s,
+        ),
+    )
+    for holds, option, want, found in wanted:
+        if not holds:
+            raise UsageError(f"{option}: wanted {want}, found {found:g}; change or leave it out")
+
+
+def plan_reading(path: Path, settings: ReadSettings) -> Plan:
+    """Survey a log as far as needed, and choose what is read of it.
+
+    Raises
+    ------
+    UsageError
+        Settings that make no sense, an unknown camera topic, or several cameras and none chosen.
+    InputError
+        The log has no pictures, no calibration, or nothing that tells how the camera moved.
+    """
+    check_settings(settings)
+    given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
+    survey = survey_log(
+        path,
+        whole=False,
+        camera=settings.camera,
+        calibrated=given is not None,
+        spaced=settings.spacing_m > 0,
+    )
+    names = {t.name for t in survey.cameras}
+    if len(names) > 1 and not settings.camera:
+        survey = survey_log(path, whole=True)  # the question states how much there is of each
+    return make_plan(survey, settings, given)
+
+
+def make_plan(survey: Survey, settings: ReadSettings, given: Camera | None) -> Plan:
+    """Choose from a survey; `given` is the calibration of `settings.calibration`. Raises as `plan_reading`."""
+    camera = _choose_camera(survey, settings.camera)
+    calibration, camera_given, source = _choose_calibration(survey, camera, settings, given)
+    motion_source, motion = _choose_motion(survey, camera)
+    fixes = next((t for t in survey.of_kind(Kind.FIX) if t.first is not None), None)
+    spacing_m = settings.spacing_m or survey.spacing_m
+    if not motion_source and fixes is None and not spacing_m:
+        raise InputError(
+            f"{survey.path}: wanted poses, odometry, satellite fixes or a known spacing to place signs, "
+            f"found {_listing(survey)}; give the distance between pictures, as in --spacing 26.4ft"
+        )
+    return Plan(
+        survey,
+        camera,
+        calibration,
+        camera_given,
+        source,
+        motion_source,
+        motion,
+        fixes,
+        spacing_m,
+        survey.by_number and not settings.spacing_m,
+        _clocks_differ(camera, motion, fixes),
+    )
+
+
+def _choose_camera(survey: Survey, wanted: str) -> Topic:
+    cameras = survey.cameras
+    if not cameras:
+        video = any("CompressedVideo" in t.schema for t in survey.topics.values())
+        advice = (
+            "video is not read yet: convert it to pictures first"
+            if video
+            else "wayside needs foxglove.CompressedImage, foxglove.RawImage or the sensor_msgs ones"
+        )
+        raise InputError(
+            f"{survey.path}: wanted pictures, found {_listing(survey)}{_lost(survey)}; {advice}"
+        )
+    chosen = [t for t in cameras if t.name == wanted] if wanted else cameras
+    if not chosen:
+        near = difflib.get_close_matches(wanted, [t.name for t in cameras], 1, 0.0)
+        raise UsageError(
+            f"--camera: wanted a picture topic of {survey.path}, found {wanted}; "
+            f"there is {describe_cameras(cameras)}; nearest: {near[0] if near else cameras[0].name}"
+        )
+    if len({t.name for t in chosen}) > 1:
+        raise UsageError(
+            f"{survey.path}: wanted one camera, found {len(chosen)}: {describe_cameras(chosen)}; "
+            f"choose one, as in --camera {max(chosen, key=lambda t: t.count).name}"
+        )
+    if chosen[0].first is None:
+        raise InputError(
+            f"{survey.path}: wanted pictures on {chosen[0].name}, found messages that cannot be decoded "
+            f"({chosen[0].fault}); record them anew or choose another with --camera"
+        )
+    return chosen[0]
+
+
+def describe_cameras(cameras: list[Topic]) -> str:
+    """Cameras with their counts and sizes, in a line."""
+    words = []
+    for topic in cameras:
+        size = topic.picture_size
+        shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
+        words.append(f"{topic.name} ({topic.count} pictures, {shown})")
+    return ", ".join(words)
+
+
+def _choose_calibration(
+    survey: Survey, camera: Topic, settings: ReadSettings, given: Camera | None
+) -> tuple[Topic | None, Camera | None, str]:
+    if given is not None:
+        return None, given, settings.calibration
+    topics = survey.of_kind(Kind.CALIBRATION)
+    usable = [t for t in topics if isinstance(t.first, CalibrationContent)]
+    if usable:
+        best = max(usable, key=lambda t: _closeness(camera, t))
+        return best, None, best.name
+    if survey.attached_camera is not None:
+        return None, survey.attached_camera, f"attachment {survey.attachment_name}"
+    found = "; ".join(f"{t.name}, but {t.fault}" for t in topics) or "none"
+    raise InputError(
+        f"{survey.path}: wanted the calibration of {camera.name}, found {found}{_lost(survey)}; "
+        "give it with --calibration camera.yaml (ROS camera_info)"
+    )
+
+
+def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
+    """How well a calibration goes with a camera: same frame, same size, topics alike."""
+    picture, content = camera.first, calibration.first
+    if not isinstance(picture, PictureContent) or not isinstance(content, CalibrationContent):
+        return False, False, 0
+    same_frame = bool(picture.frame_id) and picture.frame_id == content.frame_id
+    size = None if content.camera is None else (content.camera.width, content.camera.height)
+    shared = 0
+    for a, b in zip(camera.name.split("/"), calibration.name.split("/"), strict=False):
+        if a != b:
+            break
+        shared += 1
+    return same_frame, size == camera.picture_size, shared
+
+
+def _choose_motion(survey: Survey, camera: Topic) -> tuple[str, Topic | None]:
+    """Transforms that carry the camera itself, else poses, else odometry."""
+    picture = camera.first
+    frame = picture.frame_id if isinstance(picture, PictureContent) else ""
+    if survey.tree.moves(frame):
+        return "transforms", None
+    for source, kind in (("poses", Kind.POSE), ("odometry", Kind.ODOMETRY)):
+        topics = [t for t in survey.of_kind(kind) if isinstance(t.first, PoseContent)]
+        if topics:
+            return source, max(topics, key=lambda t: t.count)
+    return "", None
+
+
+def _clocks_differ(camera: Topic, *others: Topic | None) -> bool:
+    """Whether header times cannot be compared, since one side's clock is not that of the log."""
+    offset = camera.header_offset_ns
+    offsets = [t.header_offset_ns for t in others if t is not None]
+    return any(
+        (offset or 0) - (other or 0) > _CLOCKS_DIFFER_NS
+        or (other or 0) - (offset or 0) > _CLOCKS_DIFFER_NS
+        for other in offsets
+    )
+
+
+def _listing(survey: Survey) -> str:
+    """Topics with their types, the most numerous first, a handful of them."""
+    topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
+    words = [f"{t.name} ({t.schema or 'no schema'})" for t in topics[:6]]
+    more = f" and {len(topics) - 6} more" if len(topics) > 6 else ""
+    return ", ".join(words) + more if words else "no messages"
+
+
+def _lost(survey: Survey) -> str:
+    count = survey.scan.problem_count
+    return f" (and {count} damaged places)" if count else ""

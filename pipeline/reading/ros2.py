@@ -1,0 +1,129 @@
+"""Contents of the ROS 2 messages, unpacked from CDR or JSON.
+
+Field names and meanings: https://docs.ros.org/en/humble/p/sensor_msgs
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from wayside.pipeline.reading.contents import (
+    CalibrationContent,
+    ContentError,
+    FixContent,
+    PictureContent,
+    PoseContent,
+    make_camera,
+    make_fix,
+)
+
+_NO_FIX = -1
+
+
+def compressed_image(message: Any, data: memoryview) -> list[PictureContent]:
+    """`sensor_msgs/msg/CompressedImage`; its format is free text such as "bgr8; jpeg compressed bgr8"."""
+    return [PictureContent(_time(message), _name(message), message.format, data)]
+
+
+def image(message: Any, data: memoryview) -> list[PictureContent]:
+    """`sensor_msgs/msg/Image`."""
+    m = message
+    return [PictureContent(_time(m), _name(m), m.encoding, data, m.width, m.height, m.step)]
+
+
+def camera_info(message: Any, _: memoryview) -> list[CalibrationContent]:
+    """`sensor_msgs/msg/CameraInfo`: matrix of the full sensor, brought to the binned part that the pictures show."""
+    m = message
+    try:
+        k = [float(v) for v in _either(m, "k", "K")]
+        if len(k) != 9:
+            raise ContentError("its camera matrix is not 3 x 3")
+        roi = getattr(m, "roi", None)
+        bin_x, bin_y = getattr(m, "binning_x", 0) or 1, getattr(m, "binning_y", 0) or 1
+        left, top = (0, 0) if roi is None else (roi.x_offset, roi.y_offset)
+        width = (m.width if roi is None or not roi.width else roi.width) // bin_x
+        height = (m.height if roi is None or not roi.height else roi.height) // bin_y
+        k[0], k[2] = k[0] / bin_x, (k[2] - left) / bin_x
+        k[4], k[5] = k[4] / bin_y, (k[5] - top) / bin_y
+        d = tuple(float(v) for v in _either(m, "d", "D"))
+        camera = make_camera((width, height), tuple(k), m.distortion_model, d)
+    except ContentError as error:
+        return [CalibrationContent(_time(m), _name(m), None, str(error))]
+    return [CalibrationContent(_time(m), _name(m), camera)]
+
+
+def pose_stamped(message: Any, _: memoryview) -> list[PoseContent]:
+    """`geometry_msgs/msg/PoseStamped`."""
+    return [_pose(message, "", message.pose.position, message.pose.orientation)]
+
+
+def transforms(message: Any, _: memoryview) -> list[PoseContent]:
+    """`tf2_msgs/msg/TFMessage`."""
+    return [
+        _pose(one, one.child_frame_id, one.transform.translation, one.transform.rotation)
+        for one in message.transforms
+    ]
+
+
+def transform_stamped(message: Any, _: memoryview) -> list[PoseContent]:
+    """`geometry_msgs/msg/TransformStamped`."""
+    m = message
+    return [_pose(m, m.child_frame_id, m.transform.translation, m.transform.rotation)]
+
+
+def odometry(message: Any, _: memoryview) -> list[PoseContent]:
+    """`nav_msgs/msg/Odometry`, with the sigmas of its pose covariance (x, y, z, then rotations about them)."""
+    pose, covariance = message.pose.pose, message.pose.covariance
+    sigma_m, sigma_rad = _sigma(covariance, (0, 7, 14)), _sigma(covariance, (21, 28, 35))
+    m = message
+    return [_pose(m, m.child_frame_id, pose.position, pose.orientation, sigma_m, sigma_rad)]
+
+
+def nav_sat_fix(message: Any, _: memoryview) -> list[FixContent]:
+    """`sensor_msgs/msg/NavSatFix`; nothing while the receiver has no fix."""
+    m = message
+    status = getattr(m, "status", None)
+    if status is not None and status.status == _NO_FIX:
+        return []
+    known = getattr(m, "position_covariance_type", 0)
+    covariance = tuple(float(v) for v in m.position_covariance) if known else None
+    fix = make_fix(m.latitude, m.longitude, m.altitude, covariance)
+    return [] if fix is None else [FixContent(_time(m), fix)]
+
+
+def _sigma(covariance: Any, diagonal: tuple[int, int, int]) -> float | None:
+    """Root of the mean variance; None where it is unknown (zero, negative or infinite)."""
+    variances = [float(covariance[i]) for i in diagonal] if len(covariance) == 36 else [0.0]
+    if min(variances) <= 0 or not math.isfinite(sum(variances)):
+        return None
+    return math.sqrt(sum(variances) / 3)
+
+
+def _pose(
+    message: Any,
+    child: str,
+    position: Any,
+    orientation: Any,
+    sigma_m: float | None = None,
+    sigma_rad: float | None = None,
+) -> PoseContent:
+    p, q = position, orientation
+    turn, shift = (q.x, q.y, q.z, q.w), (p.x, p.y, p.z)
+    return PoseContent(_time(message), _name(message), child, turn, shift, sigma_m, sigma_rad)
+
+
+def _either(message: Any, name: str, older: str) -> Any:
+    """A field that JSON writers name in the way of ROS 2 or of ROS 1."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, older)
+
+
+def _time(message: Any) -> int | None:
+    """Nanoseconds of the header's stamp, None where it is not set."""
+    stamp = message.header.stamp
+    nanoseconds = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec
+    return (int(stamp.sec) * 10**9 + int(nanoseconds)) or None
+
+
+def _name(message: Any) -> str:
+    return str(message.header.frame_id)

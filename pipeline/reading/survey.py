@@ -1,0 +1,235 @@
+"""What a log holds: its topics, with the first message of each that matters, as far as needed to plan the reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from wayside.pipeline.reading.camera_file import parse_camera
+from wayside.pipeline.reading.contents import (
+    CalibrationContent,
+    Content,
+    PictureContent,
+    PoseContent,
+)
+from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
+from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
+from wayside.pipeline.reading.picture_headers import format_word, read_picture_header
+from wayside.pipeline.reading.poses import TransformTree
+from wayside.pipeline.reading.records import Message, ScanReport, scan
+from wayside.pipeline.reading.summary import read_summary
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
+
+METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
+"""Metadata record by which `wayside import` tells the distance between pictures."""
+
+_LONG_ENOUGH_NS = 2 * 10**9
+_DEPTH = ("16UC1", "32FC1", "compressedDepth")
+
+
+@dataclass(slots=True)
+class Topic:
+    """One topic: how much there is of it, and its first message."""
+
+    name: str
+    schema: str
+    encoding: str
+    kind: Kind | None
+    count: int = 0
+    size: int = 0
+    first_log_ns: int = 0
+    last_log_ns: int = 0
+    first: Content | None = None
+    fault: str = ""
+
+    @property
+    def is_camera(self) -> bool:
+        """Whether these are pictures to look at, depth images excluded."""
+        if self.kind is not Kind.PICTURE:
+            return False
+        picture = self.first
+        return not (
+            isinstance(picture, PictureContent) and any(d in picture.encoding for d in _DEPTH)
+        )
+
+    @property
+    def picture_size(self) -> tuple[int, int] | None:
+        """Width and height of the first picture, None where it does not tell."""
+        picture = self.first
+        if not isinstance(picture, PictureContent):
+            return None
+        if picture.width:
+            return picture.width, picture.height
+        header = read_picture_header(picture.data)
+        return None if header is None else (header.width, header.height)
+
+    @property
+    def picture_format(self) -> str:
+        """Encoding of the first picture, in a word."""
+        picture = self.first
+        return format_word(picture.encoding) if isinstance(picture, PictureContent) else "unknown"
+
+    @property
+    def header_offset_ns(self) -> int | None:
+        """Header time less log time of the first message; None where it has no header time."""
+        if self.first is None or self.first.time_ns is None:
+            return None
+        return self.first.time_ns - self.first_log_ns
+
+
+@dataclass(slots=True)
+class Survey:
+    """What was found in a log, in the whole of it or at its beginning."""
+
+    path: Path
+    scan: ScanReport = field(default_factory=ScanReport)
+    topics: dict[tuple[str, str], Topic] = field(default_factory=dict)
+    tree: TransformTree = field(default_factory=TransformTree)
+    attached_camera: Camera | None = None
+    attachment_name: str = ""
+    spacing_m: float = 0.0
+    by_number: bool = False
+
+    def of_kind(self, *kinds: Kind) -> list[Topic]:
+        """Topics of some kinds, by name."""
+        return sorted((t for t in self.topics.values() if t.kind in kinds), key=lambda t: t.name)
+
+    @property
+    def cameras(self) -> list[Topic]:
+        """Topics of pictures to look at, by name."""
+        return [t for t in self.of_kind(Kind.PICTURE) if t.is_camera]
+
+
+def survey_log(
+    path: Path, *, whole: bool, camera: str = "", calibrated: bool = False, spaced: bool = False
+) -> Survey:
+    """Look into a log.
+
+    Parameters
+    ----------
+    path
+        The MCAP file.
+    whole
+        Read all of it and count. Otherwise stop as soon as the log is known to be usable and every topic its summary
+        names was seen, or two seconds have passed: a usable log costs little, an unusable one is read to its end.
+    camera
+        The picture topic that is wanted; empty: any.
+    calibrated, spaced
+        Whether calibration or spacing come from elsewhere, and need not be found.
+
+    Raises
+    ------
+    InputError
+        The file is no MCAP log or cannot be read.
+    """
+    survey = Survey(path)
+    expected = set() if whole else _expected_topics(path)
+    decoders = Decoders()
+    for record in scan(path, survey.scan):
+        if isinstance(record, Metadata):
+            _take_metadata(survey, record)
+        elif isinstance(record, Attachment):
+            _take_attachment(survey, record)
+        else:
+            news = _take_message(survey, record, decoders)
+            passed = record.log_time_ns - (survey.scan.first_log_ns or 0)
+            if (
+                not whole
+                and (news or passed > _LONG_ENOUGH_NS)
+                and _is_usable(survey, camera, calibrated, spaced)
+                and (passed > _LONG_ENOUGH_NS or (expected and expected <= survey.topics.keys()))
+            ):
+                break
+    return survey
+
+
+def topic_key(channel: Channel) -> tuple[str, str]:
+    """What tells topics apart: name and schema."""
+    return channel.topic, channel.schema_name
+
+
+def _expected_topics(path: Path) -> set[tuple[str, str]]:
+    try:
+        with path.open("rb") as stream:
+            summary = read_summary(stream)
+    except OSError:
+        return set()  # the scan says it better
+    if summary is None:
+        return set()
+    return {
+        topic_key(channel)
+        for channel in summary.channels.values()
+        if kind_of(channel) is not None and summary.message_counts.get(channel.id, 1)
+    }
+
+
+def _take_message(survey: Survey, message: Message, decoders: Decoders) -> bool:
+    """Count a message; True where it tells something new."""
+    channel = message.channel
+    key = topic_key(channel)
+    topic = survey.topics.get(key)
+    if topic is None:
+        topic = Topic(channel.topic, channel.schema_name, channel.encoding, kind_of(channel))
+        topic.first_log_ns = message.log_time_ns
+        survey.topics[key] = topic
+    topic.count += 1
+    topic.size += len(message.data)
+    topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
+    if topic.kind is None or (topic.first is not None and topic.kind is not Kind.TRANSFORM):
+        return False
+    try:
+        contents = decoders.decode(channel, message.data)
+    except MessageError as error:
+        topic.fault = topic.fault or str(error)
+        return False
+    for content in contents:
+        if isinstance(content, CalibrationContent) and content.camera is None:
+            topic.fault = topic.fault or content.why
+            continue
+        if isinstance(content, PoseContent) and topic.kind is Kind.TRANSFORM:
+            survey.tree.add(content.time_ns or message.log_time_ns, content)
+        if topic.first is None:
+            topic.first, topic.first_log_ns = content, message.log_time_ns
+    return True
+
+
+def _take_metadata(survey: Survey, record: Metadata) -> None:
+    if record.name != METADATA_NAME:
+        return
+    try:
+        spacing_m = float(record.values.get(SPACING_KEY, "0"))
+    except ValueError:
+        return
+    if 0 < spacing_m < 1e4:
+        survey.spacing_m = spacing_m
+        survey.by_number = record.values.get(BY_NUMBER_KEY) == "yes"
+
+
+def _take_attachment(survey: Survey, record: Attachment) -> None:
+    is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
+    if not is_yaml or survey.attached_camera is not None:
+        return
+    try:
+        text = record.data.decode("utf-8")
+        survey.attached_camera = parse_camera(text, record.name)
+        survey.attachment_name = record.name
+    except (UnicodeDecodeError, InputError):
+        return  # some other YAML file
+
+
+def _is_usable(survey: Survey, camera: str, calibrated: bool, spaced: bool) -> bool:
+    pictured = any(
+        t.first is not None and t.is_camera and camera in ("", t.name)
+        for t in survey.topics.values()
+    )
+    if not pictured:
+        return False
+    calibrated = calibrated or survey.attached_camera is not None
+    if not (calibrated or any(t.first is not None for t in survey.of_kind(Kind.CALIBRATION))):
+        return False
+    if spaced or survey.spacing_m:
+        return True
+    if any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX)):
+        return True
+    return any(edge.moves for edge in survey.tree.edges.values())
