@@ -19,7 +19,7 @@ from wayside.stages.numerics.fourier import (
 from wayside.stages.numerics.outline import SAMPLES, region_sequences, traced_sequences
 
 MOST_OUTLINES = 200
-"""Candidates of one picture whose outline is looked at, nearest colour first; a picture has thousands of regions."""
+"""Candidates of one picture whose outline is looked at without the gate; a picture has thousands of regions."""
 
 _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 
@@ -28,8 +28,8 @@ def classify_shape(judged: Iterator[Judged], model: GaussianModel, gate: bool) -
     """Give the open candidates the shape class of their outline by Mahalanobis distance.
 
     The outline of a region of pass one or two is that of its own pixels; of other sources, of the pixels in its box
-    that are nearer to its mean colour than to its surroundings. At most `MOST_OUTLINES` candidates of a picture are
-    looked at, those nearest to a colour class first; the rest keeps shape -1.
+    that are nearer to its mean colour than to its surroundings. Without the gate at most `MOST_OUTLINES` candidates of
+    a picture are looked at, those nearest to a colour class; the rest keeps shape -1.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def classify_shape(judged: Iterator[Judged], model: GaussianModel, gate: bool) -
     model
         Mean, covariance and threshold of each shape, in the space it names ("fourier6": the report's descriptors).
     gate
-        Whether a candidate without an accepted shape, looked at or not, gets the verdict `shape` (the report's chain).
+        Whether all are looked at and one without an accepted shape gets the verdict `shape`.
 
     Yields
     ------
@@ -52,7 +52,7 @@ def classify_shape(judged: Iterator[Judged], model: GaussianModel, gate: bool) -
     check_model(model, SHAPES, {space: shape_dimensions(space) for space in SPACES})
     for one in judged:
         candidates = one.candidates
-        rows = _nearest_in_color(candidates)
+        rows = candidates.open_rows() if gate else _nearest_in_color(candidates)
         features = sequence_features(_outlines(one.segmented, candidates, rows), model.space)
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)

@@ -21,9 +21,18 @@ def compiled(function: Kernel) -> Kernel:
     Compiled code checks no bounds: a wrong shape, type or layout crashes the process. Call a kernel only through a
     plain function that checks its arrays first (see `wayside.stages.numerics.guards`).
     """
-    return cast(Kernel, numba.njit(nogil=True, cache=True)(function))
+    return _compile(function)
 
 
 def compiled_exact(function: Kernel) -> Kernel:
     """Like `compiled`, and multiply-adds may be fused: for kernels whose results are exact either way."""
-    return cast(Kernel, numba.njit(nogil=True, cache=True, fastmath={"contract"})(function))
+    return _compile(function, {"contract"})
+
+
+def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
+    try:
+        return cast(Kernel, numba.njit(nogil=True, cache=True, fastmath=fastmath)(function))
+    except (
+        RuntimeError
+    ):  # no folder to keep it in: a read-only installation compiles anew in every process
+        return cast(Kernel, numba.njit(nogil=True, fastmath=fastmath)(function))

@@ -111,7 +111,13 @@ def test_candidates_that_stopped_before_are_left_alone():
     assert np.isnan(candidates.shape_distance[0])
 
 
-def test_only_the_nearest_in_colour_are_looked_at():
+def test_the_gate_looks_at_all_candidates():
+    picture, boxes = drawn(["diamond"])
+    item = judged(picture, np.repeat(boxes, MOST_OUTLINES + 30, axis=0), "level")
+    assert (classify(item).shape == SHAPES.index("diamond")).all()
+
+
+def test_without_the_gate_only_the_nearest_in_colour_are_looked_at():
     picture, boxes = drawn(["diamond"])
     item = judged(picture, np.repeat(boxes, MOST_OUTLINES + 30, axis=0), "level")
     backwards = item.candidates.color_distance[::-1].copy()
