@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from wayside.pipeline.evaluation import (
-    FalseSign,
-    MissedPanel,
-    RenderedEvaluation,
-    Spread,
-    confusion,
-    share,
-    sigma_share,
-    spread,
-)
+from wayside.pipeline.evaluation import FalseSign, Match, MissedPanel, RenderedEvaluation
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
 """A panel that should be found faces the camera, so tall and so visible, in so many pictures."""
@@ -27,7 +19,6 @@ ALONG_M, ALONG_SHARE = 3.0, 0.10
 """A panel is matched within the larger of a distance and a share of its range."""
 SMALLEST_COVER = 0.3
 _UNMATCHED = 1e6
-_AXES = (("lateral", 0), ("up", 1), ("along", 2))
 
 Row = Mapping[str, Any]
 
@@ -52,31 +43,16 @@ def judge_rendered(signs: Sequence[Row], truth: Row) -> RenderedEvaluation:
 
     matched = {i for i, _ in pairs}
     hits = [(i, j) for i, j in pairs if panels[j]["id"] in eligible]
-    found = [(signs[i], panels[j]) for i, j in hits]
-    found_ids = {panel["id"] for _, panel in found}
-    errors = np.array([gaps[i, j] for i, j in hits], np.float64).reshape(-1, 3)
+    found = {panels[j]["id"] for _, j in hits}
     return RenderedEvaluation(
         wanted=len(eligible),
-        found=tuple((sign["sign_id"], panel["id"]) for sign, panel in found),
+        matches=tuple(_match(signs[i], panels[j], gaps[i, j]) for i, j in hits),
         false=tuple(_false(sign, truth) for i, sign in enumerate(signs) if i not in matched),
         missed=tuple(
-            MissedPanel(**{name: p.get(name) for name in MissedPanel.__dataclass_fields__})
+            MissedPanel(**{field.name: p.get(field.name) for field in fields(MissedPanel)})
             for p in panels
-            if p["id"] in eligible and p["id"] not in found_ids
+            if p["id"] in eligible - found
         ),
-        error_m={name: spread(np.abs(errors[:, axis])) for name, axis in _AXES}
-        | {"total": spread(np.linalg.norm(errors, axis=1))},
-        width_error=_size_error(found, "panel_width_m", "width_m", relative=True),
-        height_error=_size_error(found, "panel_height_m", "height_m", relative=True),
-        bottom_error_m=_size_error(found, "bottom_m", "bottom_m", relative=False),
-        sigma_share={
-            name: sigma_share(errors[:, axis], [sign.get(f"sigma_{name}_m") for sign, _ in found])
-            for name, axis in _AXES
-        },
-        color_right=share([sign["color"] == panel["color"] for sign, panel in found]),
-        shape_right=share([sign["shape"] == panel["shape"] for sign, panel in found]),
-        color_confusion=confusion((panel["color"], sign["color"]) for sign, panel in found),
-        shape_confusion=confusion((panel["shape"], sign["shape"]) for sign, panel in found),
     )
 
 
@@ -156,9 +132,16 @@ def _false(sign: Row, truth: Row) -> FalseSign:
     )
 
 
-def _size_error(
-    found: Sequence[tuple[Row, Row]], ours: str, theirs: str, *, relative: bool
-) -> Spread:
-    """Absolute or relative error of a measured length; signs without it are left out."""
-    known = [(sign.get(ours), panel[theirs]) for sign, panel in found]
-    return spread(abs(a - b) / (b if relative else 1.0) for a, b in known if a is not None)
+def _match(sign: Row, panel: Row, gap: NDArray[np.float64]) -> Match:
+    right, down, ahead = gap.tolist()
+    return Match(
+        sign["sign_id"],
+        panel["id"],
+        (right, down, ahead),
+        (sign["sigma_lateral_m"], sign["sigma_up_m"], sign["sigma_along_m"]),
+        (sign["panel_width_m"], panel["width_m"]),
+        (sign["panel_height_m"], panel["height_m"]),
+        (sign["bottom_m"], panel["bottom_m"]),
+        (sign["color"], panel["color"]),
+        (sign["shape"], panel["shape"]),
+    )

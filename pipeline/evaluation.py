@@ -69,31 +69,40 @@ class MissedPanel:
 
 
 @dataclass(frozen=True, slots=True)
-class RenderedEvaluation:
-    """Figures of a rendered drive, whose truth is exact.
+class Match:
+    """A reported panel and the wanted true one it was matched with.
 
-    Errors are absolute, of found panels, in the camera frame of `best_frame`: `error_m` by lateral, up, along and
-    total; width and height errors are shares of the true size. `found` pairs sign and panel.
+    `gap_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`; `sigma_m`: its
+    stated standard deviations; the rest are pairs, reported then true. None where not reported.
     """
 
+    sign_id: str
+    panel_id: int
+    gap_m: tuple[float, float, float]
+    sigma_m: tuple[float | None, float | None, float | None]
+    width_m: tuple[float | None, float]
+    height_m: tuple[float | None, float]
+    bottom_m: tuple[float | None, float]
+    color: tuple[str | None, str]
+    shape: tuple[str | None, str]
+
+
+AXES = ("lateral", "up", "along")
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedEvaluation:
+    """Figures of a rendered drive, whose truth is exact; errors are absolute, of wanted panels that were found."""
+
     wanted: int
-    found: tuple[tuple[str, int], ...]
+    matches: tuple[Match, ...]
     false: tuple[FalseSign, ...]
     missed: tuple[MissedPanel, ...]
-    error_m: dict[str, Spread]
-    width_error: Spread
-    height_error: Spread
-    bottom_error_m: Spread
-    sigma_share: dict[str, SigmaShare]
-    color_right: float | None
-    shape_right: float | None
-    color_confusion: dict[str, int]
-    shape_confusion: dict[str, int]
 
     @property
     def found_count(self) -> int:
         """Wanted panels that were found."""
-        return len(self.found)
+        return len(self.matches)
 
     @property
     def recall(self) -> float:
@@ -106,21 +115,91 @@ class RenderedEvaluation:
         counted = self.found_count + len(self.false)
         return self.found_count / counted if counted else 1.0
 
+    @property
+    def found(self) -> tuple[tuple[str, int], ...]:
+        """Pairs of reported sign and true panel."""
+        return tuple((m.sign_id, m.panel_id) for m in self.matches)
+
+    @property
+    def error_m(self) -> dict[str, Spread]:
+        """Position error by axis, and its length."""
+        gaps = np.array([m.gap_m for m in self.matches], np.float64).reshape(-1, 3)
+        by_axis = {name: spread(np.abs(gaps[:, i])) for i, name in enumerate(AXES)}
+        return by_axis | {"total": spread(np.linalg.norm(gaps, axis=1))}
+
+    @property
+    def sigma_share(self) -> dict[str, SigmaShare]:
+        """How often the stated standard deviations hold, by axis."""
+        return {
+            name: sigma_share(
+                [m.gap_m[i] for m in self.matches], [m.sigma_m[i] for m in self.matches]
+            )
+            for i, name in enumerate(AXES)
+        }
+
+    @property
+    def width_error(self) -> Spread:
+        """Error of the width as a share of the true one."""
+        return spread(abs(a - b) / b for a, b in (m.width_m for m in self.matches) if a is not None)
+
+    @property
+    def height_error(self) -> Spread:
+        """Error of the height as a share of the true one."""
+        return spread(
+            abs(a - b) / b for a, b in (m.height_m for m in self.matches) if a is not None
+        )
+
+    @property
+    def bottom_error_m(self) -> Spread:
+        """Error of the lower edge above the road."""
+        return spread(abs(a - b) for a, b in (m.bottom_m for m in self.matches) if a is not None)
+
+    @property
+    def color_right(self) -> float | None:
+        """Share of the colours that are right."""
+        return share([a == b for a, b in (m.color for m in self.matches)])
+
+    @property
+    def shape_right(self) -> float | None:
+        """Share of the shapes that are right."""
+        return share([a == b for a, b in (m.shape for m in self.matches)])
+
+    @property
+    def color_confusion(self) -> dict[str, int]:
+        """Counts by `true -> reported`."""
+        return confusion((true, reported) for reported, true in (m.color for m in self.matches))
+
+    @property
+    def shape_confusion(self) -> dict[str, int]:
+        """Counts by `true -> reported`."""
+        return confusion((true, reported) for reported, true in (m.shape for m in self.matches))
+
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys."""
         return _common_json(self) | {
             "missed": [asdict(panel) for panel in self.missed],
-            "error_m": {name: asdict(spread) for name, spread in self.error_m.items()},
+            "error_m": {name: asdict(value) for name, value in self.error_m.items()},
             "width_error": asdict(self.width_error),
             "height_error": asdict(self.height_error),
             "bottom_error_m": asdict(self.bottom_error_m),
-            "sigma_share": {name: share.to_json() for name, share in self.sigma_share.items()},
+            "sigma_share": {name: value.to_json() for name, value in self.sigma_share.items()},
             "color_right": self.color_right,
             "shape_right": self.shape_right,
             "color_confusion": self.color_confusion,
             "shape_confusion": self.shape_confusion,
             "found": [list(pair) for pair in self.found],
         }
+
+
+def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
+    """Several drives judged as if they were one."""
+    all_of = list(evaluations)
+    return RenderedEvaluation(
+        wanted=sum(e.wanted for e in all_of),
+        matches=tuple(m for e in all_of for m in e.matches),
+        false=tuple(sign for e in all_of for sign in e.false),
+        missed=tuple(panel for e in all_of for panel in e.missed),
+    )
 
 
 @dataclass(frozen=True, slots=True)

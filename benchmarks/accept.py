@@ -1,0 +1,273 @@
+"""Measure recall, precision and accuracy on drives with known signs, and fail below the floor.
+
+    .venv/bin/python benchmarks/accept.py [--quick] [--only NAME] [--preset report]
+
+Renders the development drives once into .cache/drives, runs both presets on each and on real drives where they are at
+hand, judges every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. The models never saw these
+drives. Speed is printed only: it belongs to the machine. With --quick, --only or --preset nothing is written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from wayside.pipeline.evaluate import evaluate, write_evaluation
+from wayside.pipeline.evaluation import (
+    Evaluation,
+    RealEvaluation,
+    RenderedEvaluation,
+    Spread,
+    together,
+)
+from wayside.schemas.errors import WaysideError
+
+ROOT = Path(__file__).resolve().parents[1]
+DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept"
+FLOOR = ROOT / "benchmarks" / "floor.toml"
+PRESETS = ("default", "report")
+RENDERED = {"demo": "", "straight": "", "curve": "", "town": "", "report": "26.4ft", "raw": ""}
+"""Development drives with the spacing that a run is told, where the log has no poses."""
+REAL = {
+    "de_road_kitti0015": "6.15m",
+    "us_freeway_challenge": "7.6m",
+    "us_freeway_white_right": "6.1m",
+}
+"""Real drives and their spacing, estimated from the pictures."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A log with its truth, and the spacing that a run is told."""
+
+    name: str
+    log: Path
+    truth: Path
+    spacing: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A drive, judged; `evaluation` is None where the run failed."""
+
+    drive: Drive
+    evaluation: Evaluation | None
+
+
+def main() -> int:
+    """Run, judge, write, compare with the floor."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="preset default only, rendered drives only"
+    )
+    parser.add_argument(
+        "--only", action="append", metavar="NAME", help="this drive only, repeatable"
+    )
+    parser.add_argument("--preset", action="append", choices=PRESETS, help="this preset only")
+    parser.add_argument("--real", type=Path, default=ROOT.parent / "shared" / "data" / "real")
+    parser.add_argument("--jobs", type=int, default=2, help="drives rendered at once")
+    args = parser.parse_args()
+    presets = ["default"] if args.quick else args.preset or list(PRESETS)
+    whole = not (args.quick or args.only or args.preset)
+
+    render([n for n in RENDERED if not args.only or n in args.only], args.jobs)
+    drives = [
+        Drive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing)
+        for name, spacing in RENDERED.items()
+    ]
+    if not args.quick:
+        drives += [
+            Drive(name, args.real / f"{name}.mcap", args.real / f"{name}.labels.json", spacing)
+            for name, spacing in REAL.items()
+            if (args.real / f"{name}.mcap").is_file()
+        ]
+    chosen = [drive for drive in drives if not args.only or drive.name in args.only]
+    outcomes = {preset: [judge(drive, preset) for drive in chosen] for preset in presets}
+
+    if whole:
+        write_tables(outcomes)
+    broken = [
+        f"{preset}: {outcome.drive.name} could not be judged"
+        for preset, judged in outcomes.items()
+        for outcome in judged
+        if outcome.evaluation is None
+    ]
+    if not args.only:
+        broken += below_floor(outcomes)
+    for line in broken:
+        print(f"NOT ACCEPTED  {line}")
+    return 1 if broken else 0
+
+
+def render(names: list[str], jobs: int) -> None:
+    """Make the rendered drives that are not there yet."""
+    if not names:
+        return
+    specs = [f"recordings/drives/specs/{name}.toml" for name in names]
+    command = [sys.executable, "-m", "recordings.drives", *specs, "-o", str(DRIVES), "--missing"]
+    subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
+
+
+def judge(drive: Drive, preset: str) -> Outcome:
+    """Run one preset on one drive in a process of its own, compare with the truth, print a line."""
+    out = RESULTS / preset / drive.name
+    command = [
+        str(Path(sys.executable).with_name("wayside")),
+        "run",
+        str(drive.log),
+        "-o",
+        str(out),
+    ]
+    command += ["--preset", preset, *(["--spacing", drive.spacing] if drive.spacing else [])]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    title = f"{preset:8} {drive.name:24}"
+    if done.returncode != 0:
+        print(
+            f"{title} run ended with status {done.returncode}\n{done.stderr.strip()[-2000:]}",
+            flush=True,
+        )
+        return Outcome(drive, None)
+    try:
+        evaluation = evaluate(out, drive.truth)
+        write_evaluation(evaluation, out / "evaluation.json")
+    except WaysideError as error:
+        print(f"{title} {error}", flush=True)
+        return Outcome(drive, None)
+    print(f"{title} {in_short(evaluation)}  {speed(out):6.2f} frames/s", flush=True)
+    return Outcome(drive, evaluation)
+
+
+def in_short(evaluation: Evaluation) -> str:
+    """Recall and precision with their counts."""
+    return (
+        f"recall {evaluation.recall:.3f} ({evaluation.found_count}/{evaluation.wanted})  "
+        f"precision {evaluation.precision:.3f} ({len(evaluation.false)} false)"
+    )
+
+
+def speed(out: Path) -> float:
+    """Pictures per second of wall time, reading and writing included."""
+    run = json.loads((out / "run.json").read_text())
+    return float(run["accounting"]["frames_read"]) / max(1e-9, float(run["times"]["wall_s"]))
+
+
+def below_floor(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
+    """Figures of all rendered drives together that are below `floor.toml`, in words."""
+    floor = tomllib.loads(FLOOR.read_text())
+    for preset, judged in outcomes.items():
+        total = together(rendered(judged))
+        print(f"{preset:8} {'rendered drives together':24} {in_short(total)}")
+        for figure, value in (("recall", total.recall), ("precision", total.precision)):
+            if value < floor[preset][figure]:
+                yield f"{preset}: {figure} {value:.4f} is below the floor of {floor[preset][figure]}"
+
+
+def rendered(judged: Iterable[Outcome]) -> list[RenderedEvaluation]:
+    """Evaluations of rendered drives."""
+    return [o.evaluation for o in judged if isinstance(o.evaluation, RenderedEvaluation)]
+
+
+def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
+    """Write both pages; that of the real drives only where they were at hand."""
+    made = ", ".join(
+        f"{name} {version(name)}"
+        for name in ("wayside", "numpy", "scipy", "opencv-python-headless", "numba")
+    )
+    lines = [
+        "# Accuracy on rendered drives",
+        "",
+        "Made by `make accept`; exact truth, drives that no model was learned from. "
+        "A panel is wanted where its front is at least 10 px tall and half visible in three or more pictures. "
+        "Errors are absolute, of wanted panels that were found, median / 95 %: metres, sizes in per cent of the true one.",
+        "",
+        f"Versions: {made}.",
+    ]
+    for preset, judged in outcomes.items():
+        lines += ["", f"## Preset `{preset}`", "", *rendered_table(judged)]
+    (ROOT / "benchmarks" / "accuracy.md").write_text("\n".join(lines) + "\n")
+    if not any(isinstance(o.evaluation, RealEvaluation) for o in outcomes["default"]):
+        return
+    lines = [
+        "# Real drives with hand-made labels",
+        "",
+        "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
+        "complete, so precision is a lower bound; no sign was surveyed, so no position is judged.",
+        "",
+        f"Versions: {made}.",
+    ]
+    for preset, judged in outcomes.items():
+        lines += ["", f"## Preset `{preset}`", "", *real_table(judged)]
+    (ROOT / "benchmarks" / "accuracy_real.md").write_text("\n".join(lines) + "\n")
+
+
+def rendered_table(judged: list[Outcome]) -> list[str]:
+    """One line a drive, and one for all together."""
+    head = "drive wanted found recall precision false along lateral up width height colour shape".split()
+    rows = [
+        (o.drive.name, o.evaluation) for o in judged if isinstance(o.evaluation, RenderedEvaluation)
+    ]
+    rows.append(("**together**", together(evaluation for _, evaluation in rows)))
+    return [
+        "| " + " | ".join(head) + " |",
+        "| --- |" + " ---: |" * (len(head) - 1),
+        *(rendered_line(name, evaluation) for name, evaluation in rows),
+    ]
+
+
+def rendered_line(name: str, e: RenderedEvaluation) -> str:
+    """One line of the table."""
+    cells = [
+        name,
+        str(e.wanted),
+        str(e.found_count),
+        f"{e.recall:.3f}",
+        f"{e.precision:.3f}",
+        str(len(e.false)),
+    ]
+    cells += [spread_cell(e.error_m[axis], 1.0) for axis in ("along", "lateral", "up")]
+    cells += [spread_cell(e.width_error, 100.0), spread_cell(e.height_error, 100.0)]
+    cells += [
+        "-" if share is None else f"{100 * share:.0f} %" for share in (e.color_right, e.shape_right)
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def spread_cell(spread: Spread, scale: float) -> str:
+    """Median and 95th percentile, metres to the centimetre, per cent to a tenth."""
+    if spread.median is None or spread.p95 is None:
+        return "-"
+    places = 2 if scale == 1.0 else 1
+    return f"{scale * spread.median:.{places}f} / {scale * spread.p95:.{places}f}"
+
+
+def real_table(judged: list[Outcome]) -> list[str]:
+    """One line a drive."""
+    lines = [
+        "| drive | wanted | found | recall | precision, at least | on no label |",
+        "| --- |" + " ---: |" * 5,
+    ]
+    for outcome in judged:
+        e = outcome.evaluation
+        if isinstance(e, RealEvaluation):
+            cells = [
+                outcome.drive.name,
+                str(e.wanted),
+                str(e.found_count),
+                f"{e.recall:.3f}",
+                f"{e.precision:.3f}",
+            ]
+            lines.append("| " + " | ".join([*cells, str(len(e.false))]) + " |")
+    return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())
