@@ -32,7 +32,6 @@ def compiled_exact(function: Kernel) -> Kernel:
 def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
     try:
         return cast(Kernel, numba.njit(nogil=True, cache=True, fastmath=fastmath)(function))
-    except (
-        RuntimeError
-    ):  # no folder to keep it in: a read-only installation compiles anew in every process
+    except RuntimeError:
+        # No folder to keep it in: a read-only installation compiles anew in every process.
         return cast(Kernel, numba.njit(nogil=True, fastmath=fastmath)(function))
