@@ -187,7 +187,7 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "",
         "Made by `make accept`; exact truth, drives that no model was learned from. "
         "A panel is wanted where its front is at least 10 px tall and half visible in three or more pictures. "
-        "Errors are absolute, of wanted panels that were found, median / 95 %: metres, sizes in per cent of the true one.",
+        "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth.",
         "",
         f"Versions: {made}.",
     ]
