@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import inf
+from math import hypot, inf, nan, sqrt
 
 import numpy as np
 
@@ -50,7 +50,11 @@ FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 ROTATION_INFLATION, DIRECTION_INFLATION = 2.0, 5.0
 """Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
-RATIO_TIES, RATIO_SLACK, NEAREST_FLOW_PX = 8, 0.15, 6.0
+RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX = 8, 0.15, 6.0
+RATIO_SIGMA = 0.002
+"""Length of a step against the one before by common points: fewest points, how near to a whole multiple of the spacing
+it must be, smallest way of a point through the picture, and the smallest
+relative error."""
 TRIMMED = 0.9
 
 
@@ -92,6 +96,7 @@ class Drive:
     motion: Motion | None = None
     depths: Array = field(default_factory=lambda: np.zeros(0))
     turn: Array | None = None
+    sigma_m: float = 0.0
     mounts: deque[Array] = field(default_factory=lambda: deque(maxlen=61))
     heights: deque[float] = field(default_factory=lambda: deque(maxlen=31))
 
@@ -140,7 +145,7 @@ class Drive:
             scale_px=FINE_SCALES_PX[-1],
         )
         self._learn(adjusted.rotation, adjusted.direction)
-        baseline = self._length(step, adjusted, expected)
+        baseline, sigma_m = self._length(step, adjusted, expected, view.focal_px)
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
@@ -148,7 +153,7 @@ class Drive:
         points = _points(step, rotation, direction, baseline)
         self.depths = np.full(len(view.corners), np.nan)
         self.depths[step.tied.rows[step.inlier, 1]] = points[step.inlier, 2]
-        self.turn = adjusted.rotation
+        self.turn, self.sigma_m = adjusted.rotation, sigma_m
         height = camera_height(points[step.inlier], self.law.direction)
         if np.isfinite(height):
             self.heights.append(height)
@@ -156,7 +161,7 @@ class Drive:
         return Motion(
             last.pose.compose(pose),
             pose,
-            _covariance(adjusted, step, baseline, expected.sigma_m),
+            _covariance(adjusted, baseline, sigma_m),
             expected.source,
             baseline,
             last.station_m + baseline,
@@ -205,31 +210,49 @@ class Drive:
         self.mounts.append(_mount(rotation, direction))
 
     def _height(self) -> float:
-        return float(np.median(self.heights)) if self.heights else float("nan")
+        return float(np.median(self.heights)) if self.heights else nan
 
-    def _length(self, step: Step, adjusted: Adjusted, expected: Expectation) -> float:
-        """The step's length; a multiple of the spacing where a trigger was dropped.
+    def _length(
+        self, step: Step, adjusted: Adjusted, expected: Expectation, focal_px: float
+    ) -> tuple[float, float]:
+        """The step's length and its sigma, metres.
 
-        Points that were measured over the last step too say how long this one is against it. None of them was
-        found by its depth.
+        Points that were measured over the last step too say how long this one is against it; none of them was found by
+        its depth. A known spacing is held, or a multiple of it where triggers were dropped; distances between poses or
+        fixes are noisy, so they are averaged with what the points carry over from the steps before.
         """
-        if expected.source != "straight" or len(self.depths) == 0:
-            return expected.baseline_m
-        ratio = self._ratio(step, adjusted)
-        steps = round(ratio / expected.baseline_m) if np.isfinite(ratio) else 1
-        if steps > 1 and abs(ratio / expected.baseline_m - steps) < RATIO_SLACK * steps:
-            return steps * expected.baseline_m
-        return expected.baseline_m
+        given, sigma = expected.baseline_m, expected.sigma_m
+        carried, scatter = self._carried_length(step, adjusted, focal_px)
+        if not np.isfinite(carried):
+            return given, sigma
+        if expected.source == "straight":
+            steps = round(carried / given)
+            dropped = steps > 1 and abs(carried / given - steps) < RATIO_SLACK * steps
+            return (steps * given if dropped else given), sigma
+        carried_sigma = hypot(self.sigma_m, scatter)
+        if abs(carried - given) > 3 * hypot(sigma, carried_sigma):
+            return given, sigma
+        share = sigma**2 / (sigma**2 + carried_sigma**2)
+        return given + share * (carried - given), sigma * sqrt(1 - share)
 
-    def _ratio(self, step: Step, adjusted: Adjusted) -> float:
-        """Length of this step, metres, by the depths of the step before; nan where too few points are common."""
+    def _carried_length(
+        self, step: Step, adjusted: Adjusted, focal_px: float
+    ) -> tuple[float, float]:
+        """Length of this step and its scatter, metres, by the depths of the step before; nan with too few points."""
+        if len(self.depths) == 0:
+            return nan, nan
         known = self.depths[step.tied.rows[step.inlier, 0]]
-        flow = np.linalg.norm((step.tied.current - step.tied.previous)[step.inlier], axis=1)
-        lengths = known * adjusted.point[:, 2]
-        common = np.isfinite(lengths) & (flow > NEAREST_FLOW_PX) & (adjusted.point[:, 2] > 0)
-        if common.sum() < RATIO_TIES:
-            return float("nan")
-        return float(np.median(lengths[common]))
+        rays, nearness = adjusted.point[:, :2], adjusted.point[:, 2]
+        epipole = adjusted.direction[:2] / adjusted.direction[2]
+        parallax_px = focal_px * nearness * np.linalg.norm(rays - epipole, axis=1)
+        lengths = (known * nearness)[parallax_px > SMALLEST_PARALLAX_PX]
+        common = lengths[np.isfinite(lengths)]
+        if len(common) < RATIO_TIES:
+            return nan, nan
+        length = float(np.median(common))
+        # a median's sigma is 1.25 times a mean's, a normal law's 1.48 times its median deviation
+        scatter = 1.86 * float(np.median(np.abs(common - length))) / sqrt(len(common))
+        return length, max(scatter, RATIO_SIGMA * length)
 
 
 def _refine(before: View, now: View, rotation: Array, direction: Array, prior: Prior) -> Step:
@@ -286,7 +309,7 @@ def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) ->
     return points
 
 
-def _covariance(adjusted: Adjusted, step: Step, baseline_m: float, sigma_m: float) -> Array:
+def _covariance(adjusted: Adjusted, baseline_m: float, sigma_m: float) -> Array:
     """Covariance (6, 6) of rotation vector and translation in the previous camera's axes."""
     basis = across(adjusted.direction)
     spread = np.zeros((6, 5))
@@ -308,7 +331,6 @@ def _unmeasured(last: Motion, expected: Expectation, height_m: float) -> Motion:
     covariance = np.diag([turn**2] * 3 + [aside**2] * 3)
     covariance[3:, 3:] += expected.sigma_m**2 * np.outer(direction, direction)
     pose = Pose(rotation, baseline * direction)
-    nan = float("nan")
     return Motion(
         last.pose.compose(pose),
         pose,
@@ -342,9 +364,9 @@ _START = Motion(
     0.0,
     0.0,
     None,
-    float("nan"),
-    float("nan"),
+    nan,
+    nan,
     False,
     0,
-    float("nan"),
+    nan,
 )
