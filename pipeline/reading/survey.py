@@ -111,8 +111,9 @@ def survey_log(
     path
         The MCAP file.
     whole
-        Read all of it and count. Otherwise stop as soon as the log is known to be usable and every topic its summary
-        names was seen, or two seconds have passed: a usable log costs little, an unusable one is read to its end.
+        Read all of it and count. Otherwise stop once the log is known to be usable and two seconds of it have passed,
+        or before, where its summary tells that every topic was seen: a usable log costs little, an unusable one is
+        read to its end.
     camera
         The picture topic that is wanted; empty: any.
     calibrated, spaced
@@ -138,7 +139,7 @@ def survey_log(
                 not whole
                 and (news or passed > _LONG_ENOUGH_NS)
                 and _is_usable(survey, camera, calibrated, spaced)
-                and (passed > _LONG_ENOUGH_NS or (expected and expected <= survey.topics.keys()))
+                and (passed > _LONG_ENOUGH_NS or _has_all(survey, expected))
             ):
                 break
     return survey
@@ -162,6 +163,13 @@ def _expected_topics(path: Path) -> set[tuple[str, str]]:
         for channel in summary.channels.values()
         if kind_of(channel) is not None and summary.message_counts.get(channel.id, 1)
     }
+
+
+def _has_all(survey: Survey, expected: set[tuple[str, str]]) -> bool:
+    """Whether each expected topic was seen, once being enough; of transforms, many come on one topic."""
+    if not expected or survey.of_kind(Kind.TRANSFORM):
+        return False
+    return expected <= survey.topics.keys()
 
 
 def _take_message(survey: Survey, message: Message, decoders: Decoders) -> bool:
@@ -219,11 +227,12 @@ def _take_attachment(survey: Survey, record: Attachment) -> None:
 
 
 def _is_usable(survey: Survey, camera: str, calibrated: bool, spaced: bool) -> bool:
-    pictured = any(
-        t.first is not None and t.is_camera and camera in ("", t.name)
-        for t in survey.topics.values()
-    )
-    if not pictured:
+    pictures = [
+        t.first
+        for t in survey.cameras
+        if isinstance(t.first, PictureContent) and camera in ("", t.name)
+    ]
+    if not pictures:
         return False
     calibrated = calibrated or survey.attached_camera is not None
     if not (calibrated or any(t.first is not None for t in survey.of_kind(Kind.CALIBRATION))):
@@ -232,4 +241,4 @@ def _is_usable(survey: Survey, camera: str, calibrated: bool, spaced: bool) -> b
         return True
     if any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX)):
         return True
-    return any(edge.moves for edge in survey.tree.edges.values())
+    return any(survey.tree.moves(picture.frame_id) for picture in pictures)

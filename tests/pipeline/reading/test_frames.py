@@ -1,0 +1,640 @@
+import math
+import struct
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import FRAME_STATUSES
+from wayside.schemas.settings import ReadSettings
+
+START = 1_700_000_000 * 10**9
+STEP = 10**9 // 4
+LATENCY = 12_000_000
+WIDTH, HEIGHT = 32, 24
+FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # optical in x forward, y left, z up
+YAML = """image_width: 32
+image_height: 24
+camera_matrix: {rows: 3, cols: 3, data: [50, 0, 16, 0, 50, 12, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.1, 0, 0, 0]}
+"""
+
+
+def path_at(time):
+    """True position and rotation of a body on a bend, x forward, at a time in nanoseconds after START."""
+    seconds = time / 1e9
+    turn = Rotation.from_euler("z", 0.1 * seconds)
+    return np.array([32 * seconds, 0.4 * seconds**2, 1.5]), turn
+
+
+def pose_content(time, of=FORWARD):
+    position, turn = path_at(time)
+    return {"position": position, "rotation": (turn * Rotation.from_matrix(of)).as_quat()}
+
+
+def place_at(time):
+    return {"place": (48.0 + 1e-4 * time / 1e9, 11.0 + 2e-4 * time / 1e9, 500.0 + time / 1e9)}
+
+
+def read(path, **settings):
+    report = ReadReport()
+    return list(read_frames(path, ReadSettings(**settings), report)), report
+
+
+def picture(index, width=WIDTH, height=HEIGHT):
+    pixels = np.random.default_rng(index).integers(0, 256, (height, width, 3), np.uint8)
+    return cv2.imencode(".jpg", pixels)[1].tobytes()
+
+
+def fill(log, count=8, motion="pose", fixes=True):
+    """Pictures every quarter of a second, eight metres apart, with all that belongs to them at the same time."""
+    for index in range(count):
+        time = index * STEP
+        log.add("/camera/calibration", "calibration", time, late=1_000_000)
+        if motion:
+            log.add("/motion", motion, time, late=2_000_000, **pose_content(time))
+        if fixes:
+            log.add("/gps", "fix", time, late=3_000_000, **place_at(time))
+        log.add_picture(index)
+    return log.finish()
+
+
+def assert_pose(frame, time, tolerance=1e-6):
+    position, turn = path_at(time)
+    assert frame.pose is not None
+    assert frame.pose.pose.centre == pytest.approx(position, abs=tolerance)
+    assert frame.pose.pose.rotation == pytest.approx(turn.as_matrix() @ FORWARD, abs=tolerance)
+
+
+def test_every_dialect_and_packing_gives_the_same_frames(new_log, dialect, packing):
+    frames, report = read(fill(new_log(dialect, **packing)))
+    assert [f.index for f in frames] == list(range(8))
+    for index, frame in enumerate(frames):
+        time = index * STEP
+        assert frame.status == "used"
+        assert frame.header_time_ns == START + time
+        assert frame.log_time_ns == START + time + LATENCY
+        assert (frame.encoding, frame.width, frame.height) == ("jpeg", WIDTH, HEIGHT)
+        assert bytes(frame.data) == picture(index)
+        assert (frame.camera.fx, frame.camera.fy) == (40.0, 41.0)
+        assert (frame.camera.cx, frame.camera.cy) == (15.5, 11.5)
+        assert frame.camera.distortion == (-0.1, 0.01, 0.001, -0.002, 0.003)
+        assert_pose(frame, time)
+        assert frame.pose.source == "poses"
+        latitude, longitude, altitude = place_at(time)["place"]
+        assert frame.fix.latitude_deg == pytest.approx(latitude, abs=1e-12)
+        assert frame.fix.longitude_deg == pytest.approx(longitude, abs=1e-12)
+        assert frame.fix.altitude_m == pytest.approx(altitude)
+        assert frame.fix.sigma_m == (2.0, 3.0, 4.0)
+        assert frame.spacing_m is None
+    assert not report.lost
+    assert report.statuses == {"used": 8}
+    assert report.camera_topic == "/camera/image"
+    assert report.motion_source == "poses"
+    assert report.first_time_ns == START
+    assert report.last_time_ns == START + 7 * STEP
+    assert report.bytes_read == report.bytes_total > 0
+
+
+def test_raw_pictures_keep_their_rows(new_log, dialect):
+    log = new_log(dialect)
+    rows = np.arange(HEIGHT * 100, dtype=np.uint8).tobytes()
+    shape = {"width": WIDTH, "height": HEIGHT, "step": 100, "encoding": "bgr8"}
+    log.add("/camera/image", "raw", 0, data=rows, **shape)
+    log.add("/camera/calibration", "calibration", 0)
+    (frame,), _ = read(log.finish(), spacing_m=8.0)
+    assert (frame.encoding, frame.width, frame.height, frame.step) == ("bgr8", 32, 24, 100)
+    assert bytes(frame.data) == rows
+
+
+def test_free_text_formats_of_ros_pictures_are_understood(new_log):
+    log = new_log("cdr")
+    log.add("/camera/calibration", "calibration", 0)
+    log.add_picture(0, format="bgr8; jpeg compressed bgr8")
+    png = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))[1].tobytes()
+    log.add_picture(1, format="rgb8; png compressed", data=png)
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    assert [f.encoding for f in frames] == ["jpeg", "png"]
+    assert [(f.width, f.height) for f in frames] == [(WIDTH, HEIGHT)] * 2
+
+
+def test_odometry_brings_its_sigmas(new_log):
+    frames, report = read(fill(new_log("cdr"), motion="odometry"))
+    assert report.motion_source == "odometry"
+    for index, frame in enumerate(frames):
+        assert_pose(frame, index * STEP)
+        assert frame.pose.source == "odometry"
+        assert frame.pose.sigma_m == pytest.approx(0.2)
+        assert frame.pose.sigma_rad == pytest.approx(0.01)
+
+
+def test_odometry_with_unset_covariance_has_no_sigmas(new_log):
+    log = new_log("cdr")
+    log.add("/camera/calibration", "calibration", 0)
+    log.add("/odom", "odometry", 0, variances=[0.0] * 6, **pose_content(0))
+    log.add_picture(0)
+    (frame,), _ = read(log.finish())
+    assert (frame.pose.sigma_m, frame.pose.sigma_rad) == (None, None)
+
+
+def test_odometry_of_a_vehicle_without_mount_looks_straight_ahead_and_says_so(new_log):
+    log = new_log("cdr")
+    for index in range(4):
+        log.add("/camera/calibration", "calibration", index * STEP)
+        content = pose_content(index * STEP, np.eye(3))
+        log.add("/odom", "odometry", index * STEP, child="base_link", **content)
+        log.add_picture(index)
+    frames, report = read(log.finish())
+    for index, frame in enumerate(frames):
+        assert_pose(frame, index * STEP)
+    assert any("straight ahead" in note for note in report.notes)
+
+
+MOUNT = Rotation.from_matrix(FORWARD) * Rotation.from_euler("yx", [0.05, -0.02])
+LEVER = np.array([1.7, 0.3, 0.2])
+
+
+def assert_mounted(frame, time):
+    position, turn = path_at(time)
+    assert frame.pose.pose.centre == pytest.approx(position + turn.apply(LEVER), abs=1e-6)
+    assert frame.pose.pose.rotation == pytest.approx((turn * MOUNT).as_matrix(), abs=1e-6)
+
+
+def add_mount(log, time=0):
+    """Camera on a bracket on the vehicle, in two steps."""
+    bracket = Rotation.from_euler("z", 0.3)
+    add = "transforms"
+    log.add(
+        "/tf_static", add, time, parent="base_link", child="bracket",
+        position=LEVER, rotation=bracket.as_quat(),
+    )  # fmt: skip
+    log.add(
+        "/tf_static", add, time, parent="bracket", child="camera_optical",
+        position=[0, 0, 0], rotation=(bracket.inv() * MOUNT).as_quat(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("dialect_name", ["protobuf", "json", "cdr"])
+@pytest.mark.parametrize("source", ["transforms", "pose", "odometry"])
+def test_a_mount_given_by_transforms_is_composed(new_log, dialect_name, source):
+    if source == "odometry" and dialect_name != "cdr":
+        source = "poses"
+    log = new_log(dialect_name)
+    for index in range(6):
+        time = index * STEP
+        log.add("/camera/calibration", "calibration", time)
+        names = {"parent": "world", "child": "base_link"} if source != "pose" else {}
+        content = pose_content(time, np.eye(3)) | names
+        log.add("/body", source, time, late=0, **content)
+        log.add_picture(index)
+        if index == 1:  # later than the first picture
+            add_mount(log, time)
+    frames, report = read(log.finish())
+    assert report.motion_source == {"pose": "poses"}.get(source, source)
+    for index, frame in enumerate(frames):
+        assert frame.status == "used"
+        assert_mounted(frame, index * STEP)
+
+
+def test_transforms_that_carry_the_camera_come_before_odometry(new_log):
+    log = new_log("cdr")
+    add_mount(log)
+    for index in range(4):
+        time = index * STEP
+        log.add("/camera/calibration", "calibration", time)
+        content = {"parent": "odom", "child": "base_link"} | pose_content(time, np.eye(3))
+        log.add("/tf", "transforms", time, **content)
+        log.add("/odom", "odometry", time, position=[0, 0, 0], rotation=[0, 0, 0, 1])
+        log.add_picture(index)
+    frames, report = read(log.finish())
+    assert report.motion_source == "transforms"
+    for index, frame in enumerate(frames):
+        assert_mounted(frame, index * STEP)
+
+
+def test_poses_between_are_linear_and_slerp(new_log):
+    log = new_log()
+    times = [0, 400_000_000, 800_000_000, 1_200_000_000]
+    log.add("/camera/calibration", "calibration", 0)
+    for time in times:
+        log.add("/pose", "pose", time, **pose_content(time))
+    pictures = [100_000_000, 395_000_000, 400_000_000, 1_000_000_000]
+    for index, time in enumerate(pictures):
+        log.add_picture(index, time)
+    frames, _ = read(log.finish(), thin_m=0.0)
+    turns = Rotation.concatenate([path_at(t)[1] * Rotation.from_matrix(FORWARD) for t in times])
+    slerp = Slerp(times, turns)
+    positions = np.array([path_at(t)[0] for t in times])
+    for frame, time in zip(frames, pictures, strict=True):
+        expected = [np.interp(time, times, positions[:, k]) for k in range(3)]
+        assert frame.pose.pose.centre == pytest.approx(expected, abs=1e-9)
+        assert frame.pose.pose.rotation == pytest.approx(slerp(time).as_matrix(), abs=1e-9)
+
+
+def test_poses_logged_after_their_picture_are_paired_by_time(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    waiting = []
+    for index in range(20):
+        log.add_picture(index)
+        waiting.append(index * STEP)
+        while len(waiting) > 4:  # a second late
+            time = waiting.pop(0)
+            log.add("/pose", "pose", time, late=10**9, **pose_content(time))
+    for time in waiting:
+        log.add("/pose", "pose", time, late=10**9, **pose_content(time))
+    frames, _ = read(log.finish())
+    for index, frame in enumerate(frames):
+        assert_pose(frame, index * STEP)
+
+
+def test_fixes_once_a_second_are_interpolated(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    for index in range(13):
+        if index % 4 == 0:
+            log.add("/gps", "fix", index * STEP, late=20_000_000, **place_at(index * STEP))
+        log.add_picture(index)
+    frames, report = read(log.finish())
+    assert report.motion_source == ""
+    assert report.with_fix == 13
+    for index, frame in enumerate(frames):
+        expected = place_at(index * STEP)["place"]
+        found = frame.fix.latitude_deg, frame.fix.longitude_deg, frame.fix.altitude_m
+        assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_fixes_without_position_are_left_out(new_log):
+    log = new_log("cdr")
+    log.add("/camera/calibration", "calibration", 0)
+    log.add("/gps", "fix", 0, place=(math.nan, math.nan, math.nan))
+    log.add("/gps", "fix", 1, status=-1, place=(1.0, 2.0, 3.0))
+    log.add("/gps", "fix", STEP, place=(48.0, 11.0, 500.0))
+    log.add_picture(0)
+    log.add_picture(1)
+    frames, report = read(log.finish(), thin_m=0.0)
+    assert [f.fix is not None for f in frames] == [False, True]
+    assert not report.lost
+
+
+def test_a_silence_of_the_poses_is_not_bridged(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    times = [index * STEP for index in range(60)]
+    for index, time in enumerate(times):
+        if not 8 < index < 50:
+            log.add("/pose", "pose", time, **pose_content(time))
+        log.add_picture(index)
+    frames, _ = read(log.finish())
+    assert [f.index for f in frames if f.pose is None] == list(range(9, 50))
+
+
+def test_frames_without_header_times_go_by_log_time(new_log):
+    log = new_log()
+    for index in range(4):
+        time = index * STEP
+        log.add("/camera/calibration", "calibration", time, late=0, header=False)
+        log.add("/pose", "pose", time, late=0, header=False, **pose_content(time))
+        log.add_picture(index, late=0, header=False)
+    frames, _ = read(log.finish())
+    for index, frame in enumerate(frames):
+        assert frame.header_time_ns is None
+        assert frame.time_ns == START + index * STEP
+        assert_pose(frame, index * STEP)
+
+
+def test_header_times_of_another_clock_are_not_mixed(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0, late=0)
+    for index in range(4):
+        time = index * STEP
+        log.add("/pose", "pose", time, late=0, **pose_content(time))
+        log.add_picture(
+            index, time - START + 77, late=START - 77
+        )  # since the camera was switched on
+    frames, report = read(log.finish())
+    for index, frame in enumerate(frames):
+        assert_pose(frame, index * STEP)
+    assert any("clocks" in note for note in report.notes)
+
+
+def test_a_calibration_that_comes_late_serves_the_first_pictures_too(new_log):
+    log = new_log()
+    for index in range(5):
+        log.add_picture(index)
+    log.add("/camera/calibration", "calibration", 5 * STEP)
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    assert [f.status for f in frames] == ["used"] * 5
+
+
+@pytest.mark.parametrize("late", [1_000_000, 20_000_000])
+def test_each_picture_gets_the_calibration_of_its_own_time(new_log, late):
+    log = new_log()
+    for index in range(6):
+        k = [40.0 + index, 0.0, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
+        if late < LATENCY:
+            log.add("/camera/calibration", "calibration", index * STEP, late=late, k=k)
+        log.add_picture(index)
+        if late > LATENCY:
+            log.add("/camera/calibration", "calibration", index * STEP, late=late, k=k)
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    focal = [f.camera.fx for f in frames]
+    # the second calibration comes before it is known that they come with each picture
+    assert focal == [40 + i for i in range(6)] or (late > LATENCY and focal[2:] == [42, 43, 44, 45])
+
+
+def test_the_calibration_of_the_camera_is_told_by_frame_then_by_topic(new_log):
+    log = new_log()
+    other = [99.0, 0.0, 15.5, 0.0, 99.0, 11.5, 0.0, 0.0, 1.0]
+    log.add("/rear/calibration", "calibration", 0, k=other, frame="rear_optical")
+    log.add("/front/calibration", "calibration", 0, frame="camera_optical")
+    log.add_picture(0, topic="/front/image")
+    log.add_picture(0, topic="/rear/image", frame="rear_optical")
+    log.add_picture(0, topic="/rear/other", frame="")
+    path = log.finish()
+    for topic, focal in (("/front/image", 40.0), ("/rear/image", 99.0), ("/rear/other", 99.0)):
+        (frame,), _ = read(path, spacing_m=8.0, camera=topic)
+        assert frame.camera.fx == focal
+
+
+def test_a_binned_part_of_the_sensor_has_its_own_matrix(new_log):
+    log = new_log("cdr")
+    more = {"width": 80, "height": 60, "roi": (8, 6, 48, 64), "binning": (2, 2)}
+    log.add("/camera/camera_info", "calibration", 0, **more)
+    log.add_picture(0)
+    (frame,), _ = read(log.finish(), spacing_m=8.0)
+    assert (frame.camera.width, frame.camera.height) == (32, 24)
+    assert (frame.camera.fx, frame.camera.cx) == (20.0, (15.5 - 8) / 2)
+    assert (frame.camera.fy, frame.camera.cy) == (20.5, (11.5 - 6) / 2)
+
+
+def test_a_calibration_file_replaces_that_of_the_log(new_log, tmp_path):
+    (tmp_path / "camera.yaml").write_text(YAML)
+    path = fill(new_log())
+    frames, report = read(path, calibration=str(tmp_path / "camera.yaml"))
+    assert {f.camera.fx for f in frames} == {50.0}
+    assert report.calibration_source.endswith("camera.yaml")
+
+
+def test_a_calibration_attached_to_the_log_is_used(new_log):
+    log = new_log()
+    log.add_picture(0)
+    log.writer.add_attachment(0, 0, "notes.yaml", "", b"weather: fine")
+    log.writer.add_attachment(0, 0, "camera.yaml", "application/yaml", YAML.encode())
+    (frame,), report = read(log.finish(), spacing_m=8.0)
+    assert frame.camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.0)
+    assert report.calibration_source == "attachment camera.yaml"
+
+
+def test_spacing_comes_with_each_used_frame_where_there_are_no_poses(new_log):
+    frames, report = read(fill(new_log(), 9, motion="", fixes=False), spacing_m=3.0, thin_m=9.0)
+    used = [f for f in frames if f.used]
+    assert [f.index for f in used] == [0, 3, 6]
+    assert [f.spacing_m for f in used] == [None, 9.0, 9.0]
+    assert report.statuses == {"used": 3, "thinned": 6}
+    assert all(f.spacing_m is None and len(f.data) == 0 for f in frames if not f.used)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "thin", "apart"),
+    [(8.04672, 8.0, 1), (6.1, 8.0, 1), (5.0, 8.0, 2), (1.0, 8.0, 8), (3.0, 0.0, 1), (2.0, 8.5, 4)],
+)
+def test_thinning_takes_the_picture_nearest_to_the_wanted_distance(new_log, spacing, thin, apart):
+    path = fill(new_log(), 20, motion="", fixes=False)
+    frames, _ = read(path, spacing_m=spacing, thin_m=thin)
+    assert [f.index for f in frames if f.used] == list(range(0, 20, apart))
+
+
+@pytest.mark.parametrize("source", ["pose", "fix"])
+def test_thinning_goes_by_the_way_travelled(new_log, source):
+    log = new_log()
+    rng = np.random.default_rng(1)
+    log.add("/camera/calibration", "calibration", 0)
+    for index in range(60):
+        time = index * STEP
+        way = 2.0 * min(index, 20) + 2.0 * max(index - 50, 0)  # stands still from 20 to 50
+        jitter = rng.normal(0, 0.05, 2)
+        if source == "pose":
+            position = [way + jitter[0], jitter[1], 1.0]
+            log.add("/pose", "pose", time, position=position, rotation=[0, 0, 0, 1])
+        else:
+            degrees = (way + jitter[0]) / 6_371_000 * 180 / np.pi
+            log.add("/gps", "fix", time, place=(degrees, 11.0, 500.0 + 10 * jitter[1]))
+        log.add_picture(index)
+    frames, _ = read(log.finish())
+    used = [f.index for f in frames if f.used]
+    assert used[:6] == [0, 4, 8, 12, 16, 20]
+    assert not any(21 < i < 50 for i in used[6:])
+    assert len(used) == 8
+
+
+def test_a_part_and_every_nth_picture_are_taken_and_the_rest_is_accounted_for(new_log):
+    path = fill(new_log(), 20)
+    frames, report = read(path, from_s=1.0, until_s=3.0, every=3)
+    assert [f.index for f in frames] == list(range(20))
+    assert [f.index for f in frames if f.used] == [4, 7, 10]
+    assert report.statuses == {"used": 3, "skipped": 6, "outside": 11}
+    assert set(report.statuses) <= set(FRAME_STATUSES)
+
+
+def test_pictures_of_another_size_are_marked_and_the_others_used(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    for index in range(6):
+        log.add_picture(index, width=WIDTH + (8 if index == 2 else 0))
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    assert [f.status for f in frames] == ["used", "used", "wrong_size", "used", "used", "used"]
+    assert frames[3].spacing_m == 16.0
+
+
+def test_a_log_whose_pictures_all_differ_from_the_calibration_is_refused(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    log.add_picture(0, width=40, height=30)
+    with pytest.raises(InputError, match=r"32 x 24 .* found 40 x 30 .*--calibration"):
+        read(log.finish(), spacing_m=8.0)
+
+
+def test_a_picture_message_that_cannot_be_decoded_keeps_its_place(new_log, dialect):
+    log = new_log(dialect)
+    log.add("/camera/calibration", "calibration", 0)
+    for index in range(4):
+        if index == 2:
+            log.add_bytes("/camera/image", START + 2 * STEP, b"\xff\xff\xff")
+        else:
+            log.add_picture(index)
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    assert [f.status for f in frames] == ["used", "used", "undecodable", "used"]
+    assert [f.index for f in frames] == [0, 1, 2, 3]
+
+
+def test_other_messages_that_cannot_be_decoded_are_counted_as_lost(new_log, dialect):
+    log = new_log(dialect)
+    log.add("/camera/calibration", "calibration", 0)
+    for index in range(4):
+        log.add("/pose", "pose", index * STEP, **pose_content(index * STEP))
+        log.add_picture(index)
+    log.add_bytes("/pose", START + 3 * STEP, b"\xff\xff\xff")
+    log.add("/pose", "pose", 4 * STEP, position=[math.nan, 0, 0], rotation=[0, 0, 0, 1])
+    log.add("/pose", "pose", 4 * STEP, position=[0, 0, 0], rotation=[0, 0, 0, 0])
+    frames, report = read(log.finish())
+    assert len(frames) == 4
+    assert report.lost
+    assert "3 messages of /pose lost" in str(report.problems[0])
+
+
+def test_a_cut_log_gives_the_frames_before_the_cut_and_says_so(new_log):
+    path = fill(new_log(use_chunking=False))
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(picture(5)) + 100])
+    frames, report = read(path)
+    assert [f.index for f in frames] == [0, 1, 2, 3, 4]
+    assert report.lost
+    assert "cut off" in str(report.problems[0]) or "end mark" in str(report.problems[0])
+
+
+def test_a_broken_chunk_costs_its_pictures_only(new_log):
+    path = fill(new_log(chunk_size=3000), 12)
+    content = bytearray(path.read_bytes())
+    position, chunks = 8, []
+    while content[position] != 15:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        if opcode == 6:
+            chunks.append(position)
+        position += 9 + length
+    content[chunks[2] + 200] ^= 4
+    path.write_bytes(content)
+    frames, report = read(path)
+    assert report.lost_chunks == 1
+    assert 6 <= len(frames) < 12
+    assert [f.index for f in frames] == list(range(len(frames)))
+
+
+def test_several_cameras_ask_for_a_choice_and_list_what_there_is(new_log):
+    log = new_log(chunk_size=1000)
+    for index in range(20):
+        log.add("/front/info", "calibration", index * STEP)
+        log.add_picture(index, topic="/front/image")
+        if index % 2:
+            log.add_picture(index, topic="/rear/image", width=40)
+    path = log.finish()
+    with pytest.raises(UsageError) as error:
+        read(path, spacing_m=8.0)
+    for words in (
+        "--camera /front/image",
+        "/front/image (20 pictures, 32 x 24)",
+        "(10 pictures, 40 x 24)",
+    ):
+        assert words in str(error.value)
+    frames, _ = read(path, spacing_m=8.0, camera="/front/image")
+    assert len(frames) == 20
+
+
+def test_depth_pictures_are_no_camera(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    shape = {"width": WIDTH, "height": HEIGHT, "step": 2 * WIDTH, "encoding": "16UC1"}
+    log.add("/depth", "raw", 0, data=bytes(2 * WIDTH * HEIGHT), **shape)
+    log.add_picture(0)
+    frames, report = read(log.finish(), spacing_m=8.0)
+    assert len(frames) == 1
+    assert report.camera_topic == "/camera/image"
+
+
+def test_an_unknown_camera_names_the_nearest(new_log):
+    path = fill(new_log())
+    with pytest.raises(UsageError, match="nearest: /camera/image"):
+        read(path, camera="/camera/imag")
+
+
+def test_a_log_without_pictures_is_refused(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    with pytest.raises(InputError, match="wanted pictures, found /camera/calibration"):
+        read(log.finish(), spacing_m=8.0)
+
+
+def test_a_log_without_calibration_is_refused_with_the_option(new_log):
+    log = new_log()
+    log.add_picture(0)
+    with pytest.raises(InputError, match=r"wanted the calibration .*--calibration camera\.yaml"):
+        read(log.finish(), spacing_m=8.0)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ({"k": [0.0] * 9}, "not calibrated"),
+        ({"model": "equidistant"}, "lens model equidistant"),
+        ({"width": 0}, "0 x 24"),
+    ],
+)
+def test_a_calibration_that_cannot_be_used_says_why(new_log, dialect, content, reason):
+    log = new_log(dialect)
+    log.add("/camera/calibration", "calibration", 0, **content)
+    log.add_picture(0)
+    with pytest.raises(InputError, match=reason):
+        read(log.finish(), spacing_m=8.0)
+
+
+def test_a_log_that_does_not_tell_the_motion_is_refused_with_the_option(new_log):
+    path = fill(new_log(), motion="", fixes=False)
+    with pytest.raises(InputError, match=r"--spacing 26\.4ft"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("settings", "option"),
+    [
+        ({"every": 0}, "--every"),
+        ({"from_s": -1.0}, "--from"),
+        ({"from_s": 5.0, "until_s": 4.0}, "--until"),
+        ({"spacing_m": -1.0}, "--spacing"),
+        ({"thin_m": -1.0}, "thin_m"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_before_anything_is_read(
+    tmp_path, settings, option
+):
+    with pytest.raises(UsageError, match=option):
+        read_frames(tmp_path / "none.mcap", ReadSettings(**settings), ReadReport())
+
+
+def test_pictures_are_not_copied_from_protobuf_and_cdr(new_log):
+    for dialect in ("protobuf", "cdr"):
+        log = new_log(dialect, name=f"{dialect}.mcap", use_chunking=False)
+        (frame, *_), _ = read(fill(log))
+        assert isinstance(frame.data, memoryview)
+        assert memoryview(frame.data).nbytes == len(picture(0))
+        assert memoryview(frame.data).readonly
+
+
+def test_reading_keeps_no_pictures(new_log):
+    import tracemalloc
+
+    log = new_log(chunk_size=100_000)
+    log.add("/camera/calibration", "calibration", 0)
+    data = picture(0) + bytes(100_000)
+    for index in range(200):
+        log.add("/pose", "pose", index * STEP, **pose_content(index * STEP))
+        log.add_picture(index, data=data)
+    path = log.finish()
+    tracemalloc.start()
+    count = sum(1 for _ in read_frames(path, ReadSettings(), ReadReport()))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == 200
+    assert peak < 4_000_000  # of twenty million bytes of pictures
+
+
+def test_another_way_of_naming_ros_types_is_understood(new_log):
+    log = new_log("cdr")
+    log.dialect.schema = lambda name: b""
+    register = log.writer.register_schema
+    log.writer.register_schema = lambda name, *rest: register(name.replace("/msg/", "/"), *rest)
+    frames, _ = read(fill(log))
+    assert len(frames) == 8

@@ -1,0 +1,363 @@
+import struct
+import zlib
+from functools import cache
+
+import lz4.frame
+import pytest
+import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+from mcap.writer import CompressionType, IndexType, Writer
+
+from wayside.pipeline.reading.records import Attachment, Message, Metadata, ScanReport, scan
+from wayside.schemas.errors import InputError
+
+MESSAGES = 40
+
+
+@cache
+def payload(index):
+    return bytes((index * 7 + k) % 251 for k in range(100 + index))
+
+
+def write(path, **options):
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start(library="tests")
+        schema = writer.register_schema("some.Type", "jsonschema", b"{}")
+        channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
+        for index in range(MESSAGES):
+            time = 10**18 + index * 10**8
+            writer.add_message(channels[index % 2], time, payload(index), time, index)
+        writer.finish()
+    return path
+
+
+def read(path):
+    report = ScanReport()
+    found = [r for r in scan(path, report) if isinstance(r, Message)]
+    return [(m.channel.topic, m.sequence, bytes(m.data)) for m in found], report
+
+
+def everything():
+    return [("/ab"[:1] + "ab"[i % 2], i, payload(i)) for i in range(MESSAGES)]
+
+
+def chunks_of(content):
+    """Offset and record length of each chunk, by walking the records."""
+    position, found = 8, []
+    while position < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        if opcode == 6:
+            found.append((position, length))
+        position += 9 + length
+    return found
+
+
+def test_all_messages_come_in_file_order_whatever_the_packing(tmp_path, packing):
+    found, report = read(write(tmp_path / "log.mcap", **{**packing, "chunk_size": 600}))
+    assert found == everything()
+    assert not report.lost
+    assert report.messages == MESSAGES
+    assert report.bytes_read == report.bytes_total == (tmp_path / "log.mcap").stat().st_size
+    assert report.first_log_ns == 10**18
+    assert report.last_log_ns == 10**18 + (MESSAGES - 1) * 10**8
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "an empty file"),
+        (b"\x89MCAP0\r\n", "without any record"),
+        (b"\x89MCAP0\r\n\x89MCAP0\r\n", "without any record"),
+        (b"#ROSBAG V2.0\n" + bytes(50), "begins with b'#ROSBAG '"),
+    ],
+)
+def test_what_is_no_log_is_refused_with_what_was_found(tmp_path, content, found):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="wanted an MCAP log") as error:
+        read(path)
+    assert found in str(error.value)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match="check the name"):
+        read(tmp_path / "none.mcap")
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(InputError):
+        read(tmp_path)
+
+
+def test_a_truncated_log_without_chunks_yields_all_complete_messages(tmp_path):
+    content = write(tmp_path / "log.mcap", use_chunking=False, repeat_channels=False).read_bytes()
+    ends, position, data_end = [], 8, 0
+    while not data_end:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        position += 9 + length
+        if opcode == 5:
+            ends.append(position)
+        data_end = position if opcode == 15 else 0
+    cut = tmp_path / "cut.mcap"
+    for size in range(17, len(content), 7):
+        cut.write_bytes(content[:size])
+        found, report = read(cut)
+        assert found == everything()[: sum(end <= size for end in ends)]
+        assert report.lost == (size < data_end)
+
+
+@pytest.mark.parametrize("kind", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_truncated_log_with_chunks_yields_all_complete_chunks(tmp_path, kind):
+    content = write(tmp_path / "log.mcap", compression=kind, chunk_size=900).read_bytes()
+    ends = [offset + 9 + length for offset, length in chunks_of(content)]
+    cut, whole = tmp_path / "cut.mcap", {0: 0}
+    for n, end in enumerate(ends, 1):
+        cut.write_bytes(content[:end])
+        with cut.open("rb") as stream:  # the stock reader as the judge of what a chunk holds
+            reader, count = NonSeekingReader(stream), 0
+            try:
+                for _ in reader.iter_messages(log_time_order=False):
+                    count += 1
+            except EndOfFile:
+                pass
+        whole[n] = count
+    assert whole[len(ends)] == MESSAGES
+    for size in range(17, ends[-1] + 1, 11):
+        cut.write_bytes(content[:size])
+        found, report = read(cut)
+        assert found == everything()[: whole[sum(end <= size for end in ends)]]
+        assert report.lost
+
+
+@pytest.mark.parametrize("kind", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_flipped_bit_costs_one_chunk_and_is_counted(tmp_path, kind):
+    path = write(tmp_path / "log.mcap", compression=kind, chunk_size=600)
+    content = bytearray(path.read_bytes())
+    offset, length = chunks_of(content)[2]
+    content[offset + 9 + length - 20] ^= 0x10
+    path.write_bytes(content)
+    found, report = read(path)
+    assert report.lost_chunks == report.problem_count == 1
+    assert f"at byte {offset}" in str(report.problems[0])
+    assert "after the first message" in str(report.problems[0])
+    lost = [one for one in everything() if one not in found]
+    assert found == [one for one in everything() if one not in lost]
+    assert 1 <= len(lost) <= 6
+    assert [one[1] for one in lost] == list(range(lost[0][1], lost[-1][1] + 1))
+
+
+def test_the_channels_of_a_lost_first_chunk_come_from_the_summary(tmp_path):
+    path = write(tmp_path / "log.mcap", compression=CompressionType.NONE, chunk_size=600)
+    content = bytearray(path.read_bytes())
+    offset, length = chunks_of(content)[0]
+    content[offset + 9 + length - 20] ^= 0x10
+    path.write_bytes(content)
+    found, report = read(path)
+    assert len(found) > MESSAGES - 7
+    assert report.problem_count == 1
+
+
+def test_messages_of_channels_that_are_lost_for_good_are_counted_once(tmp_path):
+    path = write(
+        tmp_path / "log.mcap",
+        compression=CompressionType.NONE,
+        chunk_size=600,
+        repeat_channels=False,
+        index_types=IndexType.NONE,
+    )
+    content = bytearray(path.read_bytes())
+    offset, length = chunks_of(content)[0]
+    content[offset + 9 + length - 20] ^= 0x10
+    path.write_bytes(content)
+    found, report = read(path)
+    assert found == []
+    assert ["channel" in str(p) for p in report.problems] == [False, True, True]
+
+
+@pytest.mark.parametrize("length", [2**60, 2**31, 2**28, 0, 45])
+def test_a_wrong_chunk_length_costs_one_chunk(tmp_path, length):
+    path = write(tmp_path / "log.mcap", compression=CompressionType.ZSTD, chunk_size=600)
+    content = bytearray(path.read_bytes())
+    offset, _ = chunks_of(content)[3]
+    struct.pack_into("<Q", content, offset + 1, length)
+    path.write_bytes(content)
+    found, report = read(path)
+    assert MESSAGES - 6 <= len(found) < MESSAGES
+    assert report.lost
+
+
+def test_a_hole_of_zeros_costs_what_it_covers(tmp_path):
+    path = write(tmp_path / "log.mcap", compression=CompressionType.ZSTD, chunk_size=600)
+    content = bytearray(path.read_bytes())
+    offset, length = chunks_of(content)[3]
+    content[offset : offset + 9 + length] = bytes(9 + length)
+    path.write_bytes(content)
+    found, report = read(path)
+    assert MESSAGES - 6 <= len(found) < MESSAGES
+    assert report.lost
+
+
+@pytest.mark.parametrize("length", [2**60, 2**31, 0])
+def test_a_wrong_message_length_outside_chunks_costs_one_message(tmp_path, length):
+    path = write(tmp_path / "log.mcap", use_chunking=False)
+    content = bytearray(path.read_bytes())
+    position = content.index(payload(20)) - 22 - 9
+    assert content[position] == 5
+    struct.pack_into("<Q", content, position + 1, length)
+    path.write_bytes(content)
+    found, report = read(path)
+    assert found == [one for one in everything() if one[1] != 20]
+    assert report.problem_count == 1
+
+
+def test_a_damaged_message_outside_chunks_shows_in_the_checksum_over_all_data(tmp_path):
+    path = write(tmp_path / "log.mcap", use_chunking=False, enable_data_crcs=True)
+    content = bytearray(path.read_bytes())
+    content[content.index(payload(20)) + 5] ^= 1
+    path.write_bytes(content)
+    found, report = read(path)
+    assert len(found) == MESSAGES
+    assert "checksum over the whole log" in str(report.problems[0])
+
+
+def record(opcode, content):
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def text(value):
+    return struct.pack("<I", len(value)) + value
+
+
+def chunk(records, name=b"", packed=None, size=None, checksum=None):
+    packed = records if packed is None else packed
+    checksum = zlib.crc32(records) if checksum is None else checksum
+    size = len(records) if size is None else size
+    head = struct.pack("<QQQI", 1, 2, size, checksum) + text(name)
+    return record(6, head + struct.pack("<Q", len(packed)) + packed)
+
+
+def message(channel, index):
+    return record(5, struct.pack("<HIQQ", channel, index, 10**18 + index, 0) + payload(index))
+
+
+SCHEMA = record(3, struct.pack("<H", 1) + text(b"T") + text(b"jsonschema") + text(b"{}"))
+CHANNEL = record(4, struct.pack("<HH", 1, 1) + text(b"/a") + text(b"json") + text(b""))
+FIRST = SCHEMA + CHANNEL + message(1, 0)
+GOOD = SCHEMA + CHANNEL + message(1, 1)
+MAGIC = b"\x89MCAP0\r\n"
+
+
+def handmade(tmp_path, *records):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(MAGIC + record(1, text(b"") + text(b"")) + b"".join(records))
+    return path
+
+
+BOMB = bytes(50_000_000)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        chunk(FIRST, b"brotli"),
+        chunk(FIRST, checksum=1),
+        chunk(FIRST, size=2**60),
+        chunk(FIRST, size=8 * 10**9),
+        chunk(FIRST, size=len(FIRST) + 1),
+        chunk(FIRST[:-1]),
+        chunk(FIRST + record(5, b"short")),
+        chunk(FIRST + struct.pack("<BQ", 5, 2**60), checksum=0),
+        chunk(FIRST, b"zstd"),
+        chunk(FIRST, b"lz4"),
+        chunk(FIRST, b"zstd", zstandard.compress(BOMB)),
+        chunk(FIRST, b"lz4", lz4.frame.compress(BOMB)),
+        chunk(FIRST, b"zstd", zstandard.compress(FIRST)[:-4]),
+        chunk(FIRST, b"lz4", lz4.frame.compress(FIRST)[:-20]),
+    ],
+)
+def test_a_chunk_that_cannot_be_trusted_is_lost_whole_and_reading_goes_on(tmp_path, bad):
+    found, report = read(handmade(tmp_path, bad, chunk(GOOD), record(15, bytes(4))))
+    assert [one[1] for one in found] == [1]
+    assert report.lost_chunks == report.problem_count == 1
+
+
+@pytest.mark.parametrize(
+    "packed",
+    [zstandard.ZstdCompressor(write_content_size=False).compress(GOOD), zstandard.compress(GOOD)],
+)
+def test_zstd_chunks_are_read_with_and_without_their_size_in_the_frame(tmp_path, packed):
+    found, report = read(handmade(tmp_path, chunk(GOOD, b"zstd", packed), record(15, bytes(4))))
+    assert len(found) == 1
+    assert not report.lost
+
+
+def test_records_of_opcodes_to_come_and_private_ones_are_passed_over(tmp_path):
+    strange = record(0x10, b"later"), record(0x90, b"private" * 1000)
+    found, report = read(
+        handmade(
+            tmp_path, strange[0], SCHEMA, CHANNEL, strange[1], message(1, 1), record(15, bytes(4))
+        )
+    )
+    assert len(found) == 1
+    assert not report.lost
+
+
+def test_a_channel_whose_schema_is_missing_is_counted_and_its_messages_still_come(tmp_path):
+    found, report = read(handmade(tmp_path, CHANNEL, message(1, 1), record(15, bytes(4))))
+    assert len(found) == 1
+    assert "schema 1" in str(report.problems[0])
+
+
+def test_what_follows_the_end_of_the_data_is_not_read(tmp_path):
+    path = write(tmp_path / "log.mcap")
+    path.write_bytes(path.read_bytes() * 2)
+    found, report = read(path)
+    assert found == everything()
+    assert not report.lost
+
+
+def test_metadata_and_small_attachments_come_and_large_ones_do_not(tmp_path):
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata("wayside", {"spacing_m": "8.0"})
+        writer.add_attachment(0, 0, "camera.yaml", "text/yaml", b"image_width: 3")
+        writer.add_attachment(0, 0, "map.bin", "", bytes(2_000_000))
+        writer.finish()
+    report = ScanReport()
+    found = list(scan(path, report))
+    assert [type(one) for one in found] == [Metadata, Attachment]
+    assert found[0].values == {"spacing_m": "8.0"}
+    assert found[1].data == b"image_width: 3"
+    assert not report.lost
+
+
+def test_a_hopeless_file_cannot_fill_the_memory_with_problems(tmp_path):
+    bad = chunk(FIRST, checksum=1)
+    _, report = read(handmade(tmp_path, *[bad] * 1000, record(15, bytes(4))))
+    assert report.problem_count == 1000
+    assert len(report.problems) == 201
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    places=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
+    chunked=st.booleans(),
+)
+def test_no_damage_makes_reading_fail_or_delivers_damaged_chunks(tmp_path, places, chunked):
+    path = write(tmp_path / "log.mcap", use_chunking=chunked, chunk_size=600)
+    content = bytearray(path.read_bytes())
+    for share, value in places:
+        content[8 + int(share * (len(content) - 9))] = value
+    path.write_bytes(content)
+    found, _ = read(path)
+    if chunked:
+        data = {one[2] for one in everything()}
+        assert all(one[2] in data for one in found)
