@@ -5,7 +5,12 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.numerics.triangulate import midpoint, triangulate_many, triangulate_views
+from wayside.stages.numerics.triangulate import (
+    midpoint,
+    pair_residual,
+    triangulate_many,
+    triangulate_views,
+)
 
 SIGMA = 0.25 / 1400
 small = st.floats(-0.1, 0.1)
@@ -178,3 +183,42 @@ def test_arrays_that_do_not_fit_together_are_refused():
         triangulate_views(rotations, centres, rays, 0 * sigma)
     with pytest.raises(ValueError, match="ascending"):
         triangulate_many(np.array([0, 3, 2, 4]), rotations, centres, rays, sigma)
+
+
+def test_the_residual_of_the_true_motion_is_nought_and_grows_with_an_unmodelled_turn():
+    generator = np.random.default_rng(8)
+    points = generator.uniform((-8, -4, 20), (8, 2, 60), (30, 3))
+    direction = np.array([0.0, 0.0, 1.0])
+    turn = Rotation.from_rotvec([0.004, 0.0, 0.0]).as_matrix()
+    local = (points - 8.05 * direction) @ turn
+    previous, current = points[:, :2] / points[:, 2:], local[:, :2] / local[:, 2:]
+    focal = (1400.0, 1400.0)
+    assert pair_residual(previous, current, turn, direction, focal).max() < 1e-12
+    straight = pair_residual(previous, current, np.eye(3), direction, focal)
+    # a pitch of 0.23 deg moves everything 5.6 px up or down; the midpoint takes a part of that
+    assert 1.0 < np.sqrt(np.median(straight) / 4) < 2.8
+
+
+def test_the_residual_is_the_sum_of_four_squared_differences_of_the_midpoint():
+    previous, current = np.array([[0.1, -0.02]]), np.array([[0.15, -0.025]])
+    centre = np.array([0.0, 0.0, 8.05])
+    point = midpoint(
+        np.zeros(3), centre, np.array([[0.1, -0.02, 1]]), np.array([[0.15, -0.025, 1]])
+    )
+    q, r = point.point[0], point.point[0] - centre
+    expected = 1400**2 * (
+        (q[0] / q[2] - 0.1) ** 2
+        + (q[1] / q[2] + 0.02) ** 2
+        + (r[0] / r[2] - 0.15) ** 2
+        + (r[1] / r[2] + 0.025) ** 2
+    )
+    found = pair_residual(previous, current, np.eye(3), centre, (1400.0, 1400.0))
+    assert found[0] == pytest.approx(expected)
+
+
+def test_rays_that_part_have_the_residual_of_a_point_at_infinity():
+    previous, current = np.array([[0.1, 0.0]]), np.array([[0.09, 0.0]])
+    found = pair_residual(
+        previous, current, np.eye(3), np.array([0.0, 0.0, 8.05]), (1000.0, 1000.0)
+    )
+    assert found[0] == pytest.approx(0.5 * 10**2)

@@ -1,0 +1,72 @@
+import cv2
+import numpy as np
+import pytest
+
+from wayside.stages.numerics.register import register_patches
+
+SHIFT = np.array([3.3, -2.4])
+
+
+@pytest.fixture(scope="module")
+def far():
+    noise = np.random.default_rng(0).random((400, 500)).astype(np.float32)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    return cv2.normalize(blurred, None, 20, 235, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def seen_nearer(far, scale, gain=0.8, bias=10.0, noise=1.0):
+    warp = np.array([[scale, 0, SHIFT[0]], [0, scale, SHIFT[1]]])
+    size = int(500 * scale), int(400 * scale)
+    near = cv2.warpAffine(far, warp, size, flags=cv2.INTER_CUBIC).astype(np.float64)
+    near += np.random.default_rng(1).normal(0, noise, near.shape)
+    return np.clip(gain * near + bias, 0, 255).astype(np.uint8)
+
+
+def somewhere(count=60):
+    return np.random.default_rng(2).integers((40, 40), (440, 340), (count, 2))
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.15, 1.6])
+def test_patches_are_found_to_a_twentieth_of_a_pixel_in_spite_of_scale_gain_and_bias(far, scale):
+    corners, near = somewhere(), seen_nearer(far, scale)
+    truth = corners * scale + SHIFT
+    starts = truth + np.random.default_rng(3).uniform(-2, 2, truth.shape)
+    found = register_patches(far, near, corners, starts, np.full(len(corners), scale * 0.95))
+    assert (found.zncc > 0.95).mean() > 0.95
+    good = found.zncc > 0.95
+    assert np.sqrt(((found.point - truth)[good] ** 2).mean()) < 0.05
+    np.testing.assert_allclose(found.scale[good], scale, rtol=0.03)
+
+
+def test_a_picture_registers_on_itself_without_moving(far):
+    corners = somewhere()
+    found = register_patches(far, far, corners, corners.astype(float), np.ones(len(corners)))
+    np.testing.assert_allclose(found.point, corners, atol=1e-3)
+    np.testing.assert_allclose(found.zncc, 1.0, atol=1e-6)
+
+
+def test_patches_without_texture_or_at_the_rim_are_refused(far):
+    flat = np.full_like(far, 90)
+    middle, rim = np.array([[200, 200]]), np.array([[3, 200], [499, 399], [200, 5]])
+    assert register_patches(flat, flat, middle, middle.astype(float), np.ones(1)).zncc[0] == 0
+    found = register_patches(far, far, rim, rim.astype(float), np.ones(3))
+    assert (found.zncc == 0).all()
+    assert np.isnan(found.point).all()
+
+
+def test_starts_that_are_nowhere_or_outside_are_refused(far):
+    corners = np.full((4, 2), 200)
+    starts = np.array([[np.nan, 200], [np.inf, 200], [-300.0, 200], [200, 9000.0]])
+    assert (register_patches(far, far, corners, starts, np.ones(4)).zncc == 0).all()
+
+
+def test_another_scene_is_not_taken_for_the_patch(far):
+    other = np.ascontiguousarray(far[::-1, ::-1])
+    corners = somewhere()
+    found = register_patches(far, other, corners, corners.astype(float), np.ones(len(corners)))
+    assert (found.zncc < 0.85).all()
+
+
+def test_colour_pictures_are_refused(far):
+    with pytest.raises(ValueError, match="far"):
+        register_patches(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), np.ones(1))
