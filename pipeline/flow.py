@@ -53,9 +53,9 @@ class Flow:
         if not by_report:
             segmented = self._stage("propose", segmented, propose, settings=s.candidates)
         judged = self._stage("color", segmented, classify_color, model=m.color, gate=by_report)
-        judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
         if not by_report:
             judged = self._stage("judge", judged, judge, trees=m.judge, settings=s.candidates)
+        judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
         return self._stage("features", judged, extract_features, settings=s.features)
 
     def follow(self, looks: Iterator[Look]) -> Iterator[Settled]:
