@@ -1,0 +1,65 @@
+import pytest
+
+from wayside.pipeline.reading.camera_file import parse_camera, read_camera_file
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
+
+# as camera_calibration of ROS writes it
+ROS = """image_width: 640
+image_height: 480
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.361976, 0.110510, 0.001014, 0.000505, 0.000000]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+"""
+CAMERA = Camera(
+    640, 480, 438.78, 437.35, 305.59, 243.74, (-0.361976, 0.110510, 0.001014, 0.000505, 0.0)
+)
+
+
+def test_a_ros_calibration_file_is_read(tmp_path):
+    (tmp_path / "camera.yaml").write_text(ROS)
+    assert read_camera_file(tmp_path / "camera.yaml") == CAMERA
+
+
+def test_a_matrix_as_rows_is_read():
+    text = ROS.replace(
+        "  rows: 3\n  cols: 3\n  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]",
+        "  [[438.78, 0, 305.59], [0, 437.35, 243.74], [0, 0, 1]]",
+    )
+    assert parse_camera(text, "camera.yaml") == CAMERA
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("", "no named entries"),
+        ("just text", "no named entries"),
+        ("a: [1, 2", "no YAML"),
+        (ROS.replace("image_height", "height"), "no image_height"),
+        (ROS.replace("640", "wide"), "wide"),
+        (ROS.replace("438.78", "0"), "not calibrated"),
+        (ROS.replace("plumb_bob", "equidistant"), "equidistant"),
+        (ROS.replace(", 0.000505, 0.000000]", "]"), "3 coefficients"),
+        (ROS.replace("438.78, ", ""), "no focal length"),
+    ],
+)
+def test_what_is_no_calibration_says_why(text, found):
+    with pytest.raises(InputError, match=r"camera.yaml: wanted a camera calibration") as error:
+        parse_camera(text, "camera.yaml")
+    assert found in str(error.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"camera.yaml.*check the name"):
+        read_camera_file(tmp_path / "camera.yaml")

@@ -1,0 +1,87 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.pipeline.reading.encodings import cut_out_field, unpack_json
+from wayside.pipeline.reading.picture_headers import format_word, read_picture_header
+
+
+@given(st.binary(max_size=300), st.text(max_size=40), st.integers(0, 2**62))
+def test_cutting_out_a_protobuf_field_leaves_the_others_as_the_stock_reader_sees_them(
+    data, name, time
+):
+    message = CompressedImage(data=data, frame_id=name, format="jpeg")
+    message.timestamp.FromNanoseconds(time % (250 * 10**15))
+    rest, found = cut_out_field(memoryview(message.SerializeToString()), 2)
+    assert bytes(found) == data
+    message.ClearField("data")
+    assert CompressedImage.FromString(rest) == message
+
+
+@given(st.binary(max_size=60))
+def test_bytes_that_are_no_protobuf_raise_value_errors_only(content):
+    try:
+        rest, data = cut_out_field(memoryview(content), 2)
+    except ValueError:
+        return
+    assert len(rest) + len(data) <= len(content)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"frame_id":"a","data":"/+8AAQ==","format":"jpeg"}',
+        '{"frame_id":"a", "format":"jpeg" , "data" : "/+8AAQ=="}',
+        '{"data": "\\/+8AAQ==", "frame_id":"a","format":"jpeg"}',
+        '{"data": [255, 239, 0, 1], "frame_id":"a","format":"jpeg"}',
+    ],
+)
+def test_json_pictures_are_unpacked_however_they_are_written(text):
+    message, data = unpack_json(memoryview(text.encode()))
+    assert bytes(data) == b"\xff\xef\x00\x01"
+    assert (message.frame_id, message.format) == ("a", "jpeg")
+
+
+def test_json_without_data_has_no_bytes():
+    message, data = unpack_json(memoryview(json.dumps({"x": {"y": 1.5}}).encode()))
+    assert message.x.y == 1.5
+    assert len(data) == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (24, 32), (700, 900)])
+@pytest.mark.parametrize(
+    ("suffix", "options", "name"),
+    [
+        (".jpg", [], "jpeg"),
+        (".jpg", [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 2], "jpeg"),
+        (".png", [], "png"),
+    ],
+)
+def test_the_size_of_a_picture_is_read_from_its_header(shape, suffix, options, name):
+    data = cv2.imencode(suffix, np.zeros((*shape, 3), np.uint8), options)[1].tobytes()
+    assert read_picture_header(memoryview(data)) == (name, shape[1], shape[0])
+
+
+@given(st.binary(max_size=80), st.sampled_from([b"", b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"]))
+def test_no_bytes_make_the_header_reader_fail(content, begin):
+    header = read_picture_header(begin + content)
+    assert header is None or (header.width > 0 and header.height > 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("jpeg", "jpeg"),
+        ("jpg", "jpeg"),
+        ("bgr8; jpeg compressed bgr8", "jpeg"),
+        ("image/png", "png"),
+        ("16UC1; compressedDepth", "16UC1; compressedDepth"),
+    ],
+)
+def test_the_format_is_found_in_free_text(text, word):
+    assert format_word(text) == word

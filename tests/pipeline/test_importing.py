@@ -1,0 +1,140 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from mcap.reader import make_reader
+
+from wayside.pipeline.importing import count_pictures, import_pictures
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.schemas.settings import ReadSettings
+
+YAML = """image_width: 32
+image_height: 24
+camera_matrix: {rows: 3, cols: 3, data: [50, 0, 16, 0, 51, 12, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.1, 0, 0, 0.5]}
+"""
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_text(YAML)
+    return path
+
+
+def write_picture(path, width=32, height=24):
+    pixels = np.random.default_rng(len(path.name)).integers(0, 256, (height, width, 3), np.uint8)
+    assert cv2.imwrite(str(path), pixels)
+    return path
+
+
+def frames_of(log, **settings):
+    return list(read_frames(log, ReadSettings(**settings), ReadReport()))
+
+
+def test_pictures_become_a_log_that_needs_no_spacing(tmp_path, calibration):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    files = [write_picture(folder / f"P{n}.jpg") for n in (9, 10, 11, 100)]
+    (folder / "notes.txt").write_text("no picture")
+    out = tmp_path / "drive.mcap"
+    assert import_pictures([folder], calibration, 8.04672, out) == 4
+    frames = frames_of(out)
+    assert [bytes(f.data) for f in frames] == [f.read_bytes() for f in files]
+    assert [f.spacing_m for f in frames] == [None, 8.04672, 8.04672, 8.04672]
+    assert {f.camera.fy for f in frames} == {51.0}
+    assert frames[0].camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.5)
+    assert all(f.header_time_ns is None for f in frames)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "drive.mcap", "pictures"]
+
+
+def test_missing_numbers_are_missing_distances(tmp_path, calibration):
+    files = [write_picture(tmp_path / f"{n:04d}.png") for n in (3, 4, 6, 7)]
+    out = tmp_path / "drive.mcap"
+    import_pictures(files, calibration, 10.0, out)
+    assert [f.spacing_m for f in frames_of(out)] == [None, 10.0, 20.0, 10.0]
+    given = frames_of(out, spacing_m=9.0)  # --spacing is the distance between pictures as they are
+    assert [f.spacing_m for f in given] == [None, 9.0, 9.0, 9.0]
+
+
+@pytest.mark.parametrize(
+    ("names", "counts"),
+    [
+        (["a1", "a2", "a5"], [1, 2, 5]),
+        (["a2", "a4", "a10"], [1, 2, 5]),
+        (["a10", "a25", "a31"], [1, 2, 3]),
+        (["a1", "a2", "a900"], [1, 2, 3]),
+        (["a1", "b1"], [1, 2]),
+        (["first", "second"], [1, 2]),
+        (["a7"], [1]),
+    ],
+)
+def test_pictures_are_counted_by_their_numbers_where_these_are_even(names, counts):
+    assert count_pictures([Path(f"{name}.jpg") for name in names]) == counts
+
+
+def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path, calibration):
+    out = tmp_path / "drive.mcap"
+    file = write_picture(tmp_path / "1.jpg")
+    import_pictures([file], calibration, 8.0, out)
+    with out.open("rb") as stream:
+        reader = make_reader(stream)
+        messages = {s.name: m.data for s, _, m in reader.iter_messages()}
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+    picture = CompressedImage.FromString(messages["foxglove.CompressedImage"])
+    assert (picture.data, picture.format) == (file.read_bytes(), "jpeg")
+    camera = CameraCalibration.FromString(messages["foxglove.CameraCalibration"])
+    assert (camera.width, camera.height, camera.distortion_model) == (32, 24, "plumb_bob")
+    assert list(camera.K) == [50, 0, 16, 0, 51, 12, 0, 0, 1]
+    assert list(camera.D) == [-0.2, 0.1, 0.0, 0.0, 0.5]
+    assert list(camera.P) == [50, 0, 16, 0, 0, 51, 12, 0, 0, 0, 1, 0]
+    assert metadata["wayside"]["spacing_m"] == "8.0"
+
+
+def test_the_same_pictures_give_the_same_bytes(tmp_path, calibration):
+    files = [write_picture(tmp_path / f"{n}.jpg") for n in range(3)]
+    logs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for log in logs:
+        import_pictures(files, calibration, 8.0, log)
+    assert logs[0].read_bytes() == logs[1].read_bytes()
+
+
+def test_a_picture_of_another_size_is_named_and_no_log_is_left(tmp_path, calibration):
+    files = [write_picture(tmp_path / "1.jpg"), write_picture(tmp_path / "2.jpg", width=40)]
+    with pytest.raises(InputError, match=r"2\.jpg: wanted 32 x 24 .* found 40 x 24"):
+        import_pictures(files, calibration, 8.0, tmp_path / "drive.mcap")
+    assert not list(tmp_path.glob("drive*"))
+
+
+def test_what_is_no_picture_is_named(tmp_path, calibration):
+    (tmp_path / "1.jpg").write_text("no picture")
+    with pytest.raises(InputError, match=r"1\.jpg: wanted a JPEG or PNG"):
+        import_pictures([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
+
+
+def test_a_missing_picture_is_named(tmp_path, calibration):
+    with pytest.raises(InputError, match=r"1\.jpg: wanted a picture, found no such file"):
+        import_pictures([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
+
+
+def test_an_empty_folder_is_refused(tmp_path, calibration):
+    (tmp_path / "pictures").mkdir()
+    with pytest.raises(UsageError, match="found none"):
+        import_pictures([tmp_path / "pictures"], calibration, 8.0, tmp_path / "drive.mcap")
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1.0, float("nan")])
+def test_a_spacing_that_is_none_is_refused(tmp_path, calibration, spacing):
+    with pytest.raises(UsageError, match="--spacing"):
+        import_pictures([tmp_path], calibration, spacing, tmp_path / "drive.mcap")
+
+
+def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path, calibration):
+    file = write_picture(tmp_path / "1.jpg")
+    with pytest.raises(OutputError, match="could not be written"):
+        import_pictures([file], calibration, 8.0, tmp_path / "none" / "drive.mcap")
