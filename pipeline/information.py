@@ -197,7 +197,8 @@ def _damage(information: LogInformation) -> list[str]:
     shown = [f"  {problem}" for problem in scan.problems[:_MOST_PROBLEMS_SHOWN]]
     more = scan.problem_count - len(shown)
     tail = [f"  and {more} more"] if more > 0 else []
-    return [f"damaged in {scan.problem_count} places; what is whole can be used:", *shown, *tail]
+    places = "1 place" if scan.problem_count == 1 else f"{scan.problem_count} places"
+    return [f"damaged in {places}; what is whole can be used:", *shown, *tail]
 
 
 def _size(count: int) -> str:

@@ -83,7 +83,7 @@ def test_damage_is_listed_and_the_rest_described(new_log):
     content = bytearray(path.read_bytes())
     path.write_bytes(content[: len(content) * 2 // 3])
     text = format_information(describe_log(path))
-    assert "damaged in 1 places" in text
+    assert "damaged in 1 place;" in text
     assert "at byte" in text
     assert "can be used:" in text
 
