@@ -51,12 +51,19 @@ def test_every_layer_is_marked_as_typed() -> None:
     assert all((ROOT / layer / "py.typed").is_file() for layer in LAYERS)
 
 
-def test_every_data_file_is_of_a_kind_that_is_packed(project: dict[str, Any]) -> None:
-    packed = project["tool"]["setuptools"]["package-data"]["*"]
+def test_every_data_file_is_packed_with_the_package_it_lies_in(project: dict[str, Any]) -> None:
+    setuptools = project["tool"]["setuptools"]
+    folders = {name: ROOT.joinpath(*name.split(".")[1:]) for name in setuptools["packages"]}
+    packed = {
+        path
+        for name, folder in folders.items()
+        for pattern in (*setuptools["package-data"]["*"], *setuptools["package-data"].get(name, ()))
+        for path in folder.glob(pattern)
+    }
     for layer in LAYERS:
         for path in (ROOT / layer).rglob("*"):
             if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:
-                assert any(path.match(pattern) for pattern in packed), path
+                assert path in packed, path
 
 
 def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> None:
