@@ -51,6 +51,7 @@ class TreeModel:
 
     feature, left, right (trees, nodes) int32; threshold, value (trees, nodes) float32. A node with
     left < 0 is a leaf. A value goes left where it is at most the threshold, and also where it is nan.
+    gate: a smaller model over cheaper features that is asked first; what it does not accept goes no further.
     """
 
     kind: ClassVar[str] = "trees"
@@ -63,6 +64,7 @@ class TreeModel:
     value: NDArray[np.float32]
     accept: float
     provenance: str
+    gate: TreeModel | None = None
 
 
 Model = GaussianModel | TreeModel
@@ -86,7 +88,9 @@ def model_to_json(model: Model) -> str:
             ],
         }
     else:
+        gate = None if model.gate is None else json.loads(model_to_json(model.gate))
         body = {
+            "gate": gate,
             "features": list(model.features),
             "bias": model.bias,
             "accept": model.accept,
@@ -141,6 +145,7 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 column("value", np.float32),
                 float(data["accept"]),
                 data["provenance"],
+                _gate_of(data.get("gate"), name),
             )
         raise KeyError(f"kind {data['kind']!r}")
     except (KeyError, TypeError, ValueError) as error:
@@ -148,6 +153,15 @@ def model_from_json(text: str, name: str = "model") -> Model:
             f"{name}: wanted a wayside model file, found {type(error).__name__}: {error}; "
             "write one with the learning script or leave the setting out for the model that ships"
         ) from error
+
+
+def _gate_of(data: dict[str, Any] | None, name: str) -> TreeModel | None:
+    if data is None:
+        return None
+    gate = model_from_json(json.dumps(data), name)
+    if not isinstance(gate, TreeModel):
+        raise TypeError(f"a gate of kind {gate.kind!r}")
+    return gate
 
 
 def digest(text: str) -> str:

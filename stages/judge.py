@@ -18,6 +18,7 @@ from wayside.schemas.regions import Candidates, Judged, Regions, verdict_code
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.colorspace import to_space
+from wayside.stages.numerics.glance import glance_names, glances
 from wayside.stages.numerics.maps import halved
 from wayside.stages.numerics.patch import patch_feature_names, patch_features
 from wayside.stages.numerics.trees import log_odds
@@ -54,27 +55,51 @@ def judge(
         if picture.rgb is None or picture.frame.camera is None or len(rows) == 0:
             yield item
             continue
-        values = candidate_features(
-            picture.rgb, item.candidates.regions.select(rows), picture.frame.camera
-        )
-        found = log_odds(trees, values)
+        levels = picture_levels(picture.rgb)
+        regions, camera = item.candidates.regions.select(rows), picture.frame.camera
+        found = np.full(len(rows), -np.inf, np.float32)
+        passed = np.arange(len(rows))
+        if trees.gate is not None:
+            found = log_odds(trees.gate, gate_features(levels, regions, camera))
+            # A score of the gate never passes for one of the judge.
+            passed = np.flatnonzero(found >= trees.gate.accept)
+            found = np.minimum(found, np.nextafter(np.float32(trees.accept), np.float32(-np.inf)))
+        found[passed] = log_odds(trees, view_features(levels, regions.select(passed), camera))
         yield replace(
             item, candidates=decided(item.candidates, rows, found, trees.accept, settings.keep)
         )
 
 
-def feature_names() -> tuple[str, ...]:
-    """Names of the columns of `candidate_features`, in order."""
+def gate_names() -> tuple[str, ...]:
+    """Names of the columns of `gate_features`, in order."""
+    return (*REGION_FEATURES, *glance_names())
+
+
+def view_names() -> tuple[str, ...]:
+    """Names of the columns of `view_features`, in order."""
     return (*REGION_FEATURES, *patch_feature_names())
 
 
-def candidate_features(
-    rgb: NDArray[np.uint8], regions: Regions, camera: Camera
-) -> NDArray[np.float32]:
-    """What the judge knows of each region: shape (n, features), in the order of `feature_names`."""
+def picture_levels(rgb: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
+    """The picture at full, half and quarter size."""
     half = halved(rgb)
-    patch = patch_features((rgb, half, halved(half)), regions.box)
-    return np.concatenate([region_features(regions, camera), patch], axis=1)
+    return rgb, half, halved(half)
+
+
+def gate_features(
+    levels: tuple[NDArray[np.uint8], ...], regions: Regions, camera: Camera
+) -> NDArray[np.float32]:
+    """What the gate knows of each region: shape (n, features), in the order of `gate_names`."""
+    return np.concatenate([region_features(regions, camera), glances(levels, regions.box)], axis=1)
+
+
+def view_features(
+    levels: tuple[NDArray[np.uint8], ...], regions: Regions, camera: Camera
+) -> NDArray[np.float32]:
+    """What the judge knows of each region: shape (n, features), in the order of `view_names`."""
+    return np.concatenate(
+        [region_features(regions, camera), patch_features(levels, regions.box)], axis=1
+    )
 
 
 def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:

@@ -29,7 +29,7 @@ On level and hilly roads all faces under 40 px stand in the first, under 80 px i
 STEP = 4
 """Width of a level; noise of a recorded picture is about as large."""
 
-LASTING = 2
+LASTING = 1
 """Levels over which a box must last."""
 
 NARROWEST, WIDEST = 0.2, 5.0

@@ -33,7 +33,7 @@ MOST = "99 of 100 of its own samples"
 def color_model(
     faces: Sequence[Face], background: NDArray[Any], space: str, provenance: str
 ) -> GaussianModel:
-    """Colour classes in `space`; thresholds at the knee between own faces and `background` (n, 3) mean colours of regions."""
+    """Colour classes in `space`; thresholds at the knee against `background`, (n, 3) mean colours of regions."""
     values = to_space(np.array([f.rgb for f in faces]), space)
     others = to_space(background, space)
     floor = np.array(COLOR_FLOOR[space])
@@ -42,7 +42,7 @@ def color_model(
         own = np.array([f.color == name for f in faces])
         if own.sum() < FEWEST:
             continue
-        weight = balanced([f.sign for f, mine in zip(faces, own, strict=True) if mine])
+        weight = balanced([f.sign for f in faces if f.color == name])
         classes.append(_fitted(name, values[own], weight, floor, others))
     return GaussianModel(space, tuple(classes), provenance)
 
@@ -52,7 +52,7 @@ def shape_model(
 ) -> GaussianModel:
     """Shape classes in `space`, one for each `variant` of a shape; thresholds at the knee against the other shapes."""
     values = sequence_features(np.array([f.outline for f in faces]), space)
-    known = np.isfinite(values).all(axis=1)
+    known = np.asarray(np.isfinite(values).all(axis=1))
     faces, values = [f for f, k in zip(faces, known, strict=True) if k], values[known]
     variants = np.array([variant(f) for f in faces])
     shapes = np.array([f.shape for f in faces])
@@ -63,7 +63,7 @@ def shape_model(
         if own.sum() < max(FEWEST, values.shape[1] + 2):
             continue
         name = one.split("/")[0]
-        weight = balanced([f.sign for f, mine in zip(faces, own, strict=True) if mine])
+        weight = balanced([f.sign for f, v in zip(faces, variants, strict=True) if v == one])
         classes.append(_fitted(name, values[own], weight, floor, values[shapes != name]))
     return GaussianModel(space, tuple(classes), provenance)
 

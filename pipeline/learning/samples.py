@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Picture
-from wayside.schemas.regions import COLORS, SHAPES, Segmented
+from wayside.schemas.regions import COLORS, SHAPES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
-from wayside.stages.judge import candidate_features
+from wayside.stages.judge import gate_features, picture_levels, view_features
 from wayside.stages.numerics.boxes import overlap_of
 from wayside.stages.numerics.outline import region_sequences
 from wayside.stages.propose import propose
@@ -36,7 +36,10 @@ OFF, ON, NEITHER = 0, 1, -1
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """One clear view of one sign: its name over all views, truth, mean colour of the main patch, outline (64,) complex."""
+    """One clear view of one sign: a name for all its views, truth, mean colour of the main patch, outline.
+
+    rgb (3,); outline (64,) complex, nan where none was found; aspect: width by height of the box.
+    """
 
     sign: str
     color: str
@@ -49,25 +52,32 @@ class Face:
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Candidates of one drive, n rows, as the judge sees them.
+    """Candidates of one drive, n rows, as the gate sees them.
 
-    values (n, features) float32; rgb (n, 3) mean colours; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
-    overlap (n,) float32 with the nearest face; face (n,) int32 row of that face among all of the drive (-1: none);
-    box (n, 4) float32.
+    regions; glance (n, features) float32; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`; overlap (n,)
+    float32 with the nearest face; face (n,) int32 row of that face among all views of the drive (-1: none).
     """
 
-    values: NDArray[np.float32]
-    rgb: NDArray[np.float32]
+    regions: Regions
+    glance: NDArray[np.float32]
     frame: NDArray[np.int32]
     label: NDArray[np.int8]
     overlap: NDArray[np.float32]
     face: NDArray[np.int32]
-    box: NDArray[np.float32]
+
+    def select(self, rows: NDArray[Any]) -> Views:
+        """Those rows, in that order."""
+        rest = (self.glance, self.frame, self.label, self.overlap, self.face)
+        return Views(self.regions.select(rows), *(column[rows] for column in rest))
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Everything that one rendered drive teaches; `wanted` (m,) bool: faces that a judge of one view should find."""
+    """Everything that one rendered drive teaches.
+
+    wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); height_px (m,) their heights;
+    places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel.
+    """
 
     name: str
     frames: int
@@ -76,7 +86,6 @@ class Drive:
     wanted: NDArray[np.bool_]
     height_px: NDArray[np.float32]
     places: NDArray[np.float64]
-    """Right of the path and above the camera of each sign that faces the travel, (signs, 2) metres."""
 
 
 def read_truth(path: Path) -> dict[str, Any]:
@@ -112,28 +121,35 @@ def read_drive(pictures: Iterable[Picture], truth: dict[str, Any], masks: Path) 
         count += 1
         index = picture.frame.index
         here = seen.get(index, [])
-        mask = cv2.imread(str(masks / f"{index:04d}.png"), cv2.IMREAD_UNCHANGED)
-        if mask is None:
-            raise InputError(
-                f"{masks}/{index:04d}.png: wanted the mask of a picture, found none; "
-                "render the drive again with masks"
-            )
+        mask = _read_mask(masks / f"{index:04d}.png", picture.rgb.shape[:2])
         faces += clear_faces(picture.rgb, mask, here, truth["name"])
         parts.append(_views(item, here, len(wanted)))
         heights += [_height(view) for _, view in here]
         wanted += [_share(view) >= 0.5 and _height(view) >= 10 for _, view in here]
     if not parts:
         raise InputError(f"{truth['name']}: wanted pictures, found none that can be used")
-    columns = [np.concatenate([getattr(p, name) for p in parts]) for name in Views.__slots__]
     return Drive(
         truth["name"],
         count,
         tuple(faces),
-        Views(*columns),
+        _joined(parts),
         np.array(wanted, bool),
         np.array(heights, np.float32),
         sign_places(truth),
     )
+
+
+def read_views(pictures: Iterable[Picture], views: Views) -> NDArray[np.float32]:
+    """What the judge sees of `views`, (n, features): a second way through the `pictures` of their drive, in order."""
+    parts = []
+    for picture in pictures:
+        rows = np.flatnonzero(views.frame == picture.frame.index)
+        camera = picture.frame.camera
+        if picture.rgb is None or camera is None or len(rows) == 0:
+            continue
+        regions = views.regions.select(rows)
+        parts.append(view_features(picture_levels(picture.rgb), regions, camera))
+    return np.concatenate(parts)
 
 
 def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:
@@ -191,7 +207,7 @@ def main_color(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def real_faces(folder: Path) -> list[Face]:
-    """Faces of the boxed signs of a folder of real scenes (`scenes/scenes.json`) and crops (`scenes/crops/crops.json`)."""
+    """Faces of the signs boxed in real pictures: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
     scenes = folder / "scenes"
     try:
         listed = json.loads((scenes / "scenes.json").read_text(encoding="utf-8"))
@@ -226,6 +242,17 @@ def _real_face(
     outline = region_sequences(rgb, np.array([box], np.float64), mean[None])[0]
     aspect = (x1 - x0) / (y1 - y0)
     return [Face(name, sign["color"], sign["shape"], False, aspect, mean, outline)]
+
+
+def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if mask is None or mask.shape != shape or mask.dtype != np.uint8:
+        found = "none" if mask is None else f"{mask.shape} {mask.dtype}"
+        raise InputError(
+            f"{path}: wanted an 8-bit mask of {shape[1]} x {shape[0]}, found {found}; "
+            "render the drive again with masks"
+        )
+    return np.asarray(mask, np.uint8)
 
 
 def _read_rgb(path: Path) -> NDArray[np.uint8]:
@@ -265,11 +292,21 @@ def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], f
         label[(overlap >= ON_FACE) & teaches[best]] = ON
         nearest = np.where(overlap > 0, best + first, -1).astype(np.int32)
     return Views(
-        candidate_features(rgb, regions, camera),
-        regions.rgb,
+        regions,
+        gate_features(picture_levels(rgb), regions, camera),
         np.full(n, item.picture.frame.index, np.int32),
         label,
         overlap,
         nearest,
-        regions.box,
     )
+
+
+def _joined(parts: list[Views]) -> Views:
+    def column(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    def region(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part.regions, name) for part in parts])
+
+    regions = Regions(region("box"), region("area_px"), region("rgb"), region("source"))
+    return Views(regions, *(column(n) for n in ("glance", "frame", "label", "overlap", "face")))

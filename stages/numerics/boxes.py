@@ -16,7 +16,14 @@ def distinct_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.int64]:
     box = np.ascontiguousarray(box, np.float32)
     require_array(box, "box", np.float32, (None, 4))
     kept = np.empty(len(box), np.int64)
-    return kept[: _distinct(box, same, kept)]
+    if len(box) == 0:
+        return kept
+    # Centres of boxes that overlap by more than `same` are no further apart than this: so it is enough to look
+    # into the cells of a grid around a box.
+    cell = float((box[:, 2:] - box[:, :2]).max()) * (1 - same) / (1 + same) + 1
+    middle = (box[:, :2] + box[:, 2:]) / 2
+    place = ((middle - middle.min(axis=0)) / cell).astype(np.int64)
+    return kept[: _distinct(box, same, place, kept)]
 
 
 def suppressed_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.bool_]:
@@ -54,24 +61,32 @@ def patch_means(
 
 
 @compiled
-def _distinct(box: Any, same: Any, kept: Any) -> Any:
+def _distinct(box: Any, same: Any, place: Any, kept: Any) -> Any:
+    # The kept boxes of each cell of the grid as a chain: the last one, and the one before each.
+    last = np.full((place[:, 1].max() + 3, place[:, 0].max() + 3), -1)
+    before = np.empty(box.shape[0], np.int64)
     m = 0
     for i in range(box.shape[0]):
         own = (box[i, 2] - box[i, 0]) * (box[i, 3] - box[i, 1])
         new = True
-        for k in range(m):
-            j = kept[k]
-            w = min(box[i, 2], box[j, 2]) - max(box[i, 0], box[j, 0])
-            if w <= 0:
-                continue
-            h = min(box[i, 3], box[j, 3]) - max(box[i, 1], box[j, 1])
-            if h <= 0:
-                continue
-            other = (box[j, 2] - box[j, 0]) * (box[j, 3] - box[j, 1])
-            if w * h > same * (own + other - w * h):
-                new = False
+        row = place[i, 1] + 1
+        column = place[i, 0] + 1
+        for near in range(9):
+            j = last[row + near // 3 - 1, column + near % 3 - 1]
+            while j >= 0:
+                w = min(box[i, 2], box[j, 2]) - max(box[i, 0], box[j, 0])
+                h = min(box[i, 3], box[j, 3]) - max(box[i, 1], box[j, 1])
+                if w > 0 and h > 0:
+                    other = (box[j, 2] - box[j, 0]) * (box[j, 3] - box[j, 1])
+                    if w * h > same * (own + other - w * h):
+                        new = False
+                        break
+                j = before[j]
+            if not new:
                 break
         if new:
+            before[i] = last[row, column]
+            last[row, column] = i
             kept[m] = i
             m += 1
     return m
