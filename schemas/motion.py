@@ -75,7 +75,8 @@ class Place:
 
     position (3,), covariance (3, 3): metres in the camera frame of `best_frame` (right, down, ahead);
     normal (3,): of the face there, pointing to the camera; offset (3,): right of the path, above the camera's path,
-    along it, all at the sign (metres); score: log odds that it is a sign.
+    along it, all at the sign (metres); score: log odds that it is a sign; evidence: what the judge of places saw, in
+    the order of its model's features.
     """
 
     track_id: int
@@ -103,6 +104,7 @@ class Place:
     verdict: str
     back: bool = False
     assembly: int = -1
+    evidence: tuple[float, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,7 @@ def build_place(
     track_id: int,
     score: float,
     verdict: str,
+    evidence: NDArray[np.float64] | None = None,
 ) -> Place:
     """The place in the frame where it is largest and whole."""
     best = best_view(fit, held)
@@ -134,6 +135,7 @@ def build_place(
         score=score,
         residual_px=fit.rms_px,
         verdict=verdict,
+        evidence=() if evidence is None else tuple(evidence.tolist()),
     )
 
 
@@ -141,7 +143,7 @@ def best_view(fit: Fit, held: Sequence[Held]) -> int:
     """The view with the largest box that is whole; where all are cut, the largest."""
     rank = [
         (bool(held[f].whole[r]), float(held[f].size[r].prod()))
-        for f, r in zip(fit.frames, local_rows(fit, held), strict=True)
+        for f, r in zip(fit.frames, local_rows(fit.rows, fit.frames, held), strict=True)
     ]
     return max(range(len(rank)), key=lambda i: rank[i])
 
@@ -163,16 +165,27 @@ def covariance_at(fit: Fit, held: Sequence[Held], best: int) -> NDArray[np.float
     )
 
 
-def local_rows(fit: Fit, held: Sequence[Held]) -> NDArray[np.int64]:
-    """Rows among the followed candidates of each view's own frame, (v,)."""
-    first = np.concatenate([[0], np.cumsum([len(h.open) for h in held])])
-    return np.asarray(fit.rows - first[fit.frames], np.int64)
+def first_rows(held: Sequence[Held]) -> NDArray[np.int64]:
+    """Row of the window's sightings at which each frame's begin, (n + 1,)."""
+    return np.concatenate([[0], np.cumsum([len(h.open) for h in held])]).astype(np.int64)
+
+
+def frames_of(rows: NDArray[np.int64], held: Sequence[Held]) -> NDArray[np.int64]:
+    """Frame in the window of each sighting."""
+    return np.asarray(np.searchsorted(first_rows(held), rows, side="right") - 1, np.int64)
+
+
+def local_rows(
+    rows: NDArray[np.int64], frames: NDArray[np.int64], held: Sequence[Held]
+) -> NDArray[np.int64]:
+    """Sightings as rows among the followed candidates of their own frames."""
+    return np.asarray(rows - first_rows(held)[frames], np.int64)
 
 
 def view_of(fit: Fit, held: Sequence[Held], i: int) -> View:
     """View number i of a fit."""
     home = held[fit.frames[i]]
-    row = int(home.open[local_rows(fit, held)[i]])
+    row = int(home.open[local_rows(fit.rows, fit.frames, held)[i]])
     u, v = home.candidates.ideal[row]
     x0, y0, x1, y1 = (float(c) for c in home.candidates.regions.box[row])
     return View(
@@ -181,10 +194,25 @@ def view_of(fit: Fit, held: Sequence[Held], i: int) -> View:
 
 
 def votes(fit: Fit, held: Sequence[Held], what: str) -> tuple[dict[int, float], dict[int, float]]:
-    """Weight of each class over the views, and the least distance to it; large and sure views weigh more."""
+    """Weight of each class over the views, and the least distance to it; large and sure views weigh more.
+
+    Where no view has a class, other boxes on the same face speak for it.
+    """
+    own = zip(fit.frames, local_rows(fit.rows, fit.frames, held), strict=True)
+    weights, distances = _votes(own, held, what)
+    if not weights and len(fit.covered):
+        frames = frames_of(fit.covered, held)
+        others = zip(frames, local_rows(fit.covered, frames, held), strict=True)
+        weights, distances = _votes(others, held, what)
+    return weights, distances
+
+
+def _votes(
+    views: Iterable[tuple[int, int]], held: Sequence[Held], what: str
+) -> tuple[dict[int, float], dict[int, float]]:
     weights: dict[int, float] = {}
     distances: dict[int, float] = {}
-    for frame, local in zip(fit.frames, local_rows(fit, held), strict=True):
+    for frame, local in views:
         home = held[frame]
         row = home.open[local]
         kind = int(getattr(home.candidates, what)[row])

@@ -18,8 +18,15 @@ from wayside.schemas.motion import Moved, Settled
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.match import match_by_descriptors
 from wayside.stages.numerics.association import Gates, Sightings, link
+from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit, overlap_share, solve_places
-from wayside.stages.place import build_place, judge_place, local_rows, place_features
+from wayside.stages.place import (
+    build_place,
+    frames_of,
+    judge_place,
+    local_rows,
+    place_features,
+)
 from wayside.stages.window import Held, TravelledPath, settle_unused, sightings_of
 
 LINK_REACH = 3
@@ -27,6 +34,9 @@ LINK_REACH = 3
 HOP = 4
 """Frames between two looks at the whole window."""
 LEAST_TOTAL = 2.0
+"""Sum of values over the views from which a place is looked at at all."""
+LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
+"""What the vehicle sweeps beside its path, and above its camera."""
 ALIKE_DEPTH, ALIKE_COVER = 0.12, 0.55
 """Two places are one face where their depths differ less and the smaller is covered more."""
 
@@ -141,16 +151,19 @@ class _Tracker:
         self._finish_places(sightings, done)
 
     def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> None:
+        """Judge finished places, best first, and give them to their frames."""
         judged = []
         for fit in fits:
             beside = self._path.beside(fit.point)
-            features = place_features(fit, self._held, sightings.score[fit.rows], beside)
-            judged.append((*judge_place(features, self._judge), fit, beside))
+            evidence = place_features(fit, self._held, sightings.score[fit.rows], beside)
+            judged.append((*judge_place(evidence, self._judge), fit, beside, evidence))
         judged.sort(key=lambda entry: -entry[0])
         kept: list[Fit] = []
-        for score, passes, fit, beside in judged:
+        for score, passes, fit, beside, evidence in judged:
             verdict = "sign" if passes else "place_score"
-            if passes and any(same_face(sightings, fit, other) for other in kept):
+            if in_the_way(fit, beside):
+                verdict = "moving"
+            elif passes and any(same_face(sightings, fit, other) for other in kept):
                 verdict = "duplicate"
             if verdict == "sign":
                 kept.append(fit)
@@ -161,18 +174,26 @@ class _Tracker:
                 track_id=self._next_id,
                 score=score,
                 verdict=verdict,
+                evidence=evidence,
             )
             self._held[fit.frames[0]].places.append(place)
-            self._claim(sightings, fit, verdict)
+            self._claim(fit, verdict)
             self._next_id += 1
 
-    def _claim(self, sightings: Sightings, fit: Fit, verdict: str) -> None:
-        rows = local_rows(fit, self._held)
+    def _claim(self, fit: Fit, verdict: str) -> None:
+        """Write the place's number and verdict to its candidates, and to those it covers."""
+        held, track = self._held, self._next_id
+        rows = local_rows(fit.rows, fit.frames, held)
         for frame, row, residual in zip(fit.frames, rows, fit.residual_px, strict=True):
-            self._held[frame].claim(row, self._next_id, verdict, residual)
-        frames = np.searchsorted(sightings.first, fit.covered, side="right") - 1
-        for frame, row in zip(frames, fit.covered - sightings.first[frames], strict=True):
-            self._held[frame].claim(row, self._next_id, "overlap", np.nan)
+            held[frame].claim(row, track, verdict, residual)
+        frames = frames_of(fit.covered, held)
+        for frame, row in zip(frames, local_rows(fit.covered, frames, held), strict=True):
+            held[frame].claim(row, track, "overlap", np.nan)
+
+
+def in_the_way(fit: Fit, beside: Beside) -> bool:
+    """Whether a place stands where the vehicle drove: nothing stands there, so it moved (at a constant pace)."""
+    return bool(abs(beside.right) < LANE_HALF_M and beside.above - fit.metric[1] / 2 < CLEARANCE_M)
 
 
 def passed(sightings: Sightings, fit: Fit) -> bool:

@@ -16,15 +16,18 @@ from wayside.stages.numerics.path import Beside, beside_path
 from wayside.stages.numerics.undistort import rays_of_ideal, to_rays
 
 NO_TRACK = -1
+WEAKEST = -7.0
+"""Log odds of the weakest candidate that may join a place; it cannot propose one."""
 
 
 @dataclass(slots=True)
 class Held:
     """One frame in the window, without pixels; the last five fields change until it is released.
 
-    open (k,): candidate rows that are followed; ray, size (k, 2): ideal image coordinates of centre and extent; whole
-    (k,): the box does not touch the edge of the picture; taken (k,): belongs to a finished place; linked (k, 2): fits
-    something in an earlier, in a later frame; verdict, track, residual: of all rows.
+    open (k,): candidate rows that are followed; leads (k,): those that may propose a place; ray, size (k, 2): ideal
+    image coordinates of centre and extent; whole (k,): the box does not touch the edge of the picture; taken (k,):
+    belongs to a finished place; linked (k, 2): fits something in an earlier, in a later frame; verdict, track,
+    residual: of all rows.
     """
 
     frame: Frame
@@ -33,6 +36,7 @@ class Held:
     region_count: int
     rows: tuple[int, int]
     open: NDArray[np.int64]
+    leads: NDArray[np.bool_]
     ray: NDArray[np.float64]
     size: NDArray[np.float64]
     score: NDArray[np.float64]
@@ -51,7 +55,7 @@ class Held:
         """Take what tracking needs of a frame; the pixels stay behind."""
         look = moved.look
         table = look.candidates
-        rows = table.open_rows()
+        rows = followed_rows(table)
         box = table.regions.box[rows].astype(np.float64)
         ray = rays_of_ideal(camera, table.ideal[rows])
         score = table.score[rows].astype(np.float64)
@@ -64,6 +68,7 @@ class Held:
             region_count=look.region_count,
             rows=look.rows,
             open=rows,
+            leads=table.verdict[rows] != verdict_code("score"),
             ray=np.ascontiguousarray(ray),
             size=ideal_size(box, camera),
             score=np.nan_to_num(score),
@@ -91,7 +96,7 @@ class Held:
         What no place took is `unmatched` where it fits nothing nearby, `moving` where it fits something before and
         something after but no one standing thing, and else `few_views`.
         """
-        rest = ~self.taken
+        rest = ~self.taken & (self.candidates.verdict[self.open] == verdict_code("open"))
         rows = self.open
         before, after = self.linked[:, 0], self.linked[:, 1]
         self.verdict[rows[rest]] = verdict_code("unmatched")
@@ -107,6 +112,18 @@ class Held:
             self.rows,
             tuple(self.places),
         )
+
+
+def followed_rows(table: Candidates) -> NDArray[np.int64]:
+    """Rows worth following: open ones, those that gave way to a better box, and weak ones, ascending.
+
+    Which of several overlapping boxes is the face shows only over several frames; and where near views place a sign,
+    a weak far view may join it.
+    """
+    weak = (table.verdict == verdict_code("score")) & (table.score >= WEAKEST)
+    return np.flatnonzero(
+        (table.verdict == verdict_code("open")) | (table.verdict == verdict_code("overlap")) | weak
+    )
 
 
 def settle_unused(moved: Moved) -> Settled:
@@ -156,6 +173,7 @@ def sightings_of(held: Sequence[Held]) -> Sightings:
         size=np.concatenate([h.size for h in held]),
         score=np.concatenate([h.score for h in held]),
         whole=np.concatenate([h.whole for h in held]),
+        leads=np.concatenate([h.leads for h in held]),
     )
 
 

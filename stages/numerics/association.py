@@ -59,7 +59,7 @@ class Sightings:
 
     rotation (n, 3, 3) world from camera; centre (n, 3) metres; focal (n,) pixels; bounds (n, 4): rays of the left,
     upper, right and lower edge of the picture; ray (N, 2); size (N, 2); score (N,) log odds; whole (N,): the box
-    does not touch the edge of the picture.
+    does not touch the edge of the picture; leads (N,): may propose a place.
     """
 
     rotation: NDArray[np.float64]
@@ -71,6 +71,7 @@ class Sightings:
     size: NDArray[np.float64]
     score: NDArray[np.float64]
     whole: NDArray[np.bool_]
+    leads: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
         """Refuse shapes that the kernels, which do not check bounds, would run over."""
@@ -85,6 +86,7 @@ class Sightings:
             "size": (rows, 2),
             "score": (rows,),
             "whole": (rows,),
+            "leads": (rows,),
         }
         for name, shape in wanted.items():
             array = getattr(self, name)
@@ -131,7 +133,7 @@ def link(sightings: Sightings, older: int, newer: int, gates: Gates) -> Links:
     rows, point = np.empty((most, 2), np.int64), np.empty((most, 3))
     size = np.empty((most, 2))
     count = _link(
-        s.rotation, s.centre, s.focal, s.first, s.ray, s.size, older, newer, gates.as_array(),
+        s.rotation, s.centre, s.focal, s.first, s.ray, s.size, s.leads, older, newer, gates.as_array(),
         rows, point, size,
     )  # fmt: skip
     return Links(
@@ -197,6 +199,7 @@ def _link(
     first: NDArray[np.int64],
     ray: Array,
     size: Array,
+    leads: NDArray[np.bool_],
     older: int,
     newer: int,
     gates: Array,
@@ -211,10 +214,14 @@ def _link(
     base = rotation[newer].T @ (centre[older] - centre[newer])
     count = 0
     for i in range(first[older], first[older + 1]):
+        if not leads[i]:
+            continue
         px = r[0, 0] * ray[i, 0] + r[0, 1] * ray[i, 1] + r[0, 2]
         py = r[1, 0] * ray[i, 0] + r[1, 1] * ray[i, 1] + r[1, 2]
         pz = r[2, 0] * ray[i, 0] + r[2, 1] * ray[i, 1] + r[2, 2]
         for j in range(first[newer], first[newer + 1]):
+            if not leads[j]:
+                continue
             qx, qy = ray[j, 0], ray[j, 1]
             # closest approach of base + g p and h q, q = (qx, qy, 1)
             pp = px * px + py * py + pz * pz

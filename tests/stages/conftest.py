@@ -1,0 +1,115 @@
+"""A made-up drive past flat panels, with exact truth: boxes, motion and candidates without pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture, Pose
+from wayside.schemas.motion import Motion, Moved
+from wayside.schemas.regions import COLORS, SHAPES, Candidates, Features, Look, Regions
+
+CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+SPACING = 8.0
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A panel facing the camera; centre right of, above and along the path of the camera, metres."""
+
+    right: float
+    up: float
+    along: float
+    wide: float = 0.75
+    tall: float = 0.75
+    speed: float = 0.0  # metres a frame along the path, and how it changes in a frame
+    change: float = 0.0
+    score: float = 3.0
+    hidden_in: tuple[int, ...] = ()
+    only_in: tuple[int, ...] | None = None
+
+
+def boxes_of(panels: Sequence[Panel], frame: int) -> list[tuple[Panel, list[float]]]:
+    """Panels that lie in the picture of a frame and are at least 6 px tall, with their boxes."""
+    found = []
+    for panel in panels:
+        z = panel.along + (panel.speed + panel.change * frame / 2 - SPACING) * frame
+        if z < 3 or frame in panel.hidden_in or (panel.only_in and frame not in panel.only_in):
+            continue
+        u, v = CAMERA.cx + CAMERA.fx * panel.right / z, CAMERA.cy - CAMERA.fy * panel.up / z
+        wide, tall = CAMERA.fx * panel.wide / z, CAMERA.fy * panel.tall / z
+        box = [u - wide / 2 + 0.5, v - tall / 2 + 0.5, u + wide / 2 + 0.5, v + tall / 2 + 0.5]
+        if box[0] >= 0 and box[1] >= 0 and box[2] <= 1600 and box[3] <= 1200 and tall >= 6:
+            found.append((panel, box))
+    return found
+
+
+def moved_frame(index: int, panels: Sequence[Panel], *, used: bool = True, step: int = 0) -> Moved:
+    """One frame of a straight drive; `step` counts the used frames."""
+    seen = boxes_of(panels, step) if used else []
+    box = np.array([b for _, b in seen], np.float32).reshape(-1, 4)
+    n = len(box)
+    regions = Regions(box, np.full(n, 100, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8))
+    table = replace(
+        Candidates.of(regions),
+        score=np.array([p.score for p, _ in seen], np.float32),
+        color=np.full(n, COLORS.index("yellow"), np.int8),
+        color_distance=np.ones(n, np.float32),
+        shape=np.full(n, SHAPES.index("rectangle"), np.int8),
+        shape_distance=np.ones(n, np.float32),
+    )
+    frame = Frame(
+        index, index * 10**9, None, USED if used else THINNED, "jpeg", b"", CAMERA, 1600, 1200
+    )
+    # A descriptor for each panel: the same key points in every frame.
+    codes = np.random.default_rng(5).random((len(panels), 6, 128)).astype(np.float32)
+    which = [panels.index(p) for p, _ in seen]
+    features = Features(
+        np.zeros((0, 2), np.float32),
+        np.zeros((0, 32), np.uint8),
+        np.zeros((6 * n, 2), np.float32),
+        codes[which].reshape(-1, 128),
+        np.repeat(np.arange(n), 6).astype(np.int32),
+    )
+    look = Look(Picture(frame, None, None), table, features, n, (0, 1200))
+    return Moved(look, straight_motion(step) if used else None)
+
+
+def straight_motion(step: int) -> Motion:
+    """Motion after so many steps straight ahead."""
+    ahead = Pose(np.eye(3), np.array([0.0, 0.0, SPACING]))
+    return Motion(
+        pose=Pose(np.eye(3), np.array([0.0, 0.0, SPACING * step])),
+        step=ahead if step else None,
+        covariance=np.diag([1e-4, 1e-4, 1e-4, 0.01, 0.005, 0.02]) ** 2 if step else None,
+        source="straight" if step else "start",
+        baseline_m=SPACING if step else 0.0,
+        station_m=SPACING * step,
+        ties=None,
+        residual_straight_px=0.1,
+        residual_px=0.1,
+        adjusted=True,
+        iterations=1,
+        camera_height_m=1.6,
+    )
+
+
+@pytest.fixture
+def panel() -> type[Panel]:
+    return Panel
+
+
+@pytest.fixture
+def drive() -> Callable[..., list[Moved]]:
+    """Frames of a straight drive past panels; `unused` are indices of frames that take no part."""
+
+    def make(panels: Sequence[Panel], frames: int, unused: Sequence[int] = ()) -> list[Moved]:
+        steps = np.cumsum([index not in unused for index in range(frames)]) - 1
+        return [
+            moved_frame(i, panels, used=i not in unused, step=int(steps[i])) for i in range(frames)
+        ]
+
+    return make
