@@ -6,7 +6,7 @@ import sys
 import traceback
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -210,8 +210,7 @@ def main() -> None:
         status = app(standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
     except KeyboardInterrupt:
-        print("wayside: interrupted; nothing was written", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        _end_interrupted()
     except WaysideError as error:
         if debug or error.exit_status == 1:
             traceback.print_exc()
@@ -228,5 +227,10 @@ def _end_on_usage_error(error: Exception) -> None:
     if callable(show):
         show()
         sys.exit(UsageError.exit_status)
-    if type(error).__name__ == "Abort":
-        sys.exit(INTERRUPTED)
+    if type(error).__name__ == "Abort":  # what the parser makes of Ctrl-C
+        _end_interrupted()
+
+
+def _end_interrupted() -> NoReturn:
+    print("wayside: interrupted; this log's tables were not written", file=sys.stderr)
+    sys.exit(INTERRUPTED)

@@ -50,7 +50,7 @@ FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 ROTATION_INFLATION, DIRECTION_INFLATION = 2.0, 5.0
 """Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
-RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX = 8, 0.15, 6.0
+RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX = 5, 0.15, 6.0
 RATIO_SIGMA = 0.002
 """Length of a step against the one before by common points: fewest points, how near to a whole multiple of the spacing
 it must be, smallest way of a point through the picture, and the smallest
