@@ -136,7 +136,7 @@ def run(
                 models,
                 arguments=sys.argv[1:],
                 every_region=observations is Listed.all,
-                watch=lambda settled, report, bar=progress: bar.advance(report.bytes_read),
+                watch=progress.watch,
             )
         print_summary(result, Console(highlight=False, soft_wrap=True))
         lost |= bool(result.lost)
@@ -208,6 +208,8 @@ def main() -> None:
     debug = "--debug" in sys.argv[1:]
     try:
         status = app(standalone_mode=False)
+        if status == INTERRUPTED:  # what the parser makes of Ctrl-C
+            _end_interrupted()
         sys.exit(status if isinstance(status, int) else 0)
     except KeyboardInterrupt:
         _end_interrupted()
@@ -227,8 +229,6 @@ def _end_on_usage_error(error: Exception) -> None:
     if callable(show):
         show()
         sys.exit(UsageError.exit_status)
-    if type(error).__name__ == "Abort":  # what the parser makes of Ctrl-C
-        _end_interrupted()
 
 
 def _end_interrupted() -> NoReturn:

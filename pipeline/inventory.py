@@ -177,9 +177,8 @@ class InventoryWriter:
         ):
             waiting: list[pa.RecordBatch] = []
             for batch in pa.ipc.open_stream(scratch):
-                named = pa.array(
-                    [names.get(t) for t in batch.column(tracks).to_pylist()], pa.string()
-                )
+                followed = (-1 if t is None else int(t) for t in batch.column(tracks).to_pylist())
+                named = pa.array([names.get(track) for track in followed], pa.string())
                 waiting.append(batch.set_column(at, OBSERVATIONS.schema.field(at), named))
                 if sum(b.num_rows for b in waiting) >= _BATCH_ROWS:
                     sink.write(waiting)

@@ -7,6 +7,9 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.schemas.motion import Settled
+
 
 class FrameProgress:
     """Shows pictures done, their rate and the time left, estimated from the bytes read."""
@@ -39,9 +42,9 @@ class FrameProgress:
     ) -> None:
         self._bar.stop()
 
-    def advance(self, bytes_read: int) -> None:
-        """One more picture is done; `bytes_read` of the log have been read so far."""
+    def watch(self, settled: Settled, report: ReadReport) -> None:
+        """One more picture is done; what was read of the log so far tells how much is left."""
         self._frames += 1
         elapsed = self._bar.tasks[0].elapsed or 0.0
         rate = self._frames / elapsed if elapsed > 0 else 0.0
-        self._bar.update(self._task, completed=bytes_read, frames=self._frames, rate=rate)
+        self._bar.update(self._task, completed=report.bytes_read, frames=self._frames, rate=rate)
