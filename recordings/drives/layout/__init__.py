@@ -1,0 +1,1 @@
+"""Lays out a drive: signs, roadside objects and vehicles along the road."""

@@ -1,0 +1,1 @@
+"""Messages of one picture in three dialects, and the schemas that describe them."""

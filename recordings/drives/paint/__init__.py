@@ -1,0 +1,1 @@
+"""Procedural pictures of everything beside the road, in linear light."""

@@ -1,0 +1,399 @@
+"""Drives repeat byte for byte, their truth is what a camera would see, and their logs can be read by others."""
+
+import base64
+import hashlib
+import json
+import re
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Channel, Schema
+from mcap_protobuf.decoder import DecoderFactory
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+pytest.importorskip(
+    "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
+)
+
+from recordings.drives.__main__ import main
+from recordings.drives.alignment import build_alignment
+from recordings.drives.logs import write_log
+from recordings.drives.poses import drive_poses
+from recordings.drives.produce import render
+from recordings.drives.spec import DriveSpec
+from recordings.drives.spec_file import SPECS, find_spec, load_spec
+from recordings.drives.stamps import Output, is_complete
+from wayside.schemas.errors import UsageError
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+TINY = """
+name = "tiny"
+seed = 5
+frames = 3
+
+[camera]
+width = 320
+height = 240
+fx = 280.0
+fy = 282.0
+cx = 160.0
+cy = 119.0
+distortion = [-0.1, 0.05, 0.001, -0.002, 0.0]
+
+[road]
+segments = [[30.0, 0.0], [200.0, 300.0]]
+
+[scene]
+trees = 1.0
+weeds = 1.0
+
+[signs]
+spacing_m = 11.0
+first_m = 14.0
+groups = { speed = 1, warning = 1, stop = 1, destination = 2 }
+"""
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> DriveSpec:
+    path = tmp_path_factory.mktemp("spec") / "tiny.toml"
+    path.write_text(TINY)
+    return load_spec(path)
+
+
+@pytest.fixture(scope="module")
+def rendered(tiny: DriveSpec, tmp_path_factory: pytest.TempPathFactory) -> Output:
+    output = Output(tmp_path_factory.mktemp("one"), masks=True)
+    render(tiny, output, jobs=1)
+    return output
+
+
+@pytest.fixture(scope="module")
+def truth(rendered: Output) -> dict[str, Any]:
+    return json.loads((rendered.folder / "tiny.truth.json").read_text())
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def topics_of(log: Path, indexed: bool = True) -> Counter[str]:
+    with log.open("rb") as stream:
+        reader = make_reader(stream) if indexed else NonSeekingReader(stream)
+        return Counter(channel.topic for _, channel, _ in reader.iter_messages())
+
+
+def write_spec(folder: Path, text: str) -> Path:
+    path = folder / "odd.toml"
+    path.write_text(text)
+    return path
+
+
+def test_two_processes_give_the_bytes_of_one(
+    tiny: DriveSpec, rendered: Output, tmp_path: Path
+) -> None:
+    render(tiny, replace(rendered, folder=tmp_path), jobs=2)
+    assert contents(tmp_path) == contents(rendered.folder)
+    assert sorted(contents(tmp_path)) == [
+        *(f"tiny.masks/{i:04d}.png" for i in range(3)),
+        "tiny.mcap",
+        "tiny.stamp",
+        "tiny.truth.json",
+    ]
+
+
+def camera_of(truth: dict[str, Any], frame: int) -> SimpleNamespace:
+    """What OpenCV needs to project world points into a frame, from the truth alone."""
+    camera, pose = truth["camera"], truth["frames"][frame]
+    x, y, z, w = pose["quaternion"]
+    to_world = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.array(
+        [[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]]
+    )
+    turn, _ = cv2.Rodrigues(to_world.T)
+    shift = -to_world.T @ np.array(pose["position"])
+    return SimpleNamespace(
+        project=lambda points: cv2.projectPoints(
+            np.asarray(points, float), turn, shift, matrix, np.array(camera["distortion"])
+        )[0].reshape(-1, 2),
+        depth=lambda point: float((to_world.T @ point + shift)[2]),
+    )
+
+
+def corners_of(sign: dict[str, Any]) -> np.ndarray:
+    """World corners of the box around a panel, from its place, normal, roll and size."""
+    normal, roll = np.array(sign["normal"]), np.radians(sign["roll_deg"])
+    level = np.cross(-normal, [0, 0, 1.0])
+    level /= np.linalg.norm(level)
+    down = np.cross(-normal, level)
+    right = np.cos(roll) * level + np.sin(roll) * down
+    down = np.cross(-normal, right)
+    half = right * sign["width_m"] / 2, down * sign["height_m"] / 2
+    return np.array([sign["centre"] + a * half[0] + b * half[1] for a in (-1, 1) for b in (-1, 1)])
+
+
+def test_boxes_enclose_the_projected_corners_of_rectangular_signs(truth: dict[str, Any]) -> None:
+    checked = 0
+    for sign in truth["signs"]:
+        if sign["shape"] != "rectangle":
+            continue
+        for view in sign["frames"]:
+            camera = camera_of(truth, view["frame"])
+            pixels = camera.project(corners_of(sign))
+            box = [*pixels.min(axis=0), *pixels.max(axis=0)]
+            # Corners are rounded, so a turned panel falls short of its corners by a part of the radius.
+            slack = 0.02 * truth["camera"]["fx"] / view["range_m"] + 0.1
+            np.testing.assert_allclose(view["box"], box, atol=slack)
+            checked += 1
+    assert checked >= 3
+
+
+def test_boxes_are_the_extent_of_the_polygons(truth: dict[str, Any]) -> None:
+    views = [view for sign in truth["signs"] for view in sign["frames"]]
+    assert views
+    for view in views:
+        points = np.concatenate([np.array(polygon) for polygon in view["polygons"]])
+        assert view["box"] == [*points.min(axis=0), *points.max(axis=0)]
+
+
+def test_centres_project_into_the_boxes_at_the_depth_given(truth: dict[str, Any]) -> None:
+    for sign in truth["signs"]:
+        for view in sign["frames"]:
+            camera = camera_of(truth, view["frame"])
+            [(u, v)] = camera.project([sign["centre"]])
+            left, top, right, bottom = view["box"]
+            assert left < u < right
+            assert top < v < bottom
+            assert camera.depth(sign["centre"]) == pytest.approx(view["range_m"], abs=0.25)
+
+
+def test_masks_show_the_signs_inside_their_boxes(truth: dict[str, Any], rendered: Output) -> None:
+    seen = 0
+    for index in range(3):
+        mask = cv2.imread(
+            str(rendered.folder / f"tiny.masks/{index:04d}.png"), cv2.IMREAD_UNCHANGED
+        )
+        assert mask.shape == (240, 320)
+        for sign in truth["signs"]:
+            rows, columns = np.nonzero(mask == sign["id"])
+            if len(rows) == 0:
+                continue
+            view = next(view for view in sign["frames"] if view["frame"] == index)
+            left, top, right, bottom = view["box"]
+            assert left - 1 <= columns.min()
+            assert columns.max() <= right + 1
+            assert top - 1 <= rows.min()
+            assert rows.max() <= bottom + 1
+            assert view["visible_fraction"] > 0
+            seen += 1
+    assert seen >= 3
+
+
+def written(folder: Path, spec: DriveSpec, pictures: list[Any]) -> Path:
+    """Log of a drive with other pictures than the rendered ones."""
+    poses = drive_poses(spec, build_alignment(spec.road, spec.path.heading_deg))
+    write_log(folder / "odd.mcap", spec, poses, pictures)
+    return folder / "odd.mcap"
+
+
+def protobuf_fields(channel: Channel, schema: Schema, data: bytes) -> dict[str, Any]:
+    decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
+    assert decode is not None
+    message = decode(data)
+    return {field.name: value for field, value in message.ListFields()}
+
+
+def json_fields(channel: Channel, schema: Schema, data: bytes) -> dict[str, Any]:
+    assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+    fields = json.loads(data)
+    assert set(fields) == set(json.loads(schema.data)["properties"])
+    return {**fields, "data": base64.b64decode(fields.get("data", ""))}
+
+
+def ros2_fields(channel: Channel, schema: Schema, data: bytes) -> dict[str, Any]:
+    assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
+    types = get_typestore(Stores.EMPTY)
+    types.register(get_types_from_msg(schema.data.decode(), schema.name))
+    message = types.deserialize_cdr(data, schema.name)
+    return {name.upper() if len(name) == 1 else name: v for name, v in vars(message).items()}
+
+
+READERS = {"protobuf": protobuf_fields, "json": json_fields, "ros2": ros2_fields}
+FOXGLOVE_TOPICS = {"/camera/image", "/camera/calibration", "/pose", "/gps"}
+ROS2_TOPICS = {"/front/camera_info", "/odom", "/fix"}
+
+
+@pytest.mark.parametrize("raw", [False, True])
+@pytest.mark.parametrize("dialect", READERS)
+def test_every_dialect_says_the_same_in_a_way_that_others_can_read(
+    tiny: DriveSpec, tmp_path: Path, dialect: Any, raw: bool
+) -> None:
+    picture: Any = np.arange(240 * 320 * 3).astype(np.uint8).reshape(240, 320, 3)
+    if not raw:
+        picture = cv2.imencode(".jpg", picture)[1].tobytes()
+    spec = replace(tiny, log=replace(tiny.log, dialect=dialect, raw=raw))
+    log = written(tmp_path, spec, [picture] * 3)
+    with log.open("rb") as stream:
+        messages = list(make_reader(stream).iter_messages())
+    ros2_image = "/front/image_raw" if raw else "/front/image_raw/compressed"
+    topics = {ros2_image, *ROS2_TOPICS} if dialect == "ros2" else FOXGLOVE_TOPICS
+    assert Counter(channel.topic for _, channel, _ in messages) == dict.fromkeys(topics, 3)
+    found = {}
+    for schema, channel, message in messages:
+        assert schema is not None
+        found |= {channel.topic: READERS[dialect](channel, schema, message.data)}
+    (image,) = (fields for topic, fields in found.items() if "image" in topic)
+    assert bytes(image["data"]) == (picture.tobytes() if raw else picture)
+    (info,) = (fields for fields in found.values() if "K" in fields)
+    assert list(info["K"]) == [280, 0, 160, 0, 282, 119, 0, 0, 1]
+    assert list(info["D"]) == [-0.1, 0.05, 0.001, -0.002, 0]
+    (fix,) = (fields for fields in found.values() if "latitude" in fields)
+    assert fix["latitude"] == pytest.approx(38.5, abs=0.001)
+
+
+def test_messages_are_logged_later_than_they_were_stamped(
+    tiny: DriveSpec, truth: dict[str, Any], rendered: Output
+) -> None:
+    with (rendered.folder / "tiny.mcap").open("rb") as stream:
+        messages = [m for _, _, m in make_reader(stream).iter_messages(topics=["/camera/image"])]
+    assert [m.publish_time for m in messages] == [f["time_ns"] for f in truth["frames"]]
+    assert [m.log_time for m in messages] == [f["log_time_ns"] for f in truth["frames"]]
+    assert messages[0].log_time - messages[0].publish_time == tiny.log.latency_ms * 1e6
+
+
+def test_a_log_may_hold_pictures_and_calibration_alone_and_no_index(
+    tiny: DriveSpec, tmp_path: Path
+) -> None:
+    bare = replace(tiny.log, poses=False, fixes=False, index=False, compression="lz4")
+    log = written(tmp_path, replace(tiny, log=bare), [b"picture"] * 3)
+    with log.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is None or not summary.chunk_indexes
+    assert topics_of(log, indexed=False) == {"/camera/image": 3, "/camera/calibration": 3}
+
+
+@pytest.mark.parametrize("path", sorted(SPECS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_specification_parses_and_is_described(path: Path) -> None:
+    spec = load_spec(path)
+    assert spec.name == path.stem
+    rows = (RECORDINGS / "README.md").read_text()
+    assert re.search(rf"^\| `{spec.name}` \|[^|]+\| {spec.frames} \|", rows, re.MULTILINE)
+
+
+def test_the_specifications_cover_every_dialect_and_packing() -> None:
+    logs = [load_spec(path).log for path in SPECS.glob("*.toml")]
+    assert {log.dialect for log in logs} == {"protobuf", "ros2", "json"}
+    assert {log.compression for log in logs} == {"zstd", "lz4", "none"}
+    assert {log.index for log in logs} == {log.raw for log in logs} == {True, False}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("seed = 5", "seed = 5\nsede = 6"), "unknown setting sede; did you mean seed"),
+        (("seed = 5", ""), "seed is missing"),
+        (("fx = 280.0", "fx = 'wide'"), r"camera\.fx: wanted float, found 'wide'"),
+        (("[road]", "[road]\nkind = 'two_lanes'"), "wanted one of two_lane, four_lane"),
+        (("speed = 1", "sped = 1"), "unknown sign group sped; did you mean speed"),
+        (("-0.002, 0.0]", "-0.002]"), r"camera\.distortion: wanted tuple"),
+        (("frames = 3", "frames = 0"), "frames: wanted at least 1, found 0"),
+        (('"tiny"', '"../tiny"'), "wanted a name for files"),
+        (("[scene]", "[scene"), "cannot be read as TOML"),
+    ],
+)
+def test_a_specification_that_cannot_be_meant_is_refused(
+    tmp_path: Path, change: tuple[str, str], message: str
+) -> None:
+    assert change[0] in TINY
+    with pytest.raises(UsageError, match=message):
+        load_spec(write_spec(tmp_path, TINY.replace(*change)))
+
+
+def test_a_specification_is_found_by_its_name() -> None:
+    assert find_spec("demo") == SPECS / "demo.toml"
+    with pytest.raises(UsageError, match="there are curve, demo"):
+        find_spec("no_such_drive")
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["drives", *map(str, arguments)])
+    return main()
+
+
+def test_missing_drives_alone_are_rendered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = write_spec(tmp_path, TINY.replace("frames = 3", "frames = 1"))
+    out = tmp_path / "out"
+    assert run(monkeypatch, spec, "-o", out, "--missing") == 0
+    made = (out / "tiny.mcap").stat().st_mtime_ns
+    assert run(monkeypatch, spec, "-o", out, "--missing") == 0
+    assert (out / "tiny.mcap").stat().st_mtime_ns == made
+    assert capsys.readouterr().err.splitlines() == ["tiny: 1 frames rendered", "tiny: complete"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "tiny.mcap",
+        "tiny.stamp",
+        "tiny.truth.json",
+    ]
+
+
+def test_a_drive_is_incomplete_when_a_part_or_a_setting_differs(
+    tiny: DriveSpec, rendered: Output, tmp_path: Path
+) -> None:
+    assert is_complete(tiny, rendered)
+    assert is_complete(tiny, replace(rendered, masks=False))
+    assert not is_complete(tiny, replace(rendered, pictures=True))
+    assert not is_complete(tiny, replace(rendered, folder=tmp_path))
+    assert not is_complete(replace(tiny, seed=6), rendered)
+
+
+def test_a_render_that_breaks_off_leaves_the_older_drive(
+    tiny: DriveSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tiny.mcap").write_bytes(b"older")
+    monkeypatch.setattr("recordings.drives.produce.drive_truth", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        render(replace(tiny, frames=1), Output(tmp_path))
+    assert contents(tmp_path) == {"tiny.mcap": b"older"}
+
+
+def test_a_wrong_specification_ends_with_a_message_and_a_status(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "nowhere", "-o", tmp_path) == 2
+    assert capsys.readouterr().err.startswith("nowhere is neither a TOML file nor")
+
+
+@pytest.mark.parametrize("name", ["demo.mcap", "demo.truth.json"])
+def test_the_demo_drive_is_what_its_readme_says(name: str) -> None:
+    content = (RECORDINGS / name).read_bytes()
+    row = next(
+        line
+        for line in (RECORDINGS / "README.md").read_text().splitlines()
+        if line.startswith(f"| `{name}` |")
+    )
+    assert row.split("|")[3].strip() == str(len(content))
+    assert row.split("`")[3] == hashlib.sha256(content).hexdigest()
+
+
+def test_the_demo_drive_holds_a_message_of_every_kind_for_every_frame() -> None:
+    truth = json.loads((RECORDINGS / "demo.truth.json").read_text())
+    assert topics_of(RECORDINGS / "demo.mcap") == dict.fromkeys(
+        FOXGLOVE_TOPICS, len(truth["frames"])
+    )
+    assert len(truth["frames"]) == load_spec(SPECS / "demo.toml").frames
