@@ -1,0 +1,124 @@
+"""The acceptance program: its tables, its floor, and a run that fails."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from wayside.pipeline.evaluation import (
+    FalseSign,
+    Match,
+    MissedPanel,
+    RealEvaluation,
+    RenderedEvaluation,
+    together,
+)
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def accept() -> ModuleType:
+    path = ROOT / "benchmarks" / "accept.py"
+    spec = importlib.util.spec_from_file_location("accept", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["accept"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def found(along: float) -> Match:
+    sizes = ((0.66, 0.6), (None, 0.6), (1.5, 1.5))
+    return Match(
+        "d-0001",
+        1,
+        (0.0, 0.0, along),
+        (0.1, 0.1, 0.1),
+        *sizes,
+        ("red", "red"),
+        ("circle", "octagon"),
+    )
+
+
+FALSE = FalseSign("d-0002", 3, (0.0, 0.0, 9.0, 9.0), None, None, (0.0, 0.0, 9.0), "unknown")
+MISSED = MissedPanel(7, "stop", "red", "octagon", 0.75, 0.75, 4.0, 30.0)
+GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), (), ())
+POOR = RenderedEvaluation(2, (found(0.8),), (FALSE,), (MISSED,))
+
+
+def test_drives_together_are_judged_as_one() -> None:
+    total = together([GOOD, POOR])
+    assert (total.recall, total.precision) == (3 / 4, 3 / 4)
+    assert total.error_m["along"].median == 0.3
+    assert total.missed == (MISSED,)
+    assert together([]).recall == 1.0
+
+
+def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> None:
+    outcomes = [
+        accept.Outcome(accept.Drive(name, Path(), Path(), ""), evaluation)
+        for name, evaluation in (("good", GOOD), ("poor", POOR), ("lost", None))
+    ]
+    lines = accept.rendered_table(outcomes)
+    assert [line.split(" | ")[0] for line in lines[2:]] == ["| good", "| poor", "| **together**"]
+    assert lines[2] == (
+        "| good | 2 | 2 | 1.000 | 1.000 | 0 | 0.20 / 0.29 | 0.00 / 0.00 | 0.00 / 0.00 | 10.0 / 10.0 | - | 100 % | 0 % |"
+    )
+    assert {line.count("|") for line in lines} == {14}
+
+
+def test_the_table_of_real_drives_leaves_rendered_ones_out(accept: ModuleType) -> None:
+    real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
+    outcomes = [
+        accept.Outcome(accept.Drive(name, Path(), Path(), ""), evaluation)
+        for name, evaluation in (("good", GOOD), ("road", real))
+    ]
+    assert accept.real_table(outcomes)[2:] == ["| road | 3 | 1 | 0.333 | 0.500 | 1 |"]
+
+
+def test_a_total_below_the_floor_is_named(
+    accept: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    floor = tmp_path / "floor.toml"
+    floor.write_text("[default]\nrecall = 0.8\nprecision = 0.7\n")
+    monkeypatch.setattr(accept, "FLOOR", floor)
+    drive = accept.Drive("d", Path(), Path(), "")
+    judged = [accept.Outcome(drive, GOOD), accept.Outcome(drive, POOR)]
+    assert list(accept.below_floor({"default": judged})) == [
+        "default: recall 0.7500 is below the floor of 0.8"
+    ]
+
+
+def test_a_run_that_fails_is_told_and_not_judged(
+    accept: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(accept, "RESULTS", tmp_path)
+    drive = accept.Drive("none", tmp_path / "none.mcap", tmp_path / "none.truth.json", "")
+    assert accept.judge(drive, "default").evaluation is None
+    assert "status 3" in capsys.readouterr().out
+
+
+def test_the_floor_knows_every_preset_and_asks_for_shares(accept: ModuleType) -> None:
+    floor = tomllib.loads((ROOT / "benchmarks" / "floor.toml").read_text())
+    assert set(floor) == set(accept.PRESETS)
+    for preset in floor.values():
+        assert set(preset) == {"recall", "precision"}
+        assert all(0.0 <= value <= 1.0 for value in preset.values())
+
+
+def test_every_drive_that_is_measured_has_a_specification_that_no_model_was_learned_from(
+    accept: ModuleType,
+) -> None:
+    for name in accept.RENDERED:
+        assert not name.startswith("learn_")
+        assert (ROOT / "recordings" / "drives" / "specs" / f"{name}.toml").is_file()
