@@ -52,7 +52,9 @@ def moved_frame(index: int, panels: Sequence[Panel], *, used: bool = True, step:
     seen = boxes_of(panels, step) if used else []
     box = np.array([b for _, b in seen], np.float32).reshape(-1, 4)
     n = len(box)
-    regions = Regions(box, np.full(n, 100, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8))
+    regions = Regions(
+        box, np.full(n, 100, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8)
+    )
     table = replace(
         Candidates.of(regions),
         score=np.array([p.score for p, _ in seen], np.float32),

@@ -1,0 +1,191 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.models import TreeModel
+from wayside.schemas.regions import VERDICTS
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.place import FEATURES
+from wayside.stages.track import HOP, track
+
+SETTINGS = TrackSettings()
+
+
+def places_of(settled):
+    return [place for item in settled for place in item.places]
+
+
+def verdicts_of(settled):
+    return [VERDICTS[v] for item in settled for v in item.candidates.verdict]
+
+
+def run(frames, settings=SETTINGS, judge=None):
+    return list(track(iter(frames), settings, judge))
+
+
+def test_a_panel_is_placed_where_it_stands(panel, drive):
+    frames = drive([panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9)], 20)
+    (place,) = places_of(run(frames))
+    centre = place.best_pose.to_world(place.position)
+    np.testing.assert_allclose(centre, [3.5, -1.2, 120.0], atol=0.02)
+    assert place.width_m == pytest.approx(0.6, rel=0.01)
+    assert place.height_m == pytest.approx(0.9, rel=0.01)
+    assert place.station_m == pytest.approx(120.0, abs=0.02)
+    np.testing.assert_allclose(place.offset[:2], [3.5, 1.2], atol=0.01)
+    assert place.verdict == "sign"
+    assert place.color == "yellow"
+    assert place.shape == "rectangle"
+    assert (np.linalg.eigvalsh(place.covariance) > 0).all()
+
+
+def test_the_best_frame_shows_the_panel_largest_and_whole(panel, drive):
+    frames = drive([panel(3.5, 1.2, 120.0)], 20)
+    (place,) = places_of(run(frames))
+    assert place.best_frame == max(view.frame for view in place.views)
+    assert place.best_box[2] <= 1600
+
+
+def test_two_panels_on_one_post_are_both_found(panel, drive):
+    frames = drive([panel(3.5, 2.0, 120.0), panel(3.5, 1.2, 120.0)], 20)
+    assert len(places_of(run(frames))) == 2
+
+
+def test_a_plaque_under_a_sign_is_kept(panel, drive):
+    frames = drive([panel(3.5, 2.0, 120.0), panel(3.5, 1.4, 120.0, wide=0.6, tall=0.3)], 20)
+    heights = sorted(place.height_m for place in places_of(run(frames)))
+    assert heights == pytest.approx([0.3, 0.75], rel=0.02)
+
+
+def test_the_inner_field_of_a_panel_is_no_second_panel(panel, drive):
+    frames = drive(
+        [panel(3.5, 2.0, 120.0), panel(3.5, 2.0, 120.0, wide=0.6, tall=0.6, score=1)], 20
+    )
+    settled = run(frames)
+    assert [p.verdict for p in places_of(settled)] == ["sign"]
+    assert "overlap" in verdicts_of(settled)
+
+
+def test_a_vehicle_at_the_same_pace_is_no_sign(panel, drive):
+    settled = run(drive([panel(-3.0, 0.3, 40.0, wide=1.7, tall=1.3, speed=8.0)], 14))
+    assert places_of(settled) == []
+
+
+@pytest.mark.parametrize(("along", "speed", "change"), [(90.0, 2.0, 1.2), (90.0, 4.0, 0.6)])
+def test_a_vehicle_that_changes_its_pace_is_no_sign(panel, drive, along, speed, change):
+    vehicle = panel(-3.5, 0.3, along, wide=1.7, tall=1.3, speed=speed, change=change)
+    settled = run(drive([vehicle], 14))
+    assert not [p for p in places_of(settled) if p.verdict == "sign"]
+    assert "moving" in verdicts_of(settled)
+
+
+def test_what_seems_to_stand_in_the_travelled_lane_moves(panel, drive):
+    # An oncoming vehicle at a constant pace looks like something small and near that stands still.
+    settled = run(drive([panel(-2.5, 0.1, 200.0, wide=1.7, tall=1.3, speed=-12.0)], 12))
+    assert {p.verdict for p in places_of(settled)} == {"moving"}
+
+
+def test_a_gap_of_two_frames_is_bridged(panel, drive):
+    frames = drive([panel(3.5, 1.2, 120.0, hidden_in=(10, 11))], 20)
+    (place,) = places_of(run(frames))
+    seen = {view.frame for view in place.views}
+    assert {9, 12} <= seen
+    assert not {10, 11} & seen
+
+
+def test_a_single_view_is_unmatched_and_two_are_too_few(panel, drive):
+    frames = drive(
+        [panel(3.5, 1.2, 120.0, only_in=(10,)), panel(-4.0, 1.2, 120.0, only_in=(10, 11))], 20
+    )
+    settled = run(frames)
+    assert places_of(settled) == []
+    assert sorted(verdicts_of(settled)) == ["few_views", "few_views", "unmatched"]
+
+
+def test_every_claimed_candidate_carries_its_track_and_residual(panel, drive):
+    settled = run(drive([panel(3.5, 1.2, 120.0)], 20))
+    (place,) = places_of(settled)
+    by_frame = {item.frame.index: item for item in settled}
+    for view in place.views:
+        item = by_frame[view.frame]
+        assert item.track_id[view.row] == place.track_id
+        assert item.residual_px[view.row] == pytest.approx(view.residual_px, abs=1e-5)
+        assert VERDICTS[item.candidates.verdict[view.row]] == "sign"
+
+
+def test_frames_come_out_once_in_order_with_unused_ones_between(panel, drive):
+    frames = drive([panel(3.5, 1.2, 120.0)], 40, unused=(0, 7, 8, 21, 39))
+    settled = run(frames)
+    assert [item.frame.index for item in settled] == list(range(40))
+    assert len(places_of(settled)) == 1
+    assert settled[7].motion is None
+
+
+def test_a_place_comes_with_the_first_frame_it_was_seen_in(panel, drive):
+    for item in run(drive([panel(3.5, 1.2, 120.0), panel(-4, 1.2, 170.0)], 30)):
+        for place in item.places:
+            assert min(view.frame for view in place.views) == item.frame.index
+
+
+def test_a_drive_shorter_than_the_window_is_settled_at_its_end(panel, drive):
+    (place,) = places_of(run(drive([panel(3.5, 1.2, 40.0)], 4)))
+    assert len(place.views) == 4
+
+
+def test_a_drive_without_frames_or_candidates_is_no_fault(drive):
+    assert run([]) == []
+    assert [len(item.candidates) for item in run(drive([], 25))] == [0] * 25
+
+
+def test_the_same_input_gives_the_same_output(panel, drive):
+    frames = drive([panel(3.5, 1.2, 120.0), panel(3.5, 1.9, 120.0), panel(-4, 1, 90.0)], 25)
+    one, two = run(frames), run(frames)
+    assert repr(places_of(one)) == repr(places_of(two))
+    assert verdicts_of(one) == verdicts_of(two)
+
+
+def test_the_input_is_left_as_it_was(panel, drive):
+    frames = drive([panel(3.5, 1.2, 120.0)], 20)
+    run(frames)
+    assert all((f.look.candidates.verdict == 0).all() for f in frames)
+
+
+@pytest.mark.parametrize("matching", ["places", "sift"])
+def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, matching):
+    taken = 0
+
+    def counted():
+        nonlocal taken
+        for frame in drive([panel(3.5, 1.2, 8.0 * k + 60.0) for k in range(0, 60, 5)], 60):
+            taken += 1
+            yield frame
+
+    most = 0
+    settings = replace(SETTINGS, matching=matching, fewest_views=2)
+    for given, _ in enumerate(track(counted(), settings), 1):
+        most = max(most, taken - given + 1)
+    assert most <= SETTINGS.longest + HOP
+
+
+def test_a_place_below_the_judges_bar_is_refused_with_its_candidates(panel, drive):
+    settled = run(drive([panel(3.5, 1.2, 120.0)], 20), judge=constant_judge(-3.0))
+    (place,) = places_of(settled)
+    assert place.verdict == "place_score"
+    assert place.score == pytest.approx(-3.0)
+    assert "place_score" in verdicts_of(settled)
+    assert "sign" not in verdicts_of(settled)
+
+
+def constant_judge(value):
+    one = np.full((1, 1), -1, np.int32)
+    return TreeModel(
+        features=FEATURES,
+        bias=value,
+        feature=np.zeros((1, 1), np.int32),
+        threshold=np.zeros((1, 1), np.float32),
+        left=one,
+        right=one,
+        value=np.zeros((1, 1), np.float32),
+        accept=0.0,
+        provenance="test",
+    )
