@@ -138,7 +138,10 @@ def run(
                 every_region=observations is Listed.all,
                 watch=progress.watch,
             )
-        print_summary(result, Console(highlight=False, soft_wrap=True))
+        console = Console(
+            highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120
+        )
+        print_summary(result, console)
         lost |= bool(result.lost)
     if lost:
         raise typer.Exit(PARTS_LOST)
