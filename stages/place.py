@@ -19,6 +19,11 @@ from wayside.stages.window import Held
 FACING_SIGMA_DEG = 20.0
 """Scatter of the facing of panels along a road: what is known while it is not measured."""
 
+BORDER, SIZE_SIGMA = 1.06, 0.05
+"""Boxes follow a face's inner field: the panel is larger by this factor, give or take (measured)."""
+BIAS_SHARE = 0.02
+"""Part of a panel's size by which the centres of all its boxes may be off together (measured)."""
+
 FEATURES = (
     "views",
     "share_seen",
@@ -115,17 +120,17 @@ def build_place(
         track_id=track_id,
         views=tuple(view_of(fit, held, i) for i in range(len(fit.rows))),
         position=pose.to_camera(fit.point),
-        covariance=pose.rotation.T @ covariance @ pose.rotation,
+        covariance=pose.rotation.T @ covariance @ pose.rotation + face_bias(fit.metric),
         offset=np.array([beside.right, beside.above, beside.station - home.motion.station_m]),
         station_m=beside.station,
         best_frame=home.frame.index,
         best_time_ns=home.frame.time_ns,
         best_box=view_of(fit, held, best).box,
         best_pose=pose,
-        width_m=float(fit.metric[0]),
-        height_m=float(fit.metric[1]),
-        sigma_width_m=float(fit.spread[0]),
-        sigma_height_m=float(fit.spread[1]),
+        width_m=float(BORDER * fit.metric[0]),
+        height_m=float(BORDER * fit.metric[1]),
+        sigma_width_m=float(np.hypot(fit.spread[0], SIZE_SIGMA * fit.metric[0])),
+        sigma_height_m=float(np.hypot(fit.spread[1], SIZE_SIGMA * fit.metric[1])),
         facing_deg=0.0,
         sigma_facing_deg=FACING_SIGMA_DEG,
         color=color,
@@ -137,6 +142,11 @@ def build_place(
         verdict=verdict,
         evidence=() if evidence is None else tuple(evidence.tolist()),
     )
+
+
+def face_bias(metric: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (3, 3) of what all views have wrong alike: part of a face taken for it."""
+    return np.diag([*(BIAS_SHARE * metric) ** 2, 0.0])
 
 
 def best_view(fit: Fit, held: Sequence[Held]) -> int:

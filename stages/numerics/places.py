@@ -21,7 +21,9 @@ DRIFT_RAD = 2.5e-4
 """Scatter of a ray for each frame between it and the nearest view: error of the chained motion."""
 NEAREST_VIEWS = 8
 """More than this many of the nearest views add nothing safe (measured)."""
-SIZE_VIEWS = 4
+SIZE_VIEWS = 6
+LEAST_CHI = 0.5
+"""Reduced chi square below which the scatter of the centres is not believed to lie."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,12 +164,10 @@ def fit_views(
     metric, spread = metric_size(s.size[rows] * depth[:, None], depth, s.whole[rows])
     none = np.zeros(0, np.int64)
     residual = np.hypot(gap[:, 0], gap[:, 1])
-    # the centres scatter as much as the fit says, but never by less than a quarter pixel
-    surplus = (
-        max((residual[used] ** 2).mean() / 2, 0.25**2)
-        / ((own[used] * s.focal[frames[used]]) ** 2).mean()
-    )
-    own = own * min(1.0, np.sqrt(surplus * len(frames[used]) / max(1.0, len(frames[used]) - 1.5)))
+    # the centres scatter as the fit says, within bounds: few views say little
+    free = max(2.0 * used.sum() - 3.0, 1.0)
+    chi = float(((residual[used] / (own[used] * s.focal[frames[used]])) ** 2).sum()) / free
+    own = own * np.sqrt(min(max(chi, LEAST_CHI), 4.0))
     return Fit(
         rows,
         frames,

@@ -1,0 +1,114 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn", reason="learning needs scikit-learn")
+
+from wayside.pipeline.learning import places as module
+from wayside.pipeline.learning.places import (
+    NEITHER,
+    NOTHING,
+    SIGN,
+    Places,
+    faces_by_frame,
+    fit_place_judge,
+    label_of,
+    overlap,
+)
+from wayside.schemas.errors import InputError
+from wayside.schemas.motion import View
+from wayside.stages.numerics.trees import log_odds
+from wayside.stages.place import FEATURES
+
+
+class SeenAt:
+    """A place as far as labels need it."""
+
+    def __init__(self, *boxes):
+        self.views = tuple(View(i, 0, 0.0, 0.0, box, 0.0) for i, box in enumerate(boxes))
+
+
+def truth(side="front", faces_travel=True):
+    views = [{"frame": i, "side": side, "box": [100, 100, 140, 140]} for i in range(3)]
+    return {"signs": [{"id": 7, "faces_travel": faces_travel, "frames": views}]}
+
+
+FACE, HALF, AWAY = (102, 101, 139, 142), (100, 100, 140, 114), (400, 100, 440, 140)
+
+
+def test_a_place_on_a_face_is_a_sign_and_one_on_nothing_is_none():
+    known = faces_by_frame(truth())
+    assert label_of(SeenAt(FACE, FACE, FACE), known) == SIGN
+    assert label_of(SeenAt(AWAY, AWAY, AWAY), known) == NOTHING
+
+
+def test_one_good_view_of_three_does_not_make_a_sign():
+    assert label_of(SeenAt(FACE, AWAY, AWAY), faces_by_frame(truth())) == NEITHER
+
+
+@pytest.mark.parametrize("box", [HALF])
+def test_a_part_of_a_face_is_nobodys_example(box):
+    assert label_of(SeenAt(box, box, box), faces_by_frame(truth())) == NEITHER
+
+
+def test_backs_and_signs_for_others_are_nobodys_example():
+    for known in (truth(side="back"), truth(faces_travel=False)):
+        assert label_of(SeenAt(FACE, FACE, FACE), faces_by_frame(known)) == NEITHER
+
+
+def test_overlap_is_intersection_over_union():
+    view = View(0, 0, 0.0, 0.0, (0, 0, 2, 2), 0.0)
+    assert overlap(view, (1, 0, 3, 2)) == pytest.approx(1 / 3)
+    assert overlap(view, (2, 0, 3, 2)) == 0
+
+
+@pytest.fixture(autouse=True)
+def few_trees(monkeypatch):
+    monkeypatch.setattr(module, "SMALL", replace(module.SMALL, trees=30))
+
+
+def examples(count=400, seed=4):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(count, len(FEATURES))).astype(np.float32)
+    chance = 1 / (1 + np.exp(-2 * values[:, 3]))
+    label = np.where(rng.random(count) < chance, SIGN, NOTHING).astype(np.int8)
+    return Places(values, label, np.arange(count) % 4), chance
+
+
+def test_the_judge_states_odds_that_hold():
+    learned, _ = examples()
+    model = fit_place_judge(learned, "test")
+    fresh, chance = examples(seed=5)
+    stated = 1 / (1 + np.exp(-log_odds(model, fresh.values)))
+    for low, high in ((0.0, 0.3), (0.3, 0.7), (0.7, 1.0)):
+        inside = (stated >= low) & (stated < high)
+        assert abs(stated[inside].mean() - chance[inside].mean()) < 0.12
+
+
+def test_examples_of_neither_kind_teach_nothing():
+    learned, _ = examples()
+    garbage = Places(
+        np.concatenate([learned.values, learned.values[:50] + 9]),
+        np.concatenate([learned.label, np.full(50, NEITHER, np.int8)]),
+        np.concatenate([learned.drive, learned.drive[:50]]),
+    )
+    one, other = fit_place_judge(learned, "t"), fit_place_judge(garbage, "t")
+    np.testing.assert_array_equal(one.value, other.value)
+
+
+def test_too_few_places_are_refused_with_what_to_do():
+    few, _ = examples(12)
+    with pytest.raises(InputError, match="add drives"):
+        fit_place_judge(few, "test")
+
+
+def test_places_are_gathered_from_tracked_drives(monkeypatch):
+    place = SeenAt(FACE, FACE, FACE)
+    place.evidence = tuple(range(len(FEATURES)))
+    settled = [type("S", (), {"places": (place,)})]
+    monkeypatch.setattr(module, "track", lambda moved, settings: iter(settled))
+    found = module.gather_places([([], truth()), ([], {"signs": []})])
+    assert found.label.tolist() == [SIGN, NOTHING]
+    assert found.drive.tolist() == [0, 1]
+    assert found.values.shape == (2, len(FEATURES))
