@@ -6,7 +6,7 @@ import pytest
 from wayside.schemas.models import TreeModel
 from wayside.schemas.regions import VERDICTS
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.place import FEATURES
+from wayside.stages.place import BORDER, FEATURES
 from wayside.stages.track import HOP, track
 
 SETTINGS = TrackSettings()
@@ -29,8 +29,8 @@ def test_a_panel_is_placed_where_it_stands(panel, drive):
     (place,) = places_of(run(frames))
     centre = place.best_pose.to_world(place.position)
     np.testing.assert_allclose(centre, [3.5, -1.2, 120.0], atol=0.02)
-    assert place.width_m == pytest.approx(0.6, rel=0.01)
-    assert place.height_m == pytest.approx(0.9, rel=0.01)
+    assert place.width_m == pytest.approx(0.6 * BORDER, rel=0.01)
+    assert place.height_m == pytest.approx(0.9 * BORDER, rel=0.01)
     assert place.station_m == pytest.approx(120.0, abs=0.02)
     np.testing.assert_allclose(place.offset[:2], [3.5, 1.2], atol=0.01)
     assert place.verdict == "sign"
@@ -54,7 +54,7 @@ def test_two_panels_on_one_post_are_both_found(panel, drive):
 def test_a_plaque_under_a_sign_is_kept(panel, drive):
     frames = drive([panel(3.5, 2.0, 120.0), panel(3.5, 1.4, 120.0, wide=0.6, tall=0.3)], 20)
     heights = sorted(place.height_m for place in places_of(run(frames)))
-    assert heights == pytest.approx([0.3, 0.75], rel=0.02)
+    assert heights == pytest.approx([0.3 * BORDER, 0.75 * BORDER], rel=0.02)
 
 
 def test_the_inner_field_of_a_panel_is_no_second_panel(panel, drive):
