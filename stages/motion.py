@@ -26,16 +26,18 @@ from wayside.stages.numerics.epipolar import (
     half_turn,
     sampson_px,
 )
-from wayside.stages.numerics.road import camera_height
+from wayside.stages.numerics.road import common_height, down_of_road, heights_on_lane
 from wayside.stages.numerics.rotation import across
 from wayside.stages.numerics.triangulate import midpoint, pair_residual
 from wayside.stages.numerics.undistort import rays_of_ideal
 from wayside.stages.ties import (
     HELD_SIGMA,
     REGISTERED_SIGMA_PX,
+    Ground,
     Tied,
     View,
     find_coarse_motion,
+    register_road,
     register_ties,
 )
 
@@ -98,7 +100,7 @@ class Drive:
     turn: Array | None = None
     sigma_m: float = 0.0
     mounts: deque[Array] = field(default_factory=lambda: deque(maxlen=61))
-    heights: deque[float] = field(default_factory=lambda: deque(maxlen=31))
+    heights: deque[Array] = field(default_factory=lambda: deque(maxlen=31))
 
     def follow(self, look: Look) -> Motion:
         """Motion from the last look to this one."""
@@ -152,11 +154,11 @@ class Drive:
         )
         points = _points(step, rotation, direction, baseline)
         self.depths = np.full(len(view.corners), np.nan)
-        self.depths[step.tied.rows[step.inlier, 1]] = points[step.inlier, 2]
+        matched = step.inlier & (step.tied.rows[:, 1] >= 0)
+        self.depths[step.tied.rows[matched, 1]] = points[matched, 2]
         self.turn, self.sigma_m = adjusted.rotation, sigma_m
-        height = camera_height(points[step.inlier], self.law.direction)
-        if np.isfinite(height):
-            self.heights.append(height)
+        # Only matched ties tell the height: those sought on the road would confirm it.
+        self.heights.append(heights_on_lane(points[matched], self.law.direction))
         pose = Pose(rotation, baseline * direction)
         return Motion(
             last.pose.compose(pose),
@@ -185,7 +187,8 @@ class Drive:
                 coarse, agreeing = wide, more
         if coarse is None or agreeing < self.settings.smallest_ties:
             return None
-        step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior)
+        ground = self._ground(expected.baseline_m)
+        step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior, ground)
         if np.any(np.abs(self._stray(step.rotation, step.direction)) > self._limit()):
             law = self.law
             kept = expected.prior._replace(
@@ -194,7 +197,7 @@ class Drive:
                 halfway=True,
             )
             step = _refine(
-                before, now, step.rotation, half_turn(step.rotation, law.direction), kept
+                before, now, step.rotation, half_turn(step.rotation, law.direction), kept, ground
             )
         return step if step.inlier.sum() >= self.settings.smallest_ties else None
 
@@ -209,8 +212,15 @@ class Drive:
     def _learn(self, rotation: Array, direction: Array) -> None:
         self.mounts.append(_mount(rotation, direction))
 
+    def _ground(self, baseline_m: float) -> Ground | None:
+        """The road under the camera, None while its height is unknown."""
+        height = self._height()
+        if not np.isfinite(height):
+            return None
+        return Ground(down_of_road(self.law.direction), height, baseline_m)
+
     def _height(self) -> float:
-        return float(np.median(self.heights)) if self.heights else nan
+        return common_height(np.concatenate([*self.heights, np.zeros(0)]))
 
     def _length(
         self, step: Step, adjusted: Adjusted, expected: Expectation, focal_px: float
@@ -241,7 +251,8 @@ class Drive:
         """Length of this step and its scatter, metres, by the depths of the step before; nan with too few points."""
         if len(self.depths) == 0:
             return nan, nan
-        known = self.depths[step.tied.rows[step.inlier, 0]]
+        rows = step.tied.rows[step.inlier, 0]
+        known = np.where(rows >= 0, self.depths[rows], nan)
         rays, nearness = adjusted.point[:, :2], adjusted.point[:, 2]
         epipole = adjusted.direction[:2] / adjusted.direction[2]
         parallax_px = focal_px * nearness * np.linalg.norm(rays - epipole, axis=1)
@@ -255,17 +266,27 @@ class Drive:
         return length, max(scatter, RATIO_SIGMA * length)
 
 
-def _refine(before: View, now: View, rotation: Array, direction: Array, prior: Prior) -> Step:
+def _refine(
+    before: View,
+    now: View,
+    rotation: Array,
+    direction: Array,
+    prior: Prior,
+    ground: Ground | None,
+) -> Step:
     # Ties chosen by a motion tend to confirm it: choose again while it still moves.
-    tied = register_ties(before, now, rotation, direction)
+    tied = register_ties(before, now, rotation, direction, ground)
     step = _fit_ties(before, now, tied, (rotation, direction), prior)
     for _ in range(ROUNDS - 1):
         if np.abs(step.direction - direction).max() < AGAIN_RAD:
             break
         rotation, direction = step.rotation, step.direction
-        tied = register_ties(before, now, rotation, direction, tied)
+        tied = register_ties(before, now, rotation, direction, ground, tied)
         step = _fit_ties(before, now, tied, (rotation, direction), prior)
-    return step
+    if ground is None:
+        return step
+    tied = register_road(before, now, step.rotation, step.direction, ground, tied)
+    return _fit_ties(before, now, tied, (step.rotation, step.direction), prior)
 
 
 def _fit_ties(

@@ -21,6 +21,7 @@ from wayside.stages.numerics.hamming import match_in_bands
 from wayside.stages.numerics.register import register_patches
 from wayside.stages.numerics.rotation import rotation_from_vector
 from wayside.stages.numerics.undistort import (
+    distort_points,
     ideal_of_rays,
     ideal_points,
     rays_of_ideal,
@@ -39,6 +40,9 @@ GUIDED_WIDTH_PX = 4.0
 CELL_PX, PER_CELL = 100.0, 6
 """Matches that are registered: at most so many of the best in each cell of the picture."""
 NEAR_EPIPOLE_PX = 20.0
+ROAD_GAP_PX, ROAD_GAP_SHARE = 3.0, 0.1
+"""A match this near to where a road point would be, or this share of its way, is taken to lie on the road."""
+NEAREST_ROAD_M, FARTHEST_ROAD_M, ROAD_HALF_WIDTH_M, ROAD_SEARCH_PX = 4.0, 35.0, 5.0, 3
 ALIKE = 0.85
 """Smallest correlation of a registered patch."""
 REGISTERED_SIGMA_PX = 0.08
@@ -69,6 +73,14 @@ class View:
     def focal_px(self) -> float:
         """Mean of both focal lengths."""
         return 0.5 * (self.camera.fx + self.camera.fy)
+
+
+class Ground(NamedTuple):
+    """The road in the axes of the first camera of a pair: down (3,), unit; height_m of the camera; baseline_m."""
+
+    down: Array
+    height_m: float
+    baseline_m: float
 
 
 class Tied(NamedTuple):
@@ -147,7 +159,12 @@ def _released(
 
 
 def register_ties(
-    before: View, now: View, rotation: Array, direction: Array, last: Tied | None = None
+    before: View,
+    now: View,
+    rotation: Array,
+    direction: Array,
+    ground: Ground | None = None,
+    last: Tied | None = None,
 ) -> Tied:
     """Match again in narrow bands along the epipolar lines and register every match to sub-pixel.
 
@@ -162,7 +179,7 @@ def register_ties(
         _, here, there = np.intersect1d(keys, known, assume_unique=True, return_indices=True)
         found[here] = last.tried[1][there]
         fresh[here] = False
-    found[fresh] = _register(before, now, rotation, direction, pairs[fresh])
+    found[fresh] = _register(before, now, rotation, direction, ground, pairs[fresh])
     good = np.isfinite(found[:, 0])
     corners = np.rint(before.corners[pairs[good, 0]]).astype(np.float64)
     return Tied(
@@ -179,7 +196,12 @@ def _keys(pairs: NDArray[np.int64], now: View) -> NDArray[np.int64]:
 
 
 def _register(
-    before: View, now: View, rotation: Array, direction: Array, pairs: NDArray[np.int64]
+    before: View,
+    now: View,
+    rotation: Array,
+    direction: Array,
+    ground: Ground | None,
+    pairs: NDArray[np.int64],
 ) -> Array:
     """Recorded pixels (n, 2) in the second picture of the first one's corners, nan where they do not look alike."""
     far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
@@ -190,8 +212,67 @@ def _register(
     growth = np.where(reach > NEAR_EPIPOLE_PX, np.clip(growth, 0.8, LARGEST_GROWTH), 1.1)
     shift = corners - before.corners[pairs[:, 0]].astype(np.float64)
     starts = np.ascontiguousarray(now.corners[pairs[:, 1]] + shift * growth[:, None])
-    registered = register_patches(before.grey, now.grey, corners, starts, growth)
+    warps = np.column_stack([growth, np.zeros(len(growth)), growth])
+    if ground is not None:
+        place, on_road = _on_road(
+            before, now, rotation, direction, ground, before.ideal[pairs[:, 0]]
+        )
+        gap = np.linalg.norm(place - now.ideal[pairs[:, 1]], axis=1)
+        flow = np.linalg.norm(place - far, axis=1)
+        flat = gap < ROAD_GAP_PX + ROAD_GAP_SHARE * flow
+        warps[flat] = on_road[flat]
+    registered = register_patches(before.grey, now.grey, corners, starts, warps)
     return np.where(registered.zncc[:, None] >= ALIKE, registered.point, np.nan)
+
+
+def register_road(
+    before: View, now: View, rotation: Array, direction: Array, ground: Ground, tied: Tied
+) -> Tied:
+    """The ties with more on the road: corners whose texture no descriptor holds, sought where the road says.
+
+    Their rows are -1: they take part in no comparison of lengths, which they would confirm.
+    """
+    free = np.ones(len(before.corners), np.bool_)
+    free[tied.tried[0][:, 0]] = False
+    rows = np.flatnonzero(free)
+    rays = rays_of_ideal(before.camera, before.ideal[rows])
+    depth = ground.height_m / np.maximum(rays @ ground.down[:2] + ground.down[2], 1e-6)
+    near = (depth > ground.baseline_m + NEAREST_ROAD_M) & (depth < FARTHEST_ROAD_M)
+    rows = rows[near & (np.abs(rays[:, 0] * depth) < ROAD_HALF_WIDTH_M)]
+    rows = _spread(np.stack([rows, rows], axis=1), before.corners)[:, 0]
+    corners = np.rint(before.corners[rows]).astype(np.int64)
+    ideal = ideal_points(before.camera, corners.astype(np.float64))
+    place, warps = _on_road(before, now, rotation, direction, ground, ideal)
+    starts = distort_points(now.camera, place)
+    found = register_patches(
+        before.grey, now.grey, corners, starts, warps, search_px=ROAD_SEARCH_PX
+    )
+    good = found.zncc >= ALIKE
+    return Tied(
+        np.vstack([tied.previous, ideal[good]]),
+        np.vstack([tied.current, ideal_points(now.camera, found.point[good])]),
+        np.vstack([tied.rows, np.full((int(good.sum()), 2), -1)]),
+        tied.tried,
+    )
+
+
+def _on_road(
+    before: View, now: View, rotation: Array, direction: Array, ground: Ground, ideal: Array
+) -> tuple[Array, Array]:
+    """Ideal pixels (n, 2) of road points in the second picture, and how their surroundings are warped (n, 3)."""
+    centre = ground.baseline_m * direction
+
+    def seen(points: Array) -> Array:
+        rays = rays_of_ideal(before.camera, points)
+        solid = np.hstack([rays, np.ones((len(rays), 1))])
+        depth = ground.height_m / np.maximum(solid @ ground.down, 1e-6)
+        local = (solid * depth[:, None] - centre) @ rotation
+        return ideal_of_rays(now.camera, local[:, :2] / np.maximum(local[:, 2:], 1e-6))
+
+    place = seen(ideal)
+    by_u = seen(ideal + np.array([1.0, 0.0])) - place
+    by_v = seen(ideal + np.array([0.0, 1.0])) - place
+    return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
 
 
 def _match(

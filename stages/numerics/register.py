@@ -19,12 +19,14 @@ RADIUS = 7
 SIDE = 2 * RADIUS + 1
 ITERATIONS = 12
 CONVERGED_PX = 0.01
-FARTHEST_PX = 5.0
-SCALE_CHANGE = 1.3
+FARTHEST_PX, SCALE_CHANGE = 3.0, 1.3
+"""A fit that goes further from where the search ended, or changes the scale by more, has lost its patch."""
+LEAST_TEXTURE, HOPELESS = 2.0, 0.3
+"""Grey levels a patch must vary by; correlation below which a fit is given up."""
 
 
 class Registered(NamedTuple):
-    """Where patches were found: point (n, 2) px, scale (n,), zncc (n,) likeness in -1 to 1, 0 where it failed."""
+    """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed."""
 
     point: Array
     scale: Array
@@ -36,7 +38,7 @@ def register_patches(
     near: NDArray[np.uint8],
     corners: NDArray[np.int64],
     starts: Array,
-    scales: Array,
+    warps: Array,
     *,
     search_px: int = 2,
 ) -> Registered:
@@ -48,8 +50,11 @@ def register_patches(
         Grey pictures (height, width).
     corners
         Middle of each patch, (n, 2) whole pixels.
-    starts, scales
-        Where and how much larger the patch is expected in the near picture: (n, 2) px and (n,).
+    starts
+        Where the patches are expected in the near picture, (n, 2) px.
+    warps
+        How they are expected to look there, (n, 3): stretch along u, shear of u by v, stretch along v. A plate
+        seen nearer has (s, 0, s), the road about (s, k, s * s).
     search_px
         Whole pixels searched round the start before the fit.
 
@@ -63,41 +68,43 @@ def register_patches(
     require_array(near, "near", np.uint8, (None, None))
     require_array(corners, "corners", np.int64, (n, 2))
     require_array(starts, "starts", np.float64, (n, 2))
-    require_array(scales, "scales", np.float64, (n,))
+    require_array(warps, "warps", np.float64, (n, 3))
     point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
-    _register(far, near, corners, starts, scales, search_px, point, scale, zncc)
+    _register(far, near, corners, starts, warps, search_px, point, scale, zncc)
     return Registered(point, scale, zncc)
 
 
 @compiled
-def _sample(
-    picture: NDArray[np.uint8],
-    u: float,
-    v: float,
-    scale: float,
-    columns: NDArray[np.int64],
-    shares: Array,
-    patch: Array,
-) -> tuple[float, float]:
-    # Bilinear (SIDE, SIDE) patch round u, v; returns mean and root of the sum of squares about it, or -1 outside.
-    reach = RADIUS * scale
+def _inside(
+    picture: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, margin: float
+) -> bool:
+    # Whether a warped patch and the pixel after it lie in the picture; False for nan too.
+    reach_u = RADIUS * scale * (abs(warp[0]) + abs(warp[1])) + margin
+    reach_v = RADIUS * scale * abs(warp[2]) + margin
     height, width = picture.shape
-    if not (u - reach >= 0 and v - reach >= 0 and u + reach < width - 1 and v + reach < height - 1):
-        return 0.0, -1.0
-    for j in range(SIDE):
-        x = u + scale * (j - RADIUS)
-        columns[j] = int(x)
-        shares[j] = x - int(x)
+    inside: bool = u - reach_u >= 0 and v - reach_v >= 0
+    return inside and u + reach_u < width - 1 and v + reach_v < height - 1
+
+
+@compiled
+def _sample(
+    picture: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, patch: Array
+) -> tuple[float, float]:
+    # Bilinear (SIDE, SIDE) patch round u, v; returns its mean and the root of the sum of squares about that.
     total, squares = 0.0, 0.0
+    step = scale * warp[0]
     for i in range(SIDE):
-        y = v + scale * (i - RADIUS)
+        y = v + scale * warp[2] * (i - RADIUS)
         row = int(y)
         fy = y - row
+        start = u + scale * warp[1] * (i - RADIUS) - step * RADIUS
         for j in range(SIDE):
-            c, fx = columns[j], shares[j]
-            a, b = float(picture[row, c]), float(picture[row + 1, c])
-            a += fx * (float(picture[row, c + 1]) - a)
-            b += fx * (float(picture[row + 1, c + 1]) - b)
+            x = start + step * j
+            column = int(x)
+            fx = x - column
+            a, b = float(picture[row, column]), float(picture[row + 1, column])
+            a += fx * (float(picture[row, column + 1]) - a)
+            b += fx * (float(picture[row + 1, column + 1]) - b)
             value = a + fy * (b - a)
             patch[i, j] = value
             total += value
@@ -108,21 +115,13 @@ def _sample(
 
 @compiled
 def _coarse(
-    near: NDArray[np.uint8], template: Array, start: Array, scale: float, search: int
+    near: NDArray[np.uint8], template: Array, start: Array, warp: Array, search: int
 ) -> tuple[float, float]:
-    # The whole-pixel shift of best correlation, every second pixel of the patch.
-    height, width = near.shape
-    reach = RADIUS * scale + search + 1
+    # The whole-pixel shift of best correlation, by every second pixel of the patch.
     best, best_u, best_v = -1.0, start[0], start[1]
-    if not (
-        start[0] - reach >= 0
-        and start[1] - reach >= 0
-        and start[0] + reach < width - 1
-        and start[1] + reach < height - 1
-    ):
+    if not _inside(near, start[0], start[1], warp, 1.0, search + 1.0):
         return best_u, best_v
-    count = 0
-    total_t, squares_t = 0.0, 0.0
+    count, total_t, squares_t = 0, 0.0, 0.0
     for i in range(0, SIDE, 2):
         for j in range(0, SIDE, 2):
             total_t += template[i, j]
@@ -133,9 +132,10 @@ def _coarse(
         for du in range(-search, search + 1):
             total, squares, product = 0.0, 0.0, 0.0
             for i in range(0, SIDE, 2):
-                row = int(start[1] + dv + scale * (i - RADIUS) + 0.5)
+                row = int(start[1] + dv + warp[2] * (i - RADIUS) + 0.5)
+                begin = start[0] + du + warp[1] * (i - RADIUS) + 0.5
                 for j in range(0, SIDE, 2):
-                    value = float(near[row, int(start[0] + du + scale * (j - RADIUS) + 0.5)])
+                    value = float(near[row, int(begin + warp[0] * (j - RADIUS))])
                     total += value
                     squares += value * value
                     product += value * template[i, j]
@@ -149,9 +149,58 @@ def _coarse(
 
 
 @compiled
-def _invert3(matrix: Array, inverse: Array) -> bool:
-    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
-    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+def _cut(far: NDArray[np.uint8], u: int, v: int, template: Array) -> float:
+    # The patch round a whole pixel less its mean; returns the sum of its squares.
+    mean, square = 0.0, 0.0
+    for i in range(SIDE):
+        for j in range(SIDE):
+            template[i, j] = float(far[v + i - RADIUS, u + j - RADIUS])
+            mean += template[i, j]
+    mean /= SIDE * SIDE
+    for i in range(SIDE):
+        for j in range(SIDE):
+            template[i, j] -= mean
+            square += template[i, j] ** 2
+    return square
+
+
+@compiled
+def _slopes(
+    far: NDArray[np.uint8], u: int, v: int, template: Array, square: float, slopes: Array
+) -> None:
+    # Gradients by position and scale, freed of what gain and bias explain: those then need no unknowns of their own.
+    for i in range(SIDE):
+        for j in range(SIDE):
+            y, x = v + i - RADIUS, u + j - RADIUS
+            slopes[0, i, j] = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
+            slopes[1, i, j] = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
+            slopes[2, i, j] = slopes[0, i, j] * (j - RADIUS) + slopes[1, i, j] * (i - RADIUS)
+    for k in range(3):
+        mean, share = 0.0, 0.0
+        for i in range(SIDE):
+            for j in range(SIDE):
+                mean += slopes[k, i, j]
+                share += slopes[k, i, j] * template[i, j]
+        mean /= SIDE * SIDE
+        share /= square
+        for i in range(SIDE):
+            for j in range(SIDE):
+                slopes[k, i, j] -= mean + share * template[i, j]
+
+
+@compiled
+def _inverse(slopes: Array, inverse: Array) -> bool:
+    # Inverse (3, 3) of the normal matrix of the slopes; False where they cannot be told apart.
+    normal = np.empty((3, 3))
+    for k in range(3):
+        for m in range(k, 3):
+            total = 0.0
+            for i in range(SIDE):
+                for j in range(SIDE):
+                    total += slopes[k, i, j] * slopes[m, i, j]
+            normal[k, m] = total
+    a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
+    d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
     m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * m0 + b * m1 + c * m2
     if not determinant > 1e-9 * a * d * f:
@@ -164,107 +213,83 @@ def _invert3(matrix: Array, inverse: Array) -> bool:
 
 
 @compiled
+def _fit(
+    near: NDArray[np.uint8],
+    template: Array,
+    square: float,
+    slopes: Array,
+    inverse: Array,
+    warp: Array,
+    place: Array,
+    patch: Array,
+) -> float:
+    # Gauss-Newton on place (u, v, scale), in place; returns the correlation, 0 where the patch leaves the picture.
+    zncc, norm_t = 0.0, float(np.sqrt(square))
+    for _ in range(ITERATIONS):
+        if not _inside(near, place[0], place[1], warp, place[2], 0.0):
+            return 0.0
+        mean, norm = _sample(near, place[0], place[1], warp, place[2], patch)
+        if norm <= 1e-6:
+            return 0.0
+        product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0
+        for i in range(SIDE):
+            for j in range(SIDE):
+                value = patch[i, j] - mean
+                product += value * template[i, j]
+                r0 += slopes[0, i, j] * value
+                r1 += slopes[1, i, j] * value
+                r2 += slopes[2, i, j] * value
+        zncc = product / (norm * norm_t)
+        if zncc < HOPELESS:
+            return zncc
+        gain = product / square  # of the near patch against the template
+        r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
+        du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
+        dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
+        ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
+        ds = min(0.2, max(-0.2, ds))
+        # The template moved by (du, dv, 1 + ds) fits the patch: compose the inverse of that with the warp so far.
+        place[2] /= 1.0 + ds
+        place[0] -= place[2] * (warp[0] * du + warp[1] * dv)
+        place[1] -= place[2] * warp[2] * dv
+        if abs(du) + abs(dv) + RADIUS * abs(ds) < CONVERGED_PX:
+            break
+    return zncc
+
+
+@compiled
 def _register(
     far: NDArray[np.uint8],
     near: NDArray[np.uint8],
     corners: NDArray[np.int64],
     starts: Array,
-    scales: Array,
+    warps: Array,
     search: int,
     points: Array,
-    found_scales: Array,
+    scales: Array,
     znccs: Array,
 ) -> None:
     height, width = far.shape
     template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
-    slopes = np.empty((3, SIDE, SIDE))
-    normal, inverse = np.empty((3, 3)), np.empty((3, 3))
-    columns, shares = np.empty(SIDE, np.int64), np.empty(SIDE)
+    slopes, inverse, place = np.empty((3, SIDE, SIDE)), np.empty((3, 3)), np.empty(3)
+    edge = RADIUS + 1
     for n in range(corners.shape[0]):
-        cu, cv = corners[n, 0], corners[n, 1]
-        edge = RADIUS + 1
-        if cu < edge or cv < edge or cu >= width - edge or cv >= height - edge:
+        u, v = corners[n, 0], corners[n, 1]
+        if u < edge or v < edge or u >= width - edge or v >= height - edge:
             continue
-        if not (np.isfinite(starts[n, 0]) and np.isfinite(starts[n, 1]) and scales[n] > 0):
+        if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
-        mean_t = 0.0
-        for i in range(SIDE):
-            for j in range(SIDE):
-                template[i, j] = float(far[cv + i - RADIUS, cu + j - RADIUS])
-                mean_t += template[i, j]
-        mean_t /= SIDE * SIDE
-        square_t = 0.0
-        for i in range(SIDE):
-            for j in range(SIDE):
-                template[i, j] -= mean_t
-                square_t += template[i, j] ** 2
-        norm_t = np.sqrt(square_t)
-        if norm_t < 2.0 * SIDE:  # less than 2 grey levels of texture
+        square = _cut(far, u, v, template)
+        if square < (LEAST_TEXTURE * SIDE) ** 2:
             continue
-        # Gradients by position and scale, freed of what gain and bias explain: those need no unknowns of their own.
-        for i in range(SIDE):
-            for j in range(SIDE):
-                v, u = cv + i - RADIUS, cu + j - RADIUS
-                gu = 0.5 * (float(far[v, u + 1]) - float(far[v, u - 1]))
-                gv = 0.5 * (float(far[v + 1, u]) - float(far[v - 1, u]))
-                slopes[0, i, j] = gu
-                slopes[1, i, j] = gv
-                slopes[2, i, j] = gu * (j - RADIUS) + gv * (i - RADIUS)
-        for k in range(3):
-            mean, share = 0.0, 0.0
-            for i in range(SIDE):
-                for j in range(SIDE):
-                    mean += slopes[k, i, j]
-                    share += slopes[k, i, j] * template[i, j]
-            mean /= SIDE * SIDE
-            share /= square_t
-            for i in range(SIDE):
-                for j in range(SIDE):
-                    slopes[k, i, j] -= mean + share * template[i, j]
-        for k in range(3):
-            for m in range(k, 3):
-                total = 0.0
-                for i in range(SIDE):
-                    for j in range(SIDE):
-                        total += slopes[k, i, j] * slopes[m, i, j]
-                normal[k, m] = total
-        if not _invert3(normal, inverse):
+        _slopes(far, u, v, template, square, slopes)
+        if not _inverse(slopes, inverse):
             continue
-        scale = scales[n]
-        u, v = _coarse(near, template, starts[n], scale, search)
-        zncc = 0.0
-        for _ in range(ITERATIONS):
-            mean, norm = _sample(near, u, v, scale, columns, shares, patch)
-            if norm <= 1e-6:
-                zncc = 0.0
-                break
-            product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0
-            for i in range(SIDE):
-                for j in range(SIDE):
-                    value = patch[i, j] - mean
-                    product += value * template[i, j]
-                    r0 += slopes[0, i, j] * value
-                    r1 += slopes[1, i, j] * value
-                    r2 += slopes[2, i, j] * value
-            zncc = product / (norm * norm_t)
-            if zncc < 0.3:
-                break
-            # gain of the near patch against the template
-            gain = product / square_t
-            r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
-            du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
-            dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
-            ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
-            ds = min(0.2, max(-0.2, ds))
-            # the template moved by (d, 1 + ds) fits the patch: compose the inverse of that with the warp so far
-            scale /= 1.0 + ds
-            u -= scale * du
-            v -= scale * dv
-            if abs(du) + abs(dv) + RADIUS * abs(ds) < CONVERGED_PX:
-                break
-        away = max(abs(u - starts[n, 0]), abs(v - starts[n, 1]))
-        change = scale / scales[n]
-        if away > FARTHEST_PX or not 1 / SCALE_CHANGE < change < SCALE_CHANGE:
+        place[0], place[1] = _coarse(near, template, starts[n], warps[n], search)
+        place[2] = 1.0
+        zncc = _fit(near, template, square, slopes, inverse, warps[n], place, patch)
+        away = max(abs(place[0] - starts[n, 0]), abs(place[1] - starts[n, 1]))
+        if away > FARTHEST_PX + search or not 1 / SCALE_CHANGE < place[2] < SCALE_CHANGE:
             continue
-        points[n, 0], points[n, 1] = u, v
-        found_scales[n], znccs[n] = scale, zncc
+        points[n, 0], points[n, 1] = place[0], place[1]
+        scales[n], znccs[n] = place[2], zncc

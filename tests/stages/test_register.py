@@ -26,21 +26,41 @@ def somewhere(count=60):
     return np.random.default_rng(2).integers((40, 40), (440, 340), (count, 2))
 
 
+def plates(count, scale=1.0):
+    """Warps of things that face the camera."""
+    return np.tile([scale, 0.0, scale], (count, 1))
+
+
 @pytest.mark.parametrize("scale", [1.0, 1.15, 1.6])
 def test_patches_are_found_to_a_twentieth_of_a_pixel_in_spite_of_scale_gain_and_bias(far, scale):
     corners, near = somewhere(), seen_nearer(far, scale)
     truth = corners * scale + SHIFT
     starts = truth + np.random.default_rng(3).uniform(-2, 2, truth.shape)
-    found = register_patches(far, near, corners, starts, np.full(len(corners), scale * 0.95))
+    found = register_patches(far, near, corners, starts, plates(len(corners), scale * 0.95))
     assert (found.zncc > 0.95).mean() > 0.95
     good = found.zncc > 0.95
     assert np.sqrt(((found.point - truth)[good] ** 2).mean()) < 0.05
-    np.testing.assert_allclose(found.scale[good], scale, rtol=0.03)
+    np.testing.assert_allclose(found.scale[good], 1 / 0.95, rtol=0.03)
+
+
+def test_a_road_seen_nearer_is_placed_better_by_its_own_warp_than_by_that_of_a_plate(far):
+    warp = np.array([[1.4, 0.25, -60.0], [0.0, 1.9, -200.0]])
+    near = cv2.warpAffine(far, warp, (640, 520), flags=cv2.INTER_CUBIC)
+    corners = np.random.default_rng(2).integers((80, 130), (380, 340), (60, 2))
+    truth = corners @ warp[:, :2].T + warp[:, 2]
+    starts = np.round(truth) + 1.0
+    flat = np.tile([1.4, 0.25, 1.9], (60, 1))
+    found = register_patches(far, near, corners, starts, flat)
+    upright = register_patches(far, near, corners, starts, plates(60, 1.6))
+    off, off_upright = (np.nanmedian(np.abs(f.point - truth)) for f in (found, upright))
+    assert (found.zncc > 0.95).mean() > 0.9
+    assert off < 0.05
+    assert off_upright > 4 * off
 
 
 def test_a_picture_registers_on_itself_without_moving(far):
     corners = somewhere()
-    found = register_patches(far, far, corners, corners.astype(float), np.ones(len(corners)))
+    found = register_patches(far, far, corners, corners.astype(float), plates(len(corners)))
     np.testing.assert_allclose(found.point, corners, atol=1e-3)
     np.testing.assert_allclose(found.zncc, 1.0, atol=1e-6)
 
@@ -48,8 +68,8 @@ def test_a_picture_registers_on_itself_without_moving(far):
 def test_patches_without_texture_or_at_the_rim_are_refused(far):
     flat = np.full_like(far, 90)
     middle, rim = np.array([[200, 200]]), np.array([[3, 200], [499, 399], [200, 5]])
-    assert register_patches(flat, flat, middle, middle.astype(float), np.ones(1)).zncc[0] == 0
-    found = register_patches(far, far, rim, rim.astype(float), np.ones(3))
+    assert register_patches(flat, flat, middle, middle.astype(float), plates(1)).zncc[0] == 0
+    found = register_patches(far, far, rim, rim.astype(float), plates(3))
     assert (found.zncc == 0).all()
     assert np.isnan(found.point).all()
 
@@ -57,16 +77,16 @@ def test_patches_without_texture_or_at_the_rim_are_refused(far):
 def test_starts_that_are_nowhere_or_outside_are_refused(far):
     corners = np.full((4, 2), 200)
     starts = np.array([[np.nan, 200], [np.inf, 200], [-300.0, 200], [200, 9000.0]])
-    assert (register_patches(far, far, corners, starts, np.ones(4)).zncc == 0).all()
+    assert (register_patches(far, far, corners, starts, plates(4)).zncc == 0).all()
 
 
 def test_another_scene_is_not_taken_for_the_patch(far):
     other = np.ascontiguousarray(far[::-1, ::-1])
     corners = somewhere()
-    found = register_patches(far, other, corners, corners.astype(float), np.ones(len(corners)))
+    found = register_patches(far, other, corners, corners.astype(float), plates(len(corners)))
     assert (found.zncc < 0.85).all()
 
 
 def test_colour_pictures_are_refused(far):
     with pytest.raises(ValueError, match="far"):
-        register_patches(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), np.ones(1))
+        register_patches(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), plates(1))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from wayside.stages.numerics.road import camera_height
+from wayside.stages.numerics.road import common_height, down_of_road, heights_on_lane
 
 AHEAD = np.array([0.0, 0.0, 1.0])
 
@@ -22,15 +22,17 @@ def road(height=2.1, pitch=0.0, count=30, seed=0):
     return flat @ turn.T, turn @ AHEAD
 
 
+def height_of(points, direction):
+    return common_height(heights_on_lane(points, direction))
+
+
 def test_the_height_is_that_above_the_points_of_the_road():
-    points, direction = road()
-    assert abs(camera_height(points, direction) - 2.1) < 0.01
+    assert abs(height_of(*road()) - 2.1) < 0.01
 
 
 def test_a_camera_that_looks_up_or_down_gets_the_same_height():
     for pitch in (-0.05, 0.03):
-        points, direction = road(1.6, pitch)
-        assert abs(camera_height(points, direction) - 1.6) < 0.01
+        assert abs(height_of(*road(1.6, pitch)) - 1.6) < 0.01
 
 
 def test_things_on_and_beside_the_road_do_not_matter():
@@ -39,17 +41,29 @@ def test_things_on_and_beside_the_road_do_not_matter():
     cars = generator.uniform((-2.5, 0.6, 10), (2.5, 2.0, 30), (15, 3))
     verge = generator.uniform((5, 2.5, 10), (12, 4.0, 30), (60, 3))
     unknown = np.full((4, 3), np.nan)
-    found = camera_height(np.vstack([cars, points, verge, unknown]), direction)
+    found = height_of(np.vstack([cars, points, verge, unknown]), direction)
     assert abs(found - 2.1) < 0.03
 
 
+def test_points_ahead_behind_and_beside_the_lane_are_told_apart():
+    points = np.array(
+        [[0.0, 2.0, 10], [0.0, 2.0, -10], [5.0, 2.0, 10], [0.0, 2.0, 60], [0, 9.0, 10]]
+    )
+    assert heights_on_lane(points, AHEAD).tolist() == [2.0]
+
+
 def test_too_few_points_give_no_height():
-    points, direction = road(count=4)
-    assert np.isnan(camera_height(points, direction))
-    assert np.isnan(camera_height(np.zeros((0, 3)), direction))
+    assert np.isnan(height_of(*road(count=7)))
+    assert np.isnan(common_height(np.zeros(0)))
 
 
 def test_points_that_share_no_height_give_none():
-    heights = np.array([0.6, 0.8, 1.1, 1.5, 2.0, 2.7, 3.6])
-    points = np.c_[np.zeros(7), heights, np.full(7, 15.0)]
-    assert np.isnan(camera_height(points, AHEAD))
+    assert np.isnan(common_height(1.1 ** np.arange(12)))
+
+
+def test_down_is_at_right_angles_to_the_road():
+    direction = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
+    down = down_of_road(direction)
+    assert abs(down @ direction) < 1e-12
+    assert abs(np.linalg.norm(down) - 1) < 1e-12
+    assert down[1] > 0.99
