@@ -24,8 +24,8 @@ CONTRAST = 9
 """Grey levels by which a corner stands out: low enough for the texture of roads and verges."""
 CELL_PX = 25
 """Side of a cell at each level, so 50 px of the picture at the finest."""
-CROPS, CROP_PX, MARGIN_PX = 12, 96, 16
-"""Candidates that get SIFT, largest side of a crop (larger ones are reduced), context around the box."""
+MARGIN_PX = 3
+"""A face's own corners lie on its border."""
 
 
 def extract_features(judged: Iterator[Judged], settings: FeatureSettings) -> Iterator[Look]:
@@ -100,41 +100,23 @@ def _strongest(found: Sequence[cv2.KeyPoint], per_cell: int) -> NDArray[np.int64
 def sign_features(
     grey: NDArray[np.uint8], candidates: Candidates, sift: cv2.SIFT
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-    """SIFT on the best open candidates: points (m, 2) in recorded pixels, descriptors (m, 128), candidate rows (m,)."""
-    points, descriptors, rows = [], [], []
-    for row in _best_open(candidates):
-        x0, y0, x1, y1 = _crop_box(candidates.regions.box[row], grey.shape)
-        crop = grey[y0:y1, x0:x1]
-        longest = max(crop.shape)
-        shrink = min(1.0, CROP_PX / longest)
-        if shrink < 1:
-            reduced = cv2.resize(crop, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-            crop = np.asarray(reduced, np.uint8)
-        found, described = sift.detectAndCompute(crop, None)
-        if described is None:
-            continue
-        scale = np.array([(x1 - x0) / crop.shape[1], (y1 - y0) / crop.shape[0]], np.float32)
-        inside = np.asarray(cv2.KeyPoint.convert(found), np.float32)
-        points.append((inside + 0.5) * scale - 0.5 + np.array([x0, y0], np.float32))
-        descriptors.append(np.asarray(described, np.float32))
-        rows.append(np.full(len(inside), row, np.int32))
-    if not points:
-        return _NO_SIGNS
-    return np.concatenate(points), np.concatenate(descriptors), np.concatenate(rows)
+    """SIFT points on open candidates: points (m, 2) in recorded pixels, descriptors (m, 128), candidate rows (m,).
 
-
-def _best_open(candidates: Candidates) -> NDArray[np.int64]:
-    # By score; candidates without one (the report's judging) come after, the largest first.
+    Each point belongs to one candidate only, the smallest around it: regions of both passes lie on the same face, and a
+    point that stood in the list twice would be its own rival in the ratio test.
+    """
     rows = candidates.open_rows()
-    score = np.where(np.isnan(candidates.score[rows]), -np.inf, candidates.score[rows])
-    area = candidates.regions.area_px[rows]
-    return rows[np.lexsort((rows, -area, -score))][:CROPS]
-
-
-def _crop_box(box: NDArray[np.float32], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    x0, y0 = np.floor(box[:2]).astype(int) - MARGIN_PX
-    x1, y1 = np.ceil(box[2:]).astype(int) + MARGIN_PX
-    return max(0, x0), max(0, y0), min(shape[1], x1), min(shape[0], y1)
+    found, described = sift.detectAndCompute(grey, None) if len(rows) else ((), None)
+    if described is None:
+        return _NO_SIGNS
+    points = np.asarray(cv2.KeyPoint.convert(found), np.float32).reshape(-1, 2)
+    box = candidates.regions.box[rows]
+    low, high = box[:, :2] - MARGIN_PX, box[:, 2:] - 1 + MARGIN_PX
+    around = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2)
+    size = (box[:, 2:] - box[:, :2]).prod(axis=1)
+    owner = np.where(around, size, np.inf).argmin(axis=1)
+    kept: NDArray[np.bool_] = np.any(around, axis=1)
+    return points[kept], np.asarray(described, np.float32)[kept], rows[owner[kept]].astype(np.int32)
 
 
 _NO_SIGNS = (

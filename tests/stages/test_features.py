@@ -115,23 +115,22 @@ def test_sift_is_found_inside_the_open_candidates_only():
     assert (features.sign_points < 160 + 16).all()
 
 
-def test_large_candidates_are_reduced_and_their_points_put_back():
+def test_a_point_belongs_to_the_smallest_candidate_around_it_and_to_no_other():
+    boxes = [(100, 100, 200, 200), (120, 120, 180, 180)]
+    features = look_of(judged(texture(), boxes, ["open", "open"]), sift=True).features
+    assert len(np.unique(features.sign_points, axis=0)) >= len(features.sign_points) - 2
+    inner = ((features.sign_points > 120) & (features.sign_points < 179)).all(axis=1)
+    assert (features.sign_rows[inner] == 1).all()
+    assert (features.sign_rows[~inner] == 0).any()
+
+
+def test_a_blob_on_a_candidate_is_found_at_its_centre():
     blob = np.full((480, 640), 60, np.uint8)
     cv2.circle(blob, (401, 251), 30, 220, -1)
     blob = cv2.GaussianBlur(blob, (0, 0), 3)
     look = look_of(judged(blob, [(290, 140, 511, 361)]), sift=True)
     distance = np.linalg.norm(look.features.sign_points - (401, 251), axis=1)
     assert distance.min() < 2
-
-
-def test_only_the_best_candidates_get_sift():
-    boxes = [
-        (20 + 40 * (i % 14), 60 * (i // 14) + 40, 50 + 40 * (i % 14), 60 * (i // 14) + 70)
-        for i in range(28)
-    ]
-    scores = np.arange(28.0)
-    look = look_of(judged(texture(), boxes, ["open"] * 28, scores), sift=True)
-    assert set(look.features.sign_rows) <= set(range(16, 28))
 
 
 def test_without_the_setting_there_is_no_sift():
