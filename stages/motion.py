@@ -6,7 +6,6 @@ say what to expect; tie points over the whole picture say what was; the adjustme
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import hypot, inf, nan, sqrt
@@ -17,7 +16,7 @@ from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, Moved, Ties
 from wayside.schemas.regions import Look
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.expectation import Expectation, Law, expect_step
+from wayside.stages.expectation import Expectation, expect_step
 from wayside.stages.numerics.adjust import Adjusted, adjust_two_views
 from wayside.stages.numerics.compiled import Array
 from wayside.stages.numerics.epipolar import (
@@ -26,7 +25,6 @@ from wayside.stages.numerics.epipolar import (
     half_turn,
     sampson_px,
 )
-from wayside.stages.numerics.road import common_height, down_of_road, heights_on_lane
 from wayside.stages.numerics.rotation import across
 from wayside.stages.numerics.triangulate import midpoint, pair_residual
 from wayside.stages.numerics.undistort import rays_of_ideal
@@ -40,23 +38,20 @@ from wayside.stages.ties import (
     register_road,
     register_ties,
 )
+from wayside.stages.vehicle import Vehicle
 
-MOUNT_SIGMA, LAW_SIGMA = np.radians([1.5, 1.5]), np.radians([0.35, 0.25])
-"""Scatter of the direction of travel sideways and up: before the mount is known, and about it."""
-MOUNT_STEPS = 3
-LAW_LIMIT = np.radians([1.2, 0.9])
-"""A step that strays further is held at the law: something else than the road moved."""
 WIDE_SLACK_PX, ENOUGH_AGREEING = 160.0, 60
+"""Where fewer matches agree, corners are looked for once more, this far from a straight line."""
 AGAIN_RAD, ROUNDS = np.radians(0.1), 3
+"""Ties are chosen again while that moves the direction by more, so often at most."""
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
+"""Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
 ROTATION_INFLATION, DIRECTION_INFLATION = 2.0, 5.0
 """Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
-RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX = 5, 0.15, 6.0
-RATIO_SIGMA = 0.002
-"""Length of a step against the one before by common points: fewest points, how near to a whole multiple of the spacing
-it must be, smallest way of a point through the picture, and the smallest
-relative error."""
+RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.002
+"""Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
+must be, smallest way of a point through the picture, smallest relative error."""
 TRIMMED = 0.9
 
 
@@ -99,8 +94,7 @@ class Drive:
     depths: Array = field(default_factory=lambda: np.zeros(0))
     turn: Array | None = None
     sigma_m: float = 0.0
-    mounts: deque[Array] = field(default_factory=lambda: deque(maxlen=61))
-    heights: deque[Array] = field(default_factory=lambda: deque(maxlen=31))
+    vehicle: Vehicle = field(default_factory=Vehicle)
 
     def follow(self, look: Look) -> Motion:
         """Motion from the last look to this one."""
@@ -111,7 +105,7 @@ class Drive:
             expected = expect_step(
                 self.frame,
                 frame,
-                self.law,
+                self.vehicle.law,
                 self.turn,
                 spacing_sigma_m=self.settings.spacing_sigma_m,
             )
@@ -119,22 +113,13 @@ class Drive:
         self.view, self.frame, self.motion = view, frame, motion
         return motion
 
-    @property
-    def law(self) -> Law:
-        """Direction of travel as learnt so far: the median over the steps, straight ahead at first."""
-        if len(self.mounts) < MOUNT_STEPS:
-            return Law(np.array([0.0, 0.0, 1.0]), MOUNT_SIGMA)
-        slopes = np.median(np.array(self.mounts), axis=0)
-        direction = np.array([slopes[0], slopes[1], 1.0])
-        return Law(direction / np.linalg.norm(direction), LAW_SIGMA)
-
     def _step(self, last: Motion, view: View | None, expected: Expectation) -> Motion:
         step = None
         if self.view is not None and view is not None:
             step = self._measure(self.view, view, expected)
         if step is None or view is None or self.view is None:
             self.depths, self.turn = np.zeros(0), None
-            return _unmeasured(last, expected, self._height())
+            return _unmeasured(last, expected, self.vehicle.height_m)
         focal = (view.camera.fx, view.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
         straight_px = _root_mean(pair_residual(*held, *expected.straight, focal))
@@ -146,7 +131,6 @@ class Drive:
             sigma_px=REGISTERED_SIGMA_PX,
             scale_px=FINE_SCALES_PX[-1],
         )
-        self._learn(adjusted.rotation, adjusted.direction)
         baseline, sigma_m = self._length(step, adjusted, expected, view.focal_px)
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
@@ -157,8 +141,8 @@ class Drive:
         matched = step.inlier & (step.tied.rows[:, 1] >= 0)
         self.depths[step.tied.rows[matched, 1]] = points[matched, 2]
         self.turn, self.sigma_m = adjusted.rotation, sigma_m
-        # Only matched ties tell the height: those sought on the road would confirm it.
-        self.heights.append(heights_on_lane(points[matched], self.law.direction))
+        # Only matched ties tell the height of the road: those sought on it would confirm it.
+        self.vehicle.learn(adjusted.rotation, adjusted.direction, points[matched])
         pose = Pose(rotation, baseline * direction)
         return Motion(
             last.pose.compose(pose),
@@ -172,7 +156,7 @@ class Drive:
             _root_mean(pair_residual(*held, rotation, direction, focal)),
             needed,
             adjusted.iterations if needed else 0,
-            self._height(),
+            self.vehicle.height_m,
         )
 
     def _measure(self, before: View, now: View, expected: Expectation) -> Step | None:
@@ -187,10 +171,10 @@ class Drive:
                 coarse, agreeing = wide, more
         if coarse is None or agreeing < self.settings.smallest_ties:
             return None
-        ground = self._ground(expected.baseline_m)
+        ground = self.vehicle.ground(expected.baseline_m)
         step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior, ground)
-        if np.any(np.abs(self._stray(step.rotation, step.direction)) > self._limit()):
-            law = self.law
+        if self.vehicle.strays(step.rotation, step.direction):
+            law = self.vehicle.law
             kept = expected.prior._replace(
                 direction=law.direction,
                 sigma_direction=np.array([HELD_SIGMA, HELD_SIGMA]),
@@ -200,27 +184,6 @@ class Drive:
                 before, now, step.rotation, half_turn(step.rotation, law.direction), kept, ground
             )
         return step if step.inlier.sum() >= self.settings.smallest_ties else None
-
-    def _stray(self, rotation: Array, direction: Array) -> Array:
-        """Slopes by which a direction strays from the law, sideways and up."""
-        law = self.law.direction
-        return np.asarray(_mount(rotation, direction) - law[:2] / law[2])
-
-    def _limit(self) -> Array:
-        return LAW_LIMIT if len(self.mounts) >= MOUNT_STEPS else 2 * MOUNT_SIGMA + LAW_LIMIT
-
-    def _learn(self, rotation: Array, direction: Array) -> None:
-        self.mounts.append(_mount(rotation, direction))
-
-    def _ground(self, baseline_m: float) -> Ground | None:
-        """The road under the camera, None while its height is unknown."""
-        height = self._height()
-        if not np.isfinite(height):
-            return None
-        return Ground(down_of_road(self.law.direction), height, baseline_m)
-
-    def _height(self) -> float:
-        return common_height(np.concatenate([*self.heights, np.zeros(0)]))
 
     def _length(
         self, step: Step, adjusted: Adjusted, expected: Expectation, focal_px: float
@@ -307,12 +270,6 @@ def _fit_ties(
         start = (fit.rotation, fit.direction)
     gaps = sampson_px(previous, current, *start, now.focal_px)
     return Step(*start, prior, tied, previous, current, np.abs(gaps) < INLIER_PX)
-
-
-def _mount(rotation: Array, direction: Array) -> Array:
-    """Slopes (2,) of the direction of travel in the axes half way through the turn."""
-    half = half_turn(np.ascontiguousarray(rotation.T), direction)
-    return np.asarray(half[:2] / half[2])
 
 
 def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) -> Array:

@@ -6,9 +6,9 @@ import numpy as np
 
 from wayside.stages.numerics.compiled import Array
 
-LANE_M, REACH_M = 3.0, 35.0
-LOWEST_M, HIGHEST_M = 0.8, 5.0
-"""Heights a camera on a road vehicle can have."""
+LANE_M, REACH_M = 3.0, 18.0
+LOWEST_M, HIGHEST_M = 0.8, 3.2
+"""Heights a camera on a road vehicle can have; a vehicle that drives ahead can look like a road further down."""
 BAND, FEWEST = 0.06, 8
 
 
