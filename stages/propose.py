@@ -20,7 +20,7 @@ from wayside.stages.numerics.boxes import distinct_boxes, patch_means
 from wayside.stages.numerics.levels import level_regions
 from wayside.stages.numerics.maps import LOWEST, face_maps, halved
 
-BANDS = ((-0.075, 0.06), (-0.20, 0.10), (-0.42, 0.16))
+BANDS = ((-0.062, 0.056), (-0.16, 0.09), (-0.36, 0.13))
 """Rows looked at in full, half and quarter size, as tangents from the optical axis (up negative).
 
 On level and hilly roads all faces under 40 px stand in the first, under 80 px in the second; pitch and hills included.

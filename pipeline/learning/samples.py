@@ -31,6 +31,9 @@ FACE_SHARE, FACE_PX = 0.4, 8
 ON_FACE, NEAR_FACE = 0.5, 0.3
 """Overlap (IoU) from which a box is on a face, and below which it is off it; between them it counts as neither."""
 
+WHOLE = 0.75
+"""An outline teaches a shape where its box overlaps the face's by this much (IoU)."""
+
 OFF, ON, NEITHER = 0, 1, -1
 
 
@@ -163,6 +166,21 @@ def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
+def stray_places(truth: dict[str, Any]) -> NDArray[np.float64]:
+    """Right of the camera and above it of things that are no signs, (n, 2) metres, where each is seen first."""
+    frames = {frame["index"]: frame for frame in truth["frames"]}
+    rows = []
+    for thing in truth.get("distractors", ()):
+        view = thing["frames"][0]
+        position = np.array(view.get("position", thing.get("position")), np.float64)
+        frame = frames[view["frame"]]
+        x, y, z, w = frame["quaternion"]
+        right = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
+        gap = position - np.array(frame["position"])
+        rows.append((float(right @ gap), float(gap[2])))
+    return np.array(rows, np.float64).reshape(-1, 2)
+
+
 def clear_faces(
     rgb: NDArray[np.uint8],
     mask: NDArray[np.uint8],
@@ -179,6 +197,7 @@ def clear_faces(
         box = np.array([view["box"]])
         mean = main_color(pixels)
         size = box[0, 2:] - box[0, :2]
+        outline = region_sequences(rgb, box, mean[None])[0]
         found.append(
             Face(
                 f"{drive}/{sign['id']}",
@@ -187,7 +206,7 @@ def clear_faces(
                 bool(sign.get("point_up", False)),
                 float(size[0] / size[1]),
                 mean,
-                region_sequences(rgb, box, mean[None])[0],
+                _whole(outline, box[0]),
             )
         )
     return found
@@ -241,7 +260,19 @@ def _real_face(
     mean = main_color(pixels)
     outline = region_sequences(rgb, np.array([box], np.float64), mean[None])[0]
     aspect = (x1 - x0) / (y1 - y0)
-    return [Face(name, sign["color"], sign["shape"], False, aspect, mean, outline)]
+    face = Face(name, sign["color"], sign["shape"], False, aspect, mean, _whole(outline, box))
+    return [face]
+
+
+def _whole(outline: NDArray[np.complex128], box: NDArray[Any]) -> NDArray[np.complex128]:
+    """The outline where it goes round the whole box, nan where it is that of a part or of more."""
+    if not np.isfinite(outline).all():
+        return outline
+    low = np.array([outline.real.min(), outline.imag.min()])
+    high = np.array([outline.real.max(), outline.imag.max()]) + 1
+    around = np.concatenate([low, high])[None]
+    whole = overlap_of(around, np.asarray(box, np.float64)[None])[0, 0] >= WHOLE
+    return outline if whole else np.full_like(outline, complex(np.nan, np.nan))
 
 
 def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:

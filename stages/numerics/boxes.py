@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from wayside.stages.numerics.compiled import compiled
 from wayside.stages.numerics.guards import require_array, require_picture
 
+SLOTS = 1 << 13
+"""Length of the table by which like boxes are found."""
+
 
 def distinct_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.int64]:
     """Rows of the boxes (n, 4) float32 that overlap no earlier kept one by more than `same` (IoU), in order."""
@@ -18,12 +21,11 @@ def distinct_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.int64]:
     kept = np.empty(len(box), np.int64)
     if len(box) == 0:
         return kept
-    # Centres of boxes that overlap by more than `same` are no further apart than this: so it is enough to look
-    # into the cells of a grid around a box.
-    cell = float((box[:, 2:] - box[:, :2]).max()) * (1 - same) / (1 + same) + 1
-    middle = (box[:, :2] + box[:, 2:]) / 2
-    place = ((middle - middle.min(axis=0)) / cell).astype(np.int64)
-    return kept[: _distinct(box, same, place, kept)]
+    # Boxes that overlap by more than `same` are about equally wide, and their centres lie within a share of the width
+    # of each other: so it is enough to look among boxes of such widths in the neighbouring strips of the picture.
+    width = np.maximum(box[:, 2] - box[:, 0], np.float32(1e-3)).astype(np.float64)
+    size = np.floor(np.log(width) / -np.log(same)).astype(np.int64)
+    return kept[: _distinct(box, same, size, kept)]
 
 
 def suppressed_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.bool_]:
@@ -61,18 +63,29 @@ def patch_means(
 
 
 @compiled
-def _distinct(box: Any, same: Any, place: Any, kept: Any) -> Any:
-    # The kept boxes of each cell of the grid as a chain: the last one, and the one before each.
-    last = np.full((place[:, 1].max() + 3, place[:, 0].max() + 3), -1)
+def _strip(box: Any, size: Any, same: Any) -> Any:
+    """Number of the vertical strip that the centre lies in; strips suit boxes of that size and the next."""
+    return int(np.floor((box[0] + box[2]) / 2 / (same ** -(size + 2.0) * (1 - same) / (1 + same))))
+
+
+@compiled
+def _slot(size: Any, strip: Any) -> Any:
+    """Place of a strip in the table of chains; several strips may share one."""
+    return (size * 73856093 ^ strip * 19349663) & (SLOTS - 1)
+
+
+@compiled
+def _distinct(box: Any, same: Any, size: Any, kept: Any) -> Any:
+    # The kept boxes of each slot as a chain: the last one, and the one before each.
+    last = np.full(SLOTS, -1)
     before = np.empty(box.shape[0], np.int64)
     m = 0
     for i in range(box.shape[0]):
         own = (box[i, 2] - box[i, 0]) * (box[i, 3] - box[i, 1])
         new = True
-        row = place[i, 1] + 1
-        column = place[i, 0] + 1
         for near in range(9):
-            j = last[row + near // 3 - 1, column + near % 3 - 1]
+            other_size = size[i] + near // 3 - 1
+            j = last[_slot(other_size, _strip(box[i], other_size, same) + near % 3 - 1)]
             while j >= 0:
                 w = min(box[i, 2], box[j, 2]) - max(box[i, 0], box[j, 0])
                 h = min(box[i, 3], box[j, 3]) - max(box[i, 1], box[j, 1])
@@ -85,8 +98,9 @@ def _distinct(box: Any, same: Any, place: Any, kept: Any) -> Any:
             if not new:
                 break
         if new:
-            before[i] = last[row, column]
-            last[row, column] = i
+            slot = _slot(size[i], _strip(box[i], size[i], same))
+            before[i] = last[slot]
+            last[slot] = i
             kept[m] = i
             m += 1
     return m

@@ -19,6 +19,11 @@ from wayside.stages.numerics.compiled import compiled
 SAME_BOX = 0.8
 """Overlap (IoU) down to which a growing component still has the box it had."""
 
+PARENT, AREA, BOX, STAMP, BORN, FIRST, LAST, SIZE = 0, 1, 2, 6, 7, 8, 12, 16
+COLUMNS = 17
+"""Columns of a component: the one it was joined to, pixels, box, level that last touched it, level since when it has
+the box, that box at first and at last, and its pixels at last."""
+
 
 @dataclass(frozen=True, slots=True)
 class LevelRegions:
@@ -106,156 +111,151 @@ def _sorted_pixels(values: Any, lowest: Any, step: Any) -> Any:
         start[rank[v] + 1] += count[v]
     for k in range(levels):
         start[k + 1] += start[k]
-    order = np.empty(start[levels], np.int32)
+    order = np.empty(start[levels], np.uint32)
     at = start[:-1].copy()
-    for i in range(flat.size):
-        v = flat[i]
-        if v >= lowest:
-            k = rank[v]
-            order[at[k]] = i
-            at[k] += 1
+    for y in range(values.shape[0]):
+        for x in range(values.shape[1]):
+            v = values[y, x]
+            if v >= lowest:
+                k = rank[v]
+                order[at[k]] = (y << 16) | x
+                at[k] += 1
     return order, start
 
 
 @compiled
-def _root(parent: Any, i: Any) -> Any:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
+def _root(part: Any, i: Any) -> Any:
+    while part[i, PARENT] != i:
+        part[i, PARENT] = part[part[i, PARENT], PARENT]
+        i = part[i, PARENT]
     return i
 
 
 @compiled
-def _overlap(a: Any, b: Any) -> Any:
-    """IoU of two boxes, where a lies within b."""
-    inner = (a[2] - a[0]) * (a[3] - a[1])
-    outer = (b[2] - b[0]) * (b[3] - b[1])
-    return inner / outer
+def _same_box(one: Any) -> Any:
+    """Whether the box that the component has now still is the one that it had first."""
+    before = (one[FIRST + 2] - one[FIRST]) * (one[FIRST + 3] - one[FIRST + 1])
+    now = (one[BOX + 2] - one[BOX]) * (one[BOX + 3] - one[BOX + 1])
+    return before >= SAME_BOX * now
 
 
 @compiled
-def _close(
-    c: Any,
-    level: Any,
-    first: Any,
-    last: Any,
-    size: Any,
-    born: Any,
-    area: Any,
-    limits: Any,
-    lasting: Any,
-    out: Any,
-) -> None:
-    """Report the box that component c had since level `born`, if it lasted and has a size of interest."""
+def _report(one: Any, level: Any, limits: Any, lasting: Any, out: Any) -> None:
+    """Note the box that a component had since level `BORN`, if it lasted and has a size of interest."""
     box, areas, lasted, m = out
     n = m[0]
-    if born[c] < 0 or level - born[c] < lasting or n >= len(areas):
+    if one[BORN] < 0 or level - one[BORN] < lasting or n >= len(areas):
         return
     for k in range(4):
-        box[n, k] = np.float32(0.5) * np.float32(first[c, k] + last[c, k])
+        box[n, k] = np.float32(0.5) * np.float32(one[FIRST + k] + one[LAST + k])
     width = box[n, 2] - box[n, 0]
     height = box[n, 3] - box[n, 1]
     if width >= limits[0] and height >= limits[1] and width <= limits[2] and height <= limits[3]:
-        areas[n] = size[c]
-        lasted[n] = level - born[c]
+        areas[n] = one[SIZE]
+        lasted[n] = level - one[BORN]
         m[0] = n + 1
+
+
+@compiled
+def _merge(a: Any, b: Any) -> None:
+    """Add component b to component a."""
+    a[AREA] += b[AREA]
+    a[BOX] = min(a[BOX], b[BOX])
+    a[BOX + 1] = min(a[BOX + 1], b[BOX + 1])
+    a[BOX + 2] = max(a[BOX + 2], b[BOX + 2])
+    a[BOX + 3] = max(a[BOX + 3], b[BOX + 3])
+
+
+@compiled
+def _settle(one: Any, level: Any, limits: Any, lasting: Any, out: Any) -> None:
+    """At the end of a level: the box goes on, or it is reported and a new one begins."""
+    width = one[BOX + 2] - one[BOX]
+    height = one[BOX + 3] - one[BOX + 1]
+    if width < limits[0] - 2 or height < limits[1] - 2:
+        return
+    if one[BORN] < 0 or not _same_box(one):
+        _report(one, level, limits, lasting, out)
+        if width > limits[2] + 2 or height > limits[3] + 2:
+            one[BORN] = -1
+            return
+        one[BORN] = level
+        for k in range(4):
+            one[FIRST + k] = one[BOX + k]
+    for k in range(4):
+        one[LAST + k] = one[BOX + k]
+    one[SIZE] = one[AREA]
 
 
 @compiled
 def _sweep(values: Any, lowest: Any, step: Any, lasting: Any, limits: Any, capacity: Any) -> Any:
     height, width = values.shape
     order, start = _sorted_pixels(values, lowest, step)
-    levels = len(start) - 1
     # Component of each pixel; a frame of one pixel spares the border tests.
     pitch = width + 2
     of = np.full((height + 2) * pitch, -1, np.int32)
-    most = len(order) // 2 + 2
-    parent = np.empty(most, np.int32)
-    area = np.empty(most, np.int32)
-    box = np.empty((most, 4), np.int16)
-    first = np.empty((most, 4), np.int16)
-    last = np.empty((most, 4), np.int16)
-    size = np.zeros(most, np.int32)
-    born = np.empty(most, np.int16)
-    touched = np.empty(most, np.int32)
-    stamp = np.empty(most, np.int16)
-    out_box = np.empty((capacity, 4), np.float32)
-    out_area = np.empty(capacity, np.int32)
-    out_lasted = np.empty(capacity, np.int32)
+    # The pixels that begin a component are no neighbours of each other, so they are at most half of the picture. One
+    # row for each component, since a pixel touches most of it.
+    most = min(len(order), (values.size + 1) // 2)
+    part = np.empty((most, COLUMNS), np.int32)
+    touched = np.empty(len(part), np.int32)
+    box = np.empty((capacity, 4), np.float32)
+    area = np.empty(capacity, np.int32)
+    lasted = np.empty(capacity, np.int32)
     m = np.zeros(1, np.int64)
-    out = (out_box, out_area, out_lasted, m)
+    out = (box, area, lasted, m)
     n = 0
-    beside = np.array([-1, 1, -pitch, pitch])
-    for level in range(levels):
+    previous = -1
+    c = -1
+    for level in range(len(start) - 1):
         t = 0
         for q in range(start[level], start[level + 1]):
-            y = order[q] // width
-            x = order[q] - y * width
+            y = np.int32(order[q] >> 16)
+            x = np.int32(order[q] & 0xFFFF)
             p = (y + 1) * pitch + x + 1
-            c = -1
-            for k in range(4):
-                o = of[p + beside[k]]
-                if o < 0:
+            # Right after its left neighbour a pixel belongs to what that one belongs to.
+            if p != previous + 1:
+                c = -1
+                if of[p - 1] >= 0:
+                    c = _root(part, of[p - 1])
+            previous = p
+            for side in range(3):
+                o = of[p + 1 if side == 0 else p - pitch if side == 1 else p + pitch]
+                if o < 0 or o == c:
                     continue
-                r = _root(parent, o)
+                r = _root(part, o)
                 if c < 0:
                     c = r
                 elif r != c:
-                    if area[r] > area[c]:
+                    if part[r, AREA] > part[c, AREA]:
                         r, c = c, r
-                    if size[r] > 0:
-                        _close(r, level, first, last, size, born, area, limits, lasting, out)
-                    parent[r] = c
-                    area[c] += area[r]
-                    box[c, 0] = min(box[c, 0], box[r, 0])
-                    box[c, 1] = min(box[c, 1], box[r, 1])
-                    box[c, 2] = max(box[c, 2], box[r, 2])
-                    box[c, 3] = max(box[c, 3], box[r, 3])
+                    _report(part[r], level, limits, lasting, out)
+                    part[r, PARENT] = c
+                    _merge(part[c], part[r])
             if c < 0:
                 c = n
                 n += 1
-                parent[c] = c
-                area[c] = 0
-                box[c, 0] = x
-                box[c, 1] = y
-                box[c, 2] = x + 1
-                box[c, 3] = y + 1
-                size[c] = 0
-                born[c] = -1
-                stamp[c] = -1
+                part[c, PARENT] = c
+                part[c, AREA] = 0
+                part[c, BOX] = x
+                part[c, BOX + 1] = y
+                part[c, BOX + 2] = x + 1
+                part[c, BOX + 3] = y + 1
+                part[c, BORN] = -1
+                part[c, STAMP] = -1
             of[p] = c
-            area[c] += 1
-            box[c, 0] = min(box[c, 0], x)
-            box[c, 1] = min(box[c, 1], y)
-            box[c, 2] = max(box[c, 2], x + 1)
-            box[c, 3] = max(box[c, 3], y + 1)
-            if stamp[c] != level:
-                stamp[c] = level
+            part[c, AREA] += 1
+            part[c, BOX] = min(part[c, BOX], x)
+            part[c, BOX + 1] = min(part[c, BOX + 1], y)
+            part[c, BOX + 2] = max(part[c, BOX + 2], x + 1)
+            part[c, BOX + 3] = max(part[c, BOX + 3], y + 1)
+            if part[c, STAMP] != level:
+                part[c, STAMP] = level
                 touched[t] = c
                 t += 1
         for q in range(t):
-            c = touched[q]
-            if parent[c] != c:
-                continue
-            w = box[c, 2] - box[c, 0]
-            h = box[c, 3] - box[c, 1]
-            if w < limits[0] - 2 or h < limits[1] - 2:
-                continue
-            if born[c] >= 0 and _overlap(first[c], box[c]) >= SAME_BOX:
-                last[c] = box[c]
-                size[c] = area[c]
-                continue
-            _close(c, level, first, last, size, born, area, limits, lasting, out)
-            if w > limits[2] + 2 or h > limits[3] + 2:
-                born[c] = -1
-                size[c] = 0
-                continue
-            first[c] = box[c]
-            last[c] = box[c]
-            size[c] = area[c]
-            born[c] = level
+            if part[touched[q], PARENT] == touched[q]:
+                _settle(part[touched[q]], level, limits, lasting, out)
     for c in range(n):
-        if parent[c] == c and size[c] > 0:
-            _close(c, levels, first, last, size, born, area, limits, lasting, out)
-    k = m[0]
-    return out_box[:k].copy(), out_area[:k].copy(), out_lasted[:k].copy()
+        if part[c, PARENT] == c:
+            _report(part[c], len(start) - 1, limits, lasting, out)
+    return box[: m[0]].copy(), area[: m[0]].copy(), lasted[: m[0]].copy()

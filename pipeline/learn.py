@@ -1,0 +1,157 @@
+"""Learn all model files from rendered drives and real pictures: `python -m wayside.pipeline.learn`.
+
+The same drives, pictures, seed and package versions give the same files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.gaussians import (
+    color_model,
+    location_model,
+    oriented_variant,
+    plain_variant,
+    shape_model,
+)
+from wayside.pipeline.learning.judging import learn_judge
+from wayside.pipeline.learning.samples import (
+    Drive,
+    Face,
+    Views,
+    read_drive,
+    read_truth,
+    read_views,
+    real_faces,
+    stray_places,
+)
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError, OutputError, WaysideError
+from wayside.schemas.frame import Picture
+from wayside.schemas.models import Model, digest, model_to_json
+from wayside.schemas.settings import ReadSettings
+from wayside.stages.decode import decode
+
+PREFIX = "learn_"
+"""Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
+
+BACKGROUND_OVERLAP = 0.05
+"""Regions that overlap no face by more are background."""
+
+Say = Callable[[str], None]
+
+
+def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> dict[str, str]:
+    """Learn every model and write it into `out`; the digests by file name.
+
+    Raises
+    ------
+    InputError
+        If there are no learning drives, or one cannot be used.
+    OutputError
+        If a file cannot be written.
+    """
+    logs = sorted(drives.glob(f"{PREFIX}*.mcap"))
+    if not logs:
+        raise InputError(
+            f"{drives}: wanted drives named {PREFIX}*.mcap, found none; render them first"
+        )
+    read: list[Drive] = []
+    strays: list[NDArray[np.float64]] = []
+    for log in logs:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        read.append(read_drive(pictures(log), truth, log.with_suffix(".masks")))
+        strays.append(stray_places(truth))
+        say(
+            f"{log.stem}: {read[-1].frames} pictures, {len(read[-1].faces)} clear faces, "
+            f"{len(read[-1].views.frame)} candidates"
+        )
+    crops = [] if real is None else real_faces(real)
+    origin = _origin(read, crops, seed)
+    models = gaussian_models(read, crops, np.concatenate(strays), origin)
+    by_name = {log.stem: log for log in logs}
+
+    def see(drive: Drive, views: Views) -> NDArray[np.float32]:
+        return read_views(pictures(by_name[drive.name]), views)
+
+    models["judge.json"] = learn_judge(read, see, seed, origin)
+    return {name: _write(out / name, model, say) for name, model in models.items()}
+
+
+def gaussian_models(
+    drives: Sequence[Drive], crops: Sequence[Face], strays: NDArray[np.float64], origin: str
+) -> dict[str, Model]:
+    """Colours, shapes and places, by the name of their file."""
+    faces = [*(face for drive in drives for face in drive.faces), *crops]
+    background = np.concatenate(
+        [d.views.regions.rgb[d.views.overlap < BACKGROUND_OVERLAP] for d in drives]
+    )
+    places = np.concatenate([d.places for d in drives])
+    return {
+        "color_rgb.json": color_model(faces, background, "rgb", origin),
+        "color.json": color_model(faces, background, "log_chromaticity", origin),
+        "shape.json": shape_model(faces, "fourier6", origin, plain_variant),
+        "shape_oriented.json": shape_model(faces, "fourier6_oriented", origin, oriented_variant),
+        "location.json": location_model(places, strays, origin),
+    }
+
+
+def pictures(log: Path) -> Iterator[Picture]:
+    """Every picture of a log, decoded, in order."""
+    return decode(read_frames(log, ReadSettings(thin_m=0.0), ReadReport()))
+
+
+def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:
+    counted = ", ".join(f"{d.name} ({d.frames} pictures, {len(d.faces)} faces)" for d in drives)
+    real = f"; {len(crops)} faces of real pictures" if crops else ""
+    packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn"))
+    return f"rendered drives {counted}{real}; seed {seed}; {packages}"
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "absent"
+
+
+def _write(path: Path, model: Model, say: Say) -> str:
+    text = model_to_json(model)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(
+            f"{path}: wanted to write a model, found {error}; choose another -o"
+        ) from error
+    say(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}")
+    return digest(text)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m wayside.pipeline.learn", description=__doc__)
+    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
+    parser.add_argument("--real", type=Path, help="folder of real pictures with boxed signs")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+    try:
+        learn(given.drives, given.real, given.out, given.seed, lambda text: print(text, flush=True))
+    except WaysideError as error:
+        print(f"wayside: {error}", file=sys.stderr)
+        return error.exit_status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

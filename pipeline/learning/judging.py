@@ -1,0 +1,151 @@
+"""The judge of one view: a quick gate on every candidate, the judge on what passes, both held out by drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
+from wayside.pipeline.learning.samples import NEAR_FACE, NEITHER, OFF, ON, ON_FACE, Drive, Views
+from wayside.schemas.models import TreeModel
+from wayside.stages.judge import OVERLAP, gate_names, view_names
+from wayside.stages.numerics.boxes import suppressed_boxes
+from wayside.stages.numerics.trees import log_odds
+
+GATE = Boosting(trees=80, leaves=16, pace=0.12, share_of_features=0.5)
+JUDGE = Boosting()
+
+GATE_OFF_SHARE = 0.35
+"""Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
+
+PASSED = 400.0
+"""Candidates of a picture that the gate lets pass, in the mean over the learning drives."""
+
+FALSE_PER_PICTURE = 2.0
+"""Boxes off any face, after suppression, that pass in a held-out picture: the judge of a place decides on them."""
+
+AT = (0.1, 0.3, 1.0, 3.0)
+"""False boxes a picture at which the share of faces found is stated."""
+
+SeeViews = Callable[[Drive, Views], NDArray[np.float32]]
+"""Goes through the pictures of a drive again for what the judge sees of some candidates."""
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """Candidates of one drive that the gate let pass, with what the judge sees of them."""
+
+    drive: Drive
+    views: Views
+    values: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """How a judge does on drives it was not taught with: false boxes a picture, share of faces found, score there."""
+
+    at: tuple[tuple[float, float, float], ...]
+    accept: float
+
+    def words(self) -> str:
+        """The figures as a sentence."""
+        found = ", ".join(f"{share:.3f} at {false:g}" for false, share, _ in self.at)
+        return f"held out by drive, share of faces found at false boxes a picture: {found}"
+
+
+def learn_judge(drives: Sequence[Drive], see: SeeViews, seed: int, provenance: str) -> TreeModel:
+    """Learn gate and judge from all drives; the bar is that of judges which had not seen the drive they judge."""
+    gate = learn_gate(drives, seed, provenance)
+    passed = [_pass(drive, gate, see) for drive in drives]
+    held = held_out(passed, seed)
+    text = (
+        f"{provenance}; {sum(len(p.values) for p in passed)} candidates past the gate, "
+        f"{sum(int((p.views.label == ON).sum()) for p in passed)} on faces; {held.words()}; "
+        f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"
+    )
+    judge = _fit(passed, seed)
+    return replace(judge, accept=held.accept, provenance=text, gate=gate)
+
+
+def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
+    """Learn the gate; it lets pass `PASSED` candidates a picture of its own drives."""
+    label = np.concatenate([d.views.label for d in drives])
+    values = np.concatenate([d.views.glance for d in drives])
+    some = np.random.default_rng(seed).random(len(label)) < GATE_OFF_SHARE
+    taught = (label == ON) | ((label == OFF) & some)
+    fitted = fit_trees(values[taught], label[taught] == ON, None, GATE, seed)
+    gate = exported_trees(fitted, gate_names(), 0.0, provenance)
+    count = min(round(PASSED * sum(d.frames for d in drives)), len(values))
+    score = np.sort(log_odds(gate, values))[::-1]
+    words = f"{provenance}; accept at {PASSED:g} candidates a picture"
+    return replace(gate, accept=float(score[count - 1]), provenance=words)
+
+
+def held_out(passed: Sequence[Passed], seed: int) -> Held:
+    """Judge every drive by trees that have not seen it: drives in two groups, each judged by the other's trees."""
+    if len(passed) < 2:
+        return Held((), 0.0)
+    score: dict[str, NDArray[np.float32]] = {}
+    for group in (0, 1):
+        judge = _fit([p for k, p in enumerate(passed) if k % 2 != group], seed)
+        for k, one in enumerate(passed):
+            if k % 2 == group:
+                score[one.drive.name] = log_odds(judge, one.values)
+    return found_at(passed, [score[p.drive.name] for p in passed])
+
+
+def found_at(passed: Sequence[Passed], scores: Sequence[NDArray[np.float32]]) -> Held:
+    """Share of the wanted faces found at several rates of false boxes, after suppression in each picture."""
+    rows: list[tuple[float, bool]] = []
+    for one, score in zip(passed, scores, strict=True):
+        for frame in np.unique(one.views.frame):
+            rows += _decisions(one, score, np.flatnonzero(one.views.frame == frame))
+    rows.sort(key=lambda row: -row[0])
+    false = np.cumsum([not right for _, right in rows])
+    right = np.cumsum([right for _, right in rows])
+    pictures = sum(p.drive.frames for p in passed)
+    wanted = max(sum(int(p.drive.wanted.sum()) for p in passed), 1)
+
+    def at(rate: float) -> tuple[float, float, float]:
+        last = int(np.searchsorted(false, rate * pictures, side="right")) - 1
+        return rate, float(right[max(last, 0)] / wanted), float(rows[max(last, 0)][0])
+
+    if not rows:
+        return Held((), 0.0)
+    return Held(tuple(at(rate) for rate in AT), at(FALSE_PER_PICTURE)[2])
+
+
+def _decisions(
+    one: Passed, score: NDArray[np.float32], rows: NDArray[np.int64]
+) -> list[tuple[float, bool]]:
+    """Score of each surviving box of a picture and whether it is on a wanted face; what is neither is left out."""
+    rows = rows[np.argsort(-score[rows], kind="stable")]
+    rows = rows[~suppressed_boxes(one.views.regions.box[rows], OVERLAP)]
+    found: list[tuple[float, bool]] = []
+    taken: set[int] = set()
+    for row in rows:
+        overlap, face = one.views.overlap[row], int(one.views.face[row])
+        if overlap >= ON_FACE:
+            if face not in taken and one.drive.wanted[face]:
+                found.append((float(score[row]), True))
+            taken.add(face)
+        elif overlap < NEAR_FACE:
+            found.append((float(score[row]), False))
+    return found
+
+
+def _pass(drive: Drive, gate: TreeModel, see: SeeViews) -> Passed:
+    rows = np.flatnonzero(log_odds(gate, drive.views.glance) >= gate.accept)
+    views = drive.views.select(rows)
+    return Passed(drive, views, see(drive, views))
+
+
+def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
+    label = np.concatenate([p.views.label for p in passed])
+    values = np.concatenate([p.values for p in passed])
+    taught = label != NEITHER
+    fitted = fit_trees(values[taught], label[taught] == ON, None, JUDGE, seed)
+    return exported_trees(fitted, view_names(), 0.0, "")

@@ -1,0 +1,119 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
+from wayside.schemas.models import TreeModel
+from wayside.schemas.regions import VERDICTS, Candidates, Judged, Regions, Segmented, verdict_code
+from wayside.schemas.settings import CandidateSettings
+from wayside.stages.judge import gate_names, judge, region_features, view_names
+
+CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
+
+
+def by_height(names, accept, gate=None):
+    """A judge that scores by the height of the box alone: 1 from 12 px, 3 from 20 px, else -1."""
+    column = names.index("log_height")
+    return TreeModel(
+        names,
+        0.0,
+        np.array([[column, 0, column, 0, 0]], np.int32),
+        np.array([[np.log(11.9 / 300), 0, np.log(19.9 / 300), 0, 0]], np.float32),
+        np.array([[1, -1, 3, -1, -1]], np.int32),
+        np.array([[2, -1, 4, -1, -1]], np.int32),
+        np.array([[0, -1, 0, 1, 3]], np.float32),
+        accept,
+        "made by hand",
+        gate,
+    )
+
+
+JUDGE = by_height(view_names(), 0.0)
+
+
+def judged(boxes, status=USED):
+    box = np.array(boxes, np.float32).reshape(-1, 4)
+    n = len(box)
+    regions = Regions(box, np.full(n, 50), np.full((n, 3), 90, np.float32), np.zeros(n, np.uint8))
+    rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3)).astype(np.uint8)
+    used = status == USED
+    picture = Picture(
+        Frame(0, 0, None, status, "jpeg", b"", CAMERA),
+        rgb if used else None,
+        rgb[..., 0] if used else None,
+    )
+    segmented = Segmented(picture, regions, n, np.zeros((0, 3)), np.zeros(0), (0, 240))
+    return Judged(segmented, Candidates.of(regions))
+
+
+def verdicts(item):
+    return [VERDICTS[v] for v in item.candidates.verdict]
+
+
+def run(item, model=JUDGE, **settings):
+    return next(judge(iter([item]), trees=model, settings=CandidateSettings(**settings)))
+
+
+def test_what_scores_below_the_bar_goes_no_further():
+    found = run(judged([[10, 10, 30, 20], [100, 10, 120, 25]]))
+    assert verdicts(found) == ["score", "open"]
+    assert found.candidates.score.tolist() == [-1, 1]
+
+
+def test_of_overlapping_boxes_the_best_stays():
+    found = run(judged([[10, 10, 26, 25], [10, 10, 27, 32], [100, 10, 120, 25]]))
+    assert verdicts(found) == ["overlap", "open", "open"]
+
+
+def test_the_first_of_equals_stays():
+    found = run(judged([[10, 10, 26, 25], [11, 10, 27, 25]]))
+    assert verdicts(found) == ["open", "overlap"]
+
+
+def test_at_most_the_best_few_are_kept():
+    found = run(judged([[10, 10, 25, 25], [100, 10, 120, 35], [200, 10, 215, 25]]), keep=2)
+    assert verdicts(found) == ["open", "open", "score"]
+
+
+def test_rows_decided_before_keep_their_verdict_and_stay_unscored():
+    item = judged([[10, 10, 30, 40], [100, 10, 120, 40]])
+    verdict = item.candidates.verdict.copy()
+    verdict[0] = verdict_code("color")
+    found = run(replace(item, candidates=replace(item.candidates, verdict=verdict)))
+    assert verdicts(found) == ["color", "open"]
+    assert np.isnan(found.candidates.score[0])
+
+
+def test_what_the_gate_refuses_is_never_judged():
+    gated = replace(JUDGE, gate=by_height(gate_names(), 2.0))
+    found = run(judged([[10, 10, 30, 25], [100, 10, 120, 40]]), gated)
+    assert verdicts(found) == ["score", "open"]
+    # The judge alone would have said 1; the gate's 1 is kept below the judge's bar.
+    assert found.candidates.score[0] < gated.accept
+    assert found.candidates.score[1] == 3
+
+
+def test_a_picture_whose_candidates_all_fail_the_gate_has_none_open():
+    gated = replace(JUDGE, gate=by_height(gate_names(), 99.0))
+    assert verdicts(run(judged([[10, 10, 30, 25]]), gated)) == ["score"]
+
+
+@pytest.mark.parametrize("item", [judged([]), judged([[1, 1, 20, 20]], status=THINNED)])
+def test_pictures_without_candidates_or_pixels_travel_untouched(item):
+    assert run(item) is item
+
+
+def test_sizes_and_places_are_angles_whatever_the_camera():
+    small = judged([[60, 50, 80, 90]]).candidates.regions
+    large = replace(small, box=small.box * 2, area_px=small.area_px * 4)
+    doubled = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+    assert region_features(small, CAMERA) == pytest.approx(
+        region_features(large, doubled), abs=0.002
+    )
+
+
+def test_the_same_candidates_get_the_same_scores():
+    boxes = [[10, 10, 26, 25], [100, 10, 127, 32]]
+    one, other = run(judged(boxes)), run(judged(boxes))
+    assert one.candidates.score.tobytes() == other.candidates.score.tobytes()
