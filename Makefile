@@ -39,7 +39,7 @@ drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
 
 learn: drives
-	@.venv/bin/wayside fit .cache/drives
+	@$(RUN) wayside.pipeline.learn --drives .cache/drives -o pipeline/models
 
 clean:
 	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

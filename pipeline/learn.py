@@ -106,7 +106,8 @@ def gaussian_models(
 
 def pictures(log: Path) -> Iterator[Picture]:
     """Every picture of a log, decoded, in order."""
-    return decode(read_frames(log, ReadSettings(thin_m=0.0), ReadReport()))
+    # Places come from the truth; a spacing is given so that logs without any poses can be read, too.
+    return decode(read_frames(log, ReadSettings(thin_m=0.0, spacing_m=8.0), ReadReport()))
 
 
 def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:

@@ -45,7 +45,6 @@ FEATURES = (
     "right_m",
     "above_m",
     "sigma_ahead_share",
-    "color_share",
     "rivals",
 )
 """What the judge of a place looks at, in this order."""
@@ -54,15 +53,13 @@ FEATURES = (
 def place_features(
     fit: Fit, held: Sequence[Held], scores: NDArray[np.float64], beside: Beside
 ) -> NDArray[np.float64]:
-    """Numbers (22,) about a place, named by `FEATURES`; scores (v,) are the log odds of its views."""
+    """Numbers (21,) about a place, named by `FEATURES`; scores (v,) are the log odds of its views."""
     count = len(fit.rows)
     ordered = np.sort(scores)[::-1]
     near = np.argsort(fit.depth, kind="stable")
     tall_px = fit.metric[1] / fit.depth * np.array([held[f].focal for f in fit.frames])
     nearest = int(near[0])
     ray = held[fit.frames[nearest]].motion.pose.rotation[:, 2]
-    colors, _ = votes(fit, held, "color")
-    total = sum(colors.values())
     return np.array(
         [
             count,
@@ -85,7 +82,6 @@ def place_features(
             beside.right,
             beside.above,
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
-            max(colors.values()) / total if total > 0 else np.nan,
             len(fit.covered) / count,
         ]
     )

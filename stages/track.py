@@ -33,12 +33,12 @@ LINK_REACH = 3
 """Candidates are linked over this many frames at most: one or two may be missing between."""
 HOP = 4
 """Frames between two looks at the whole window."""
-LEAST_TOTAL = 2.0
+LEAST_TOTAL = -1.0
 """Sum of values over the views from which a place is looked at at all."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
 """What the vehicle sweeps beside its path, and above its camera."""
-ALIKE_DEPTH, ALIKE_COVER = 0.12, 0.55
-"""Two places are one face where their depths differ less and the smaller is covered more."""
+ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_COVER = 0.12, 2.5, 0.4
+"""Two places are one face where their depths differ less (share or metres) and the smaller is covered more."""
 
 
 def track(
@@ -97,6 +97,7 @@ class _Tracker:
         self._path = TravelledPath(2 * settings.longest + HOP)
         self._held: list[Held] = []
         self._proposed: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._known: list[Fit] = []  # faces given already
         self._next_id = 0
 
     def holds(self, one: Held) -> bool:
@@ -158,15 +159,15 @@ class _Tracker:
             evidence = place_features(fit, self._held, sightings.score[fit.rows], beside)
             judged.append((*judge_place(evidence, self._judge), fit, beside, evidence))
         judged.sort(key=lambda entry: -entry[0])
-        kept: list[Fit] = []
+        self._known = [f for f in self._known if not behind(sightings, f)]
         for score, passes, fit, beside, evidence in judged:
             verdict = "sign" if passes else "place_score"
             if in_the_way(fit, beside):
                 verdict = "moving"
-            elif passes and any(same_face(sightings, fit, other) for other in kept):
+            elif passes and any(same_face(sightings, fit, other) for other in self._known):
                 verdict = "duplicate"
             if verdict == "sign":
-                kept.append(fit)
+                self._known.append(fit)
             place = build_place(
                 fit,
                 self._held,
@@ -205,11 +206,16 @@ def passed(sightings: Sightings, fit: Fit) -> bool:
     return not (left < x / z < right and top < y / z < bottom)
 
 
+def behind(sightings: Sightings, fit: Fit) -> bool:
+    """Whether a place lies behind all cameras of the window."""
+    return float((fit.point - sightings.centre[0]) @ sightings.rotation[0][:, 2]) < 0
+
+
 def same_face(sightings: Sightings, one: Fit, other: Fit) -> bool:
-    """Whether two places are one face: at like depth in front of each other."""
-    frame = int(min(one.frames[-1], other.frames[-1]))
+    """Whether a place of this window is one face with another: at like depth, in front of each other."""
+    frame = int(one.frames[-1])
     axis = sightings.rotation[frame][:, 2]
     near, far = sorted(float((f.point - sightings.centre[frame]) @ axis) for f in (one, other))
-    if near <= 0 or far - near > ALIKE_DEPTH * near:
+    if near <= 0 or far - near > max(ALIKE_DEPTH * near, ALIKE_DEPTH_M):
         return False
     return max(overlap_share(sightings, one, other, frame)) > ALIKE_COVER
