@@ -1,4 +1,4 @@
-"""Draw a result over a picture of its drive, beside a map of the drive: the figure of the README.
+"""Draw a result over a picture of its drive, above a map of the drive: the figure of the README.
 
     .venv/bin/python docs/figures.py recordings/demo.mcap out/demo -o docs/demo.png [--frame N]
 
@@ -33,7 +33,7 @@ INK = {
     "brown": (50, 80, 130),
     "fluorescent_yellow_green": (50, 240, 190),
 }
-FONT, REACH_M, MAP_WIDTH = cv2.FONT_HERSHEY_SIMPLEX, 90.0, 520
+FONT, REACH_M, MAP_HEIGHT = cv2.FONT_HERSHEY_SIMPLEX, 90.0, 400
 
 
 def main() -> None:
@@ -64,7 +64,8 @@ def main() -> None:
     frame = next(f for f in read_frames(args.log, settings, ReadReport()) if f.index == chosen)
     picture = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR)
     draw_signs(picture, frame, row, signs)
-    sheet = np.hstack([picture, draw_map(picture.shape[0], frames, row, signs)])
+    band = picture[picture.shape[0] // 4 : picture.shape[0] * 5 // 8]
+    sheet = np.vstack([band, draw_map(picture.shape[1], frames, row, signs)])
     cv2.imwrite(
         str(args.picture), cv2.resize(sheet, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     )
@@ -108,13 +109,14 @@ def panel_outline(
 
 
 def draw_map(
-    height: int, frames: list[dict[str, Any]], row: dict[str, Any], signs: list[dict[str, Any]]
+    width: int, frames: list[dict[str, Any]], row: dict[str, Any], signs: list[dict[str, Any]]
 ) -> NDArray[np.uint8]:
     """Path and signs from above, true to scale, with 2-sigma ellipses no smaller than a dot."""
-    sheet = np.full((height, MAP_WIDTH, 3), 28, np.uint8)
+    height = MAP_HEIGHT
+    sheet = np.full((height, width, 3), 28, np.uint8)
     points = np.array([[f["x"], f["y"]] for f in frames] + [[s["x"], s["y"]] for s in signs])
     low, high = points.min(axis=0) - 8, points.max(axis=0) + 8
-    scale = min(MAP_WIDTH / (high[0] - low[0]), (height - 60) / (high[1] - low[1]))
+    scale = min(width / (high[0] - low[0]), (height - 60) / (high[1] - low[1]))
 
     def at(x: float, y: float) -> tuple[int, int]:
         return round((x - low[0]) * scale), round((high[1] - y) * scale)
