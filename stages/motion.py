@@ -49,7 +49,7 @@ FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 ROTATION_INFLATION, DIRECTION_INFLATION = 2.0, 5.0
 """Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
-RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.006
+RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
 must be, smallest way of a point through the picture, smallest relative error."""
 TRIMMED = 0.9

@@ -33,7 +33,8 @@ GUIDED_BITS, GUIDED_RATIO = 80, 0.92
 LARGEST_GROWTH = 2.6
 """Nothing that grows more than this between two pictures is matched."""
 LONGEST_PX = 500.0
-STARTS_DEG = (0.0, -1.5, 1.5)
+OTHER_STARTS_DEG, CLEAR_SHARE = (-1.5, 1.5), 0.5
+"""Yaws off the prediction that are tried too where fewer of the matches agree with what was found from it."""
 COARSE_SCALES_PX = (20.0, 5.0, 1.5)
 COARSE_SIGMA_PX = 1.0
 GUIDED_WIDTH_PX = 4.0
@@ -118,16 +119,20 @@ def find_coarse_motion(
         return None, 0
     previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
     current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
-    best: EpipolarFit | None = None
-    for yaw_deg in STARTS_DEG:
-        turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
-        fit = _released(previous, current, turn @ predicted, prior, now.focal_px)
-        if best is None or fit.cost < best.cost:
-            best = fit
-    if best is None:
-        return None, 0
-    gaps = sampson_px(previous, current, best.rotation, best.direction, now.focal_px)
-    return best, int((np.abs(gaps) < 3 * COARSE_SIGMA_PX).sum())
+    best = _released(previous, current, predicted, prior, now.focal_px)
+    agreeing = _agreeing(previous, current, best, now.focal_px)
+    if agreeing < CLEAR_SHARE * len(pairs):
+        for yaw_deg in OTHER_STARTS_DEG:
+            turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
+            fit = _released(previous, current, turn @ predicted, prior, now.focal_px)
+            best = fit if fit.cost < best.cost else best
+        agreeing = _agreeing(previous, current, best, now.focal_px)
+    return best, agreeing
+
+
+def _agreeing(previous: Array, current: Array, fit: EpipolarFit, focal_px: float) -> int:
+    gaps = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
+    return int((np.abs(gaps) < 3 * COARSE_SIGMA_PX).sum())
 
 
 def _released(
