@@ -7,6 +7,8 @@ PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
 	$(name) -c 'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
 RUN := .venv/bin/python -m
 JOBS ?= 2
+# Real pictures with boxed signs, where they are at hand: they teach colours and shapes, too.
+REAL ?= $(wildcard ../shared/data/real)
 
 .PHONY: help demo test check accept drives learn clean
 help:
@@ -39,7 +41,7 @@ drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
 
 learn: drives
-	@$(RUN) wayside.pipeline.learn --drives .cache/drives -o pipeline/models
+	@$(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
 
 clean:
 	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -30,7 +30,7 @@ from wayside.schemas.regions import VERDICTS
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _BATCH_ROWS = 4096
-_UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color"))
+_UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
 
 
 @dataclass(frozen=True, slots=True)

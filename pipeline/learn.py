@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.gaussians import (
     color_model,
     location_model,
@@ -22,7 +25,8 @@ from wayside.pipeline.learning.gaussians import (
     plain_variant,
     shape_model,
 )
-from wayside.pipeline.learning.judging import learn_judge
+from wayside.pipeline.learning.judging import Judges, learn_judges
+from wayside.pipeline.learning.places import learn_place_judge
 from wayside.pipeline.learning.samples import (
     Drive,
     Face,
@@ -33,18 +37,26 @@ from wayside.pipeline.learning.samples import (
     real_faces,
     stray_places,
 )
+from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Picture
 from wayside.schemas.models import Model, digest, model_to_json
+from wayside.schemas.motion import Moved
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.decode import decode
+from wayside.stages.motion import estimate_motion
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
 
 BACKGROUND_OVERLAP = 0.05
 """Regions that overlap no face by more are background."""
+
+LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
+"""Every picture; places come from the truth, and the spacing is for logs without any poses."""
 
 Say = Callable[[str], None]
 
@@ -82,8 +94,32 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     def see(drive: Drive, views: Views) -> NDArray[np.float32]:
         return read_views(pictures(by_name[drive.name]), views)
 
-    models["judge.json"] = learn_judge(read, see, seed, origin)
-    return {name: _write(out / name, model, say) for name, model in models.items()}
+    judges = learn_judges(read, see, seed, origin)
+    models["judge.json"] = judges.judge
+    digests = {name: _write(out / name, model, say) for name, model in models.items()}
+    try:
+        place = learn_place_judge(_tracked(logs, judges, out), origin)
+    except InputError as error:
+        say(f"place.json not written, places are judged by their fit alone: {error}")
+    else:
+        digests["place.json"] = _write(out / "place.json", place, say)
+    return digests
+
+
+def _tracked(
+    logs: Sequence[Path], judges: Judges, folder: Path
+) -> Iterator[tuple[Iterable[Moved], dict[str, Any]]]:
+    """Each drive up to its motion, with candidates judged by trees that have not seen it, and its truth.
+
+    The models of colour and shape are those just written into `folder`.
+    """
+    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
+    models = load_models(settings)
+    for log in logs:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        flow = Flow(settings, replace(models, judge=judges.strangers[truth["name"]]), StageClock())
+        frames = read_frames(log, LEARN_READ, ReadReport())
+        yield estimate_motion(flow.look(frames), settings.motion), truth
 
 
 def gaussian_models(
@@ -106,8 +142,7 @@ def gaussian_models(
 
 def pictures(log: Path) -> Iterator[Picture]:
     """Every picture of a log, decoded, in order."""
-    # Places come from the truth; a spacing is given so that logs without any poses can be read, too.
-    return decode(read_frames(log, ReadSettings(thin_m=0.0, spacing_m=8.0), ReadReport()))
+    return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
 def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:

@@ -43,6 +43,7 @@ VERDICTS = (
     "size",
     "color",
     "shape",
+    "glance",
     "score",
     "overlap",
     "unmatched",

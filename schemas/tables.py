@@ -36,6 +36,7 @@ VERDICT_WORDS = {
     "size": "too few or too many pixels",
     "color": "mean colour too far from every sign colour",
     "shape": "outline too far from every sign shape",
+    "glance": "a first look at its colours and place takes it for background",
     "score": "the judge of single pictures takes it for background",
     "overlap": "a better candidate covers the same face",
     "unmatched": "no other picture shows the same thing",

@@ -45,9 +45,10 @@ OVERLAP = 0.4
 def judge(
     items: Iterator[Judged], *, trees: TreeModel, settings: CandidateSettings
 ) -> Iterator[Judged]:
-    """Score all open candidates; those below the model's bar get the verdict `score`.
+    """Look at all open candidates: `glance` is the verdict of those the model's gate refuses, unscored.
 
-    Of overlapping survivors the best stays (`overlap`), of all of them the best `settings.keep` (`score`).
+    The others are scored; those below the model's bar get the verdict `score`. Of overlapping survivors the best
+    stays (`overlap`), of all of them the best `settings.keep` (`score`).
     """
     for item in items:
         picture = item.segmented.picture
@@ -57,16 +58,18 @@ def judge(
             continue
         levels = picture_levels(picture.rgb)
         regions, camera = item.candidates.regions.select(rows), picture.frame.camera
-        found = np.full(len(rows), -np.inf, np.float32)
-        passed = np.arange(len(rows))
+        candidates = item.candidates
         if trees.gate is not None:
-            found = log_odds(trees.gate, gate_features(levels, regions, camera))
-            # A score of the gate never passes for one of the judge.
-            passed = np.flatnonzero(found >= trees.gate.accept)
-            found = np.minimum(found, np.nextafter(np.float32(trees.accept), np.float32(-np.inf)))
-        found[passed] = log_odds(trees, view_features(levels, regions.select(passed), camera))
+            passed = (
+                log_odds(trees.gate, gate_features(levels, regions, camera)) >= trees.gate.accept
+            )
+            verdict = candidates.verdict.copy()
+            verdict[rows[~passed]] = verdict_code("glance")
+            candidates = replace(candidates, verdict=verdict)
+            rows, regions = rows[passed], regions.select(passed)
+        found = log_odds(trees, view_features(levels, regions, camera))
         yield replace(
-            item, candidates=decided(item.candidates, rows, found, trees.accept, settings.keep)
+            item, candidates=decided(candidates, rows, found, trees.accept, settings.keep)
         )
 
 

@@ -21,7 +21,7 @@ JUDGE = Boosting()
 GATE_OFF_SHARE = 0.35
 """Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
 
-PASSED = 400.0
+PASSED = 500.0
 """Candidates of a picture that the gate lets pass, in the mean over the learning drives."""
 
 FALSE_PER_PICTURE = 2.0
@@ -56,18 +56,33 @@ class Held:
         return f"held out by drive, share of faces found at false boxes a picture: {found}"
 
 
-def learn_judge(drives: Sequence[Drive], see: SeeViews, seed: int, provenance: str) -> TreeModel:
+@dataclass(frozen=True, slots=True)
+class Judges:
+    """The judge taught with all drives, and for each drive, by name, one that has not seen it; all with the gate."""
+
+    judge: TreeModel
+    strangers: dict[str, TreeModel]
+
+
+def learn_judges(drives: Sequence[Drive], see: SeeViews, seed: int, provenance: str) -> Judges:
     """Learn gate and judge from all drives; the bar is that of judges which had not seen the drive they judge."""
     gate = learn_gate(drives, seed, provenance)
     passed = [_pass(drive, gate, see) for drive in drives]
-    held = held_out(passed, seed)
+    strangers = _strangers(passed, seed)
+    held = found_at(passed, [log_odds(strangers[p.drive.name], p.values) for p in passed])
     text = (
         f"{provenance}; {sum(len(p.values) for p in passed)} candidates past the gate, "
         f"{sum(int((p.views.label == ON).sum()) for p in passed)} on faces; {held.words()}; "
         f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"
     )
-    judge = _fit(passed, seed)
-    return replace(judge, accept=held.accept, provenance=text, gate=gate)
+
+    def completed(judge: TreeModel) -> TreeModel:
+        return replace(judge, accept=held.accept, provenance=text, gate=gate)
+
+    return Judges(
+        completed(_fit(passed, seed)),
+        {name: completed(judge) for name, judge in strangers.items()},
+    )
 
 
 def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
@@ -76,7 +91,8 @@ def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel
     values = np.concatenate([d.views.glance for d in drives])
     some = np.random.default_rng(seed).random(len(label)) < GATE_OFF_SHARE
     taught = (label == ON) | ((label == OFF) & some)
-    fitted = fit_trees(values[taught], label[taught] == ON, None, GATE, seed)
+    weight = np.concatenate([face_weights(d.views) for d in drives])
+    fitted = fit_trees(values[taught], label[taught] == ON, weight[taught], GATE, seed)
     gate = exported_trees(fitted, gate_names(), 0.0, provenance)
     count = min(round(PASSED * sum(d.frames for d in drives)), len(values))
     score = np.sort(log_odds(gate, values))[::-1]
@@ -84,17 +100,32 @@ def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel
     return replace(gate, accept=float(score[count - 1]), provenance=words)
 
 
-def held_out(passed: Sequence[Passed], seed: int) -> Held:
-    """Judge every drive by trees that have not seen it: drives in two groups, each judged by the other's trees."""
-    if len(passed) < 2:
-        return Held((), 0.0)
-    score: dict[str, NDArray[np.float32]] = {}
+def face_weights(views: Views) -> NDArray[np.float64]:
+    """Weights (n,) that give each view of a face the same, however many boxes are on it; 1 off the faces.
+
+    Narrow and torn faces (mile posts, crossbucks) have few boxes, and would hardly be taught otherwise.
+    """
+    on = views.label == ON
+    weight = np.ones(len(views.label))
+    if on.any():
+        _, which, count = np.unique(views.face[on], return_inverse=True, return_counts=True)
+        weight[on] = count.mean() / count[which]
+    return weight
+
+
+def _strangers(passed: Sequence[Passed], seed: int) -> dict[str, TreeModel]:
+    """For each drive trees that have not seen it: drives in two groups, each judged by the other's trees.
+
+    A drive alone is judged by its own: there is no other.
+    """
+    judges: dict[str, TreeModel] = {}
     for group in (0, 1):
-        judge = _fit([p for k, p in enumerate(passed) if k % 2 != group], seed)
-        for k, one in enumerate(passed):
-            if k % 2 == group:
-                score[one.drive.name] = log_odds(judge, one.values)
-    return found_at(passed, [score[p.drive.name] for p in passed])
+        own = passed[group::2]
+        others = passed[1 - group :: 2] or own
+        if own:
+            judge = _fit(others, seed)
+            judges |= {p.drive.name: judge for p in own}
+    return judges
 
 
 def found_at(passed: Sequence[Passed], scores: Sequence[NDArray[np.float32]]) -> Held:
@@ -147,5 +178,6 @@ def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
     label = np.concatenate([p.views.label for p in passed])
     values = np.concatenate([p.values for p in passed])
     taught = label != NEITHER
-    fitted = fit_trees(values[taught], label[taught] == ON, None, JUDGE, seed)
+    weight = np.concatenate([face_weights(p.views) for p in passed])
+    fitted = fit_trees(values[taught], label[taught] == ON, weight[taught], JUDGE, seed)
     return exported_trees(fitted, view_names(), 0.0, "")

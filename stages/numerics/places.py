@@ -22,6 +22,8 @@ DRIFT_RAD = 2.5e-4
 NEAREST_VIEWS = 8
 """More than this many of the nearest views add nothing safe (measured)."""
 SIZE_VIEWS = 6
+NEAREST_M, FARTHEST_M = 1.0, 1000.0
+"""Rays that meet nearer or farther than this are as good as parallel: no panel is seen there."""
 LEAST_CHI = 0.5
 """Reduced chi square below which the scatter of the centres is not believed to lie."""
 
@@ -158,7 +160,7 @@ def fit_views(
         return None
     local = np.einsum("ni,nij->nj", point - s.centre[frames], s.rotation[frames])
     depth = local[:, 2]
-    if depth.min() < 1.0:
+    if depth.min() < NEAREST_M or depth.max() > FARTHEST_M:
         return None
     gap = (local[:, :2] / depth[:, None] - s.ray[rows]) * s.focal[frames][:, None]
     metric, spread = metric_size(s.size[rows] * depth[:, None], depth, s.whole[rows])

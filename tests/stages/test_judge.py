@@ -88,15 +88,14 @@ def test_rows_decided_before_keep_their_verdict_and_stay_unscored():
 def test_what_the_gate_refuses_is_never_judged():
     gated = replace(JUDGE, gate=by_height(gate_names(), 2.0))
     found = run(judged([[10, 10, 30, 25], [100, 10, 120, 40]]), gated)
-    assert verdicts(found) == ["score", "open"]
-    # The judge alone would have said 1; the gate's 1 is kept below the judge's bar.
-    assert found.candidates.score[0] < gated.accept
+    assert verdicts(found) == ["glance", "open"]
+    assert np.isnan(found.candidates.score[0])
     assert found.candidates.score[1] == 3
 
 
 def test_a_picture_whose_candidates_all_fail_the_gate_has_none_open():
     gated = replace(JUDGE, gate=by_height(gate_names(), 99.0))
-    assert verdicts(run(judged([[10, 10, 30, 25]]), gated)) == ["score"]
+    assert verdicts(run(judged([[10, 10, 30, 25]]), gated)) == ["glance"]
 
 
 @pytest.mark.parametrize("item", [judged([]), judged([[1, 1, 20, 20]], status=THINNED)])

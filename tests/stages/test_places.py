@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from wayside.stages.numerics.association import Gates, Sightings, link
-from wayside.stages.numerics.places import metric_size, overlap_share, solve_places
+from wayside.stages.numerics.places import fit_views, metric_size, overlap_share, solve_places
 
 GATES = Gates()
 FRAMES = 6
@@ -75,3 +75,8 @@ def test_the_size_is_the_median_of_the_nearest_whole_views():
     middle, scatter = metric_size(sizes, depth, np.array([True, True, True, False]))
     assert middle == pytest.approx([0.72, 0.5])
     assert (scatter > 0).all()
+
+
+def test_rays_that_hardly_meet_make_no_place():
+    s = window([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)])
+    assert fit_views(s, np.arange(FRAMES), np.arange(FRAMES), nearest=2) is None

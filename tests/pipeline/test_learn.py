@@ -1,0 +1,241 @@
+"""The learning script on tiny drives: flat faces pasted on noise, written as real logs."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.pipeline.importing import import_pictures
+from wayside.pipeline.learn import main
+from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
+from wayside.pipeline.learning.judging import face_weights
+from wayside.pipeline.learning.samples import (
+    Views,
+    main_color,
+    read_truth,
+    sign_places,
+    stray_places,
+)
+from wayside.schemas.errors import InputError
+from wayside.schemas.models import TreeModel, model_from_json
+from wayside.schemas.regions import Regions
+
+pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
+
+WIDTH, HEIGHT, FOCAL = 320, 240, 600.0
+CALIBRATION = f"""image_width: {WIDTH}
+image_height: {HEIGHT}
+camera_matrix: {{rows: 3, cols: 3, data: [{FOCAL}, 0, 159.5, 0, {FOCAL}, 119.5, 0, 0, 1]}}
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}}
+"""
+COLORS = {"red": (180, 30, 40), "green": (20, 120, 70), "yellow": (235, 190, 30)}
+
+
+def write_drive(folder, name, seed):
+    """Six pictures of three rectangles each, with masks and truth."""
+    rng = np.random.default_rng(seed)
+    pictures = folder / f"{name}_pictures"
+    masks = folder / f"{name}.masks"
+    pictures.mkdir()
+    masks.mkdir()
+    signs = [
+        {
+            "id": k + 1,
+            "color": color,
+            "shape": "rectangle",
+            "point_up": False,
+            "faces_travel": True,
+            "eligible_frames": 6,
+            "lateral_m": 5.0 + k,
+            "up_m": 2.5,
+            "frames": [],
+        }
+        for k, color in enumerate(COLORS)
+    ]
+    for frame in range(6):
+        rgb = rng.normal(110, 6, (HEIGHT, WIDTH, 3))
+        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+        for k, sign in enumerate(signs):
+            x, y = 20 + 90 * k + int(rng.integers(0, 30)), int(rng.integers(95, 115))
+            w, h = int(rng.integers(16, 26)), int(rng.integers(16, 26))
+            rgb[y : y + h, x : x + w] = np.array(COLORS[sign["color"]]) + rng.normal(
+                0, 6, (h, w, 3)
+            )
+            mask[y : y + h, x : x + w] = sign["id"]
+            box = [x, y, x + w, y + h]
+            sign["frames"].append(
+                {"frame": frame, "box": box, "side": "front", "visible_fraction": 1.0}
+            )
+        bgr = np.clip(rgb, 0, 255).astype(np.uint8)[..., ::-1]
+        cv2.imwrite(str(pictures / f"{frame:04d}.png"), bgr)
+        cv2.imwrite(str(masks / f"{frame:04d}.png"), mask)
+    pose = {"position": [0, 0, 2.0], "quaternion": [-0.5, 0.5, -0.5, 0.5]}
+    thing = {
+        "kind": "barn",
+        "position": [30.0, 12.0, 3.0],
+        "frames": [{"frame": 0, "box": [0, 0, 9, 9]}],
+    }
+    truth = {
+        "name": name,
+        "camera": {"mount": {"height_m": 2.0}},
+        "signs": signs,
+        "distractors": [thing],
+        "frames": [{"index": k, **pose} for k in range(6)],
+    }
+    (folder / f"{name}.truth.json").write_text(json.dumps(truth))
+    calibration = folder / "camera.yaml"
+    calibration.write_text(CALIBRATION)
+    import_pictures([pictures], calibration, 8.0, folder / f"{name}.mcap")
+    return truth
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    for seed, name in enumerate(("learn_a", "learn_b", "measured")):
+        write_drive(folder, name, seed)
+    status = main(["--drives", str(folder), "-o", str(folder / "models")])
+    assert status == 0
+    return folder
+
+
+def test_the_script_writes_every_model_with_its_provenance(learned):
+    files = sorted(path.name for path in (learned / "models").iterdir())
+    assert files == [
+        "color.json",
+        "color_rgb.json",
+        "judge.json",
+        "location.json",
+        "shape.json",
+        "shape_oriented.json",
+    ]
+    for name in files:
+        provenance = model_from_json((learned / "models" / name).read_text()).provenance
+        assert "learn_a (6 pictures" in provenance
+        assert "measured" not in provenance
+
+
+def test_the_same_drives_and_seed_give_the_same_bytes(learned, tmp_path):
+    assert main(["--drives", str(learned), "-o", str(tmp_path)]) == 0
+    for path in (learned / "models").iterdir():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_colours_learned_are_those_painted(learned):
+    model = model_from_json((learned / "models" / "color_rgb.json").read_text())
+    means = {one.name: one.mean for one in model.classes}
+    assert set(means) == set(COLORS)
+    for name, mean in means.items():
+        assert mean == pytest.approx(COLORS[name], abs=4)
+
+
+def test_the_judge_has_a_gate_and_held_out_figures(learned):
+    model = model_from_json((learned / "models" / "judge.json").read_text())
+    assert isinstance(model, TreeModel)
+    assert model.gate is not None
+    assert "held out by drive" in model.provenance
+
+
+def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
+    assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
+    assert "learn_*.mcap" in capsys.readouterr().err
+
+
+def test_a_missing_mask_is_named(learned, tmp_path, capsys):
+    truth = write_drive(tmp_path, "learn_c", 5)
+    (tmp_path / "learn_c.masks" / "0002.png").unlink()
+    assert truth["name"] == "learn_c"
+    assert main(["--drives", str(tmp_path), "-o", str(tmp_path / "out")]) == 3
+    assert "0002.png" in capsys.readouterr().err
+
+
+def test_a_truth_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "x.truth.json"
+    path.write_text('{"name": "x"}')
+    with pytest.raises(InputError, match="truth of a rendered drive"):
+        read_truth(path)
+
+
+def test_places_are_right_of_the_path_and_above_the_camera():
+    truth = {
+        "camera": {"mount": {"height_m": 1.5}},
+        "signs": [
+            {"faces_travel": True, "eligible_frames": 2, "lateral_m": 4.0, "up_m": 2.0},
+            {"faces_travel": False, "eligible_frames": 2, "lateral_m": 9.0, "up_m": 2.0},
+        ],
+    }
+    assert sign_places(truth).tolist() == [[4.0, 0.5]]
+
+
+def test_things_that_are_no_signs_are_placed_from_the_camera():
+    # The camera looks east: south is on its right.
+    truth = {
+        "frames": [{"index": 0, "position": [10, 5, 2], "quaternion": [-0.5, 0.5, -0.5, 0.5]}],
+        "distractors": [{"position": [40.0, 1.0, 3.0], "frames": [{"frame": 0}]}],
+    }
+    assert stray_places(truth) == pytest.approx(np.array([[4.0, 1.0]]))
+
+
+def test_legends_and_borders_do_not_count_for_the_main_colour():
+    face = np.full((100, 3), (20, 110, 60), np.uint8)
+    face[:35] = 240
+    assert main_color(face) == pytest.approx([20, 110, 60])
+
+
+def test_every_sign_has_the_same_weight_however_often_it_is_seen():
+    weight = balanced(["a", "a", "a", "b"])
+    assert weight.sum() == pytest.approx(1)
+    assert weight[:3].sum() == pytest.approx(weight[3])
+
+
+def test_no_axis_of_a_class_is_narrower_than_the_floor():
+    values = np.tile([1.0, 2.0], (5, 1))
+    mean, covariance = moments(values, np.full(5, 0.2), np.array([0.5, 0.1]))
+    assert mean.tolist() == [1, 2]
+    assert (np.sqrt(np.diag(covariance)) >= [0.5, 0.1]).all()
+
+
+def test_the_knee_parts_two_separate_groups_between_them():
+    own, others = np.array([0.1, 0.5, 1.0]), np.array([3.0, 4.0])
+    assert knee(own, others) == pytest.approx(2.0)
+
+
+def test_the_mixture_of_places_keeps_the_mean_of_the_report_beside_it():
+    rng = np.random.default_rng(2)
+    places = np.concatenate(
+        [
+            rng.normal((6, 0.5), 0.5, (50, 2)),
+            rng.normal((-8, 0.5), 0.5, (20, 2)),
+            [(0, 4.5), (1, 4.6), (3, 4.4)],
+        ]
+    )
+    model = location_model(places, rng.uniform(-20, 20, (40, 2)), "made by hand")
+    named = {one.name: one for one in model.classes}
+    assert list(named) == ["right", "left", "overhead", "report"]
+    assert named["right"].mean == pytest.approx([6, 0.5], abs=0.3)
+    assert named["report"].mean == pytest.approx([3.121, 0.603])
+    assert named["report"].covariance == pytest.approx(np.eye(2))
+
+
+def test_each_view_of_a_face_weighs_the_same_and_background_weighs_one():
+    n = 6
+    regions = Regions(
+        np.zeros((n, 4), np.float32),
+        np.zeros(n, np.int32),
+        np.zeros((n, 3), np.float32),
+        np.zeros(n, np.uint8),
+    )
+    views = Views(
+        regions,
+        np.zeros((n, 1), np.float32),
+        np.zeros(n, np.int32),
+        np.array([1, 1, 1, 1, 0, -1], np.int8),
+        np.zeros(n, np.float32),
+        np.array([7, 7, 7, 8, -1, 8], np.int32),
+    )
+    weight = face_weights(views)
+    assert weight[:3].sum() == pytest.approx(weight[3])
+    assert weight[:4].sum() == pytest.approx(4)
+    assert weight[4:].tolist() == [1, 1]
