@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ from wayside.stages.numerics.association import Gates
 from wayside.stages.numerics.descriptors import match_points, vote_regions
 from wayside.stages.numerics.places import Fit, fit_views
 from wayside.stages.place import build_place
-from wayside.stages.window import Held, TravelledPath, settle_unused, sightings_of
+from wayside.stages.window import Held, TravelledPath, sightings_of, through_window
 
 REPORT_SCORE = 1.0
 """Log odds given to every sign: the report judges by gates alone and states no probability."""
@@ -27,31 +26,7 @@ def match_by_descriptors(moved: Iterator[Moved], settings: TrackSettings) -> Ite
     Frames come out in order, each once, when no open chain holds them, at most `settings.longest` used frames late;
     what a chain saw earlier than that is left `unmatched`.
     """
-    matcher = _Matcher(settings)
-    waiting: deque[Moved | Held] = deque()
-    for item in moved:
-        camera = item.look.picture.frame.camera
-        if item.motion is None or camera is None:
-            waiting.append(item)
-        else:
-            held = Held.of(item, item.motion, camera)
-            waiting.append(held)
-            matcher.append(held, item.look.features)
-        yield from _released(waiting, matcher)
-    matcher.finish()
-    yield from _released(waiting, matcher)
-
-
-def _released(waiting: deque[Moved | Held], matcher: _Matcher) -> Iterator[Settled]:
-    while waiting:
-        first = waiting[0]
-        if isinstance(first, Held):
-            if matcher.holds(first):
-                return
-            yield first.settle()
-        else:
-            yield settle_unused(first)
-        waiting.popleft()
+    yield from through_window(moved, _Matcher(settings))
 
 
 @dataclass(frozen=True, slots=True)

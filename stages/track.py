@@ -7,7 +7,6 @@ candidates away, then the rest is solved again. A place is final when the vehicl
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.models import TreeModel
 from wayside.schemas.motion import Moved, Settled
+from wayside.schemas.regions import Features
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.match import match_by_descriptors
 from wayside.stages.numerics.association import Gates, Sightings, link
@@ -27,7 +27,7 @@ from wayside.stages.place import (
     local_rows,
     place_features,
 )
-from wayside.stages.window import Held, TravelledPath, settle_unused, sightings_of
+from wayside.stages.window import Held, TravelledPath, sightings_of, through_window
 
 LINK_REACH = 3
 """Candidates are linked over this many frames at most: one or two may be missing between."""
@@ -61,31 +61,7 @@ def track(
     if settings.matching == "sift":
         yield from match_by_descriptors(moved, settings)
         return
-    tracker = _Tracker(settings, place_judge)
-    waiting: deque[Moved | Held] = deque()
-    for item in moved:
-        camera = item.look.picture.frame.camera
-        if item.motion is None or camera is None:
-            waiting.append(item)
-        else:
-            held = Held.of(item, item.motion, camera)
-            waiting.append(held)
-            tracker.append(held)
-        yield from _released(waiting, tracker)
-    tracker.finish()
-    yield from _released(waiting, tracker)
-
-
-def _released(waiting: deque[Moved | Held], tracker: _Tracker) -> Iterator[Settled]:
-    while waiting:
-        first = waiting[0]
-        if isinstance(first, Held):
-            if tracker.holds(first):
-                return
-            yield first.settle()
-        else:
-            yield settle_unused(first)
-        waiting.popleft()
+    yield from through_window(moved, _Tracker(settings, place_judge))
 
 
 class _Tracker:
@@ -104,7 +80,7 @@ class _Tracker:
         """Whether the frame is still in the window."""
         return any(h is one for h in self._held)
 
-    def append(self, one: Held) -> None:
+    def append(self, one: Held, features: Features) -> None:
         """Take the next frame; a full window is solved and its oldest frames let go."""
         self._held.append(one)
         self._path.append(one.motion)

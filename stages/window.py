@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.motion import Motion, Moved, Place, Settled
-from wayside.schemas.regions import Candidates, verdict_code
+from wayside.schemas.regions import Candidates, Features, verdict_code
 from wayside.stages.numerics.association import Sightings
 from wayside.stages.numerics.path import Beside, beside_path
 from wayside.stages.numerics.undistort import rays_of_ideal, to_rays
@@ -112,6 +114,47 @@ class Held:
             self.rows,
             tuple(self.places),
         )
+
+
+class Follower(Protocol):
+    """Finds the views that belong together among the frames it holds."""
+
+    def append(self, one: Held, features: Features) -> None:
+        """Take the next frame."""
+
+    def finish(self) -> None:
+        """Nothing more comes: let go of everything."""
+
+    def holds(self, one: Held) -> bool:
+        """Whether the frame may still change."""
+
+
+def through_window(moved: Iterator[Moved], follower: Follower) -> Iterator[Settled]:
+    """Send frames through a follower's window; each comes out once, in order, when it cannot change any more."""
+    waiting: deque[Moved | Held] = deque()
+    for item in moved:
+        camera = item.look.picture.frame.camera
+        if item.motion is None or camera is None:
+            waiting.append(item)
+        else:
+            held = Held.of(item, item.motion, camera)
+            waiting.append(held)
+            follower.append(held, item.look.features)
+        yield from _released(waiting, follower)
+    follower.finish()
+    yield from _released(waiting, follower)
+
+
+def _released(waiting: deque[Moved | Held], follower: Follower) -> Iterator[Settled]:
+    while waiting:
+        first = waiting[0]
+        if isinstance(first, Held):
+            if follower.holds(first):
+                return
+            yield first.settle()
+        else:
+            yield settle_unused(first)
+        waiting.popleft()
 
 
 def followed_rows(table: Candidates) -> NDArray[np.int64]:
