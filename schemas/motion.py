@@ -33,6 +33,8 @@ class Motion:
     camera in the drive's own frame (origin at the first used camera, its axes), steps chained; covariance (6, 6)
     of the step (rotation vector, rad, then translation, m) or None; source: "start", "straight", "odometry",
     "poses" or "fixes" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line and adjusted motion.
+    expected: the step by the prior alone, that the adjustment began from (None where there was no adjustment);
+    history_px: RMS of eq. 7.5 per coordinate over all ties at the start of the adjustment and after each iteration.
     """
 
     pose: Pose
@@ -47,6 +49,8 @@ class Motion:
     adjusted: bool
     iterations: int
     camera_height_m: float  # above the road below, nan where unknown
+    expected: Pose | None = None
+    history_px: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

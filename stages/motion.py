@@ -157,6 +157,8 @@ class Drive:
             needed,
             adjusted.iterations if needed else 0,
             self.vehicle.height_m,
+            Pose(expected.straight[0], baseline * expected.straight[1]),
+            tuple(np.sqrt(adjusted.history / 4).tolist()),
         )
 
     def _measure(self, before: View, now: View, expected: Expectation) -> Step | None:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.stages.numerics.compiled import Array, compiled
-from wayside.stages.numerics.epipolar import STEP, Prior, prior_gaps
+from wayside.stages.numerics.epipolar import STEP, Prior, moved_step, prior_gaps
 from wayside.stages.numerics.guards import require_array
-from wayside.stages.numerics.rotation import across, cholesky_solve, rotation_from_vector
+from wayside.stages.numerics.rotation import across, cholesky_solve
 
 
 class Adjusted(NamedTuple):
@@ -25,7 +25,8 @@ class Adjusted(NamedTuple):
     rotation (3, 3), direction (3,): pose of the second camera in the first one's frame, but for the length;
     point (n, 3): ray (x/z, y/z) in the first picture, and baseline over depth; squares (n,): eq. 7.5 of each point, px
     squared; covariance (5, 5) of the rotation vector (rad, first camera's axes) and of the direction along
-    `numerics.rotation.across` (rad), points eliminated; cost and iterations.
+    `numerics.rotation.across` (rad), points eliminated; cost and iterations;
+    history (iterations + 1,): mean of eq. 7.5 over the points, px squared, at the start and after each iteration.
     """
 
     rotation: Array
@@ -35,6 +36,7 @@ class Adjusted(NamedTuple):
     covariance: Array
     cost: float
     iterations: int
+    history: Array
 
 
 def adjust_two_views(
@@ -78,6 +80,7 @@ def adjust_two_views(
     rotation = np.array(start[0], np.float64).reshape(3, 3)
     direction = np.array(start[1], np.float64).reshape(3)
     point, squares, covariance = np.empty((n, 3)), np.empty(n), np.empty((5, 5))
+    history = np.empty(iterations + 1)
     cost, steps = _adjust(
         previous,
         current,
@@ -91,8 +94,18 @@ def adjust_two_views(
         point,
         squares,
         covariance,
+        history,
     )
-    return Adjusted(rotation, direction, point, squares, covariance, float(cost), int(steps))
+    return Adjusted(
+        rotation,
+        direction,
+        point,
+        squares,
+        covariance,
+        float(cost),
+        int(steps),
+        history[: steps + 1],
+    )
 
 
 @compiled
@@ -273,19 +286,6 @@ def _reduce(
 
 
 @compiled
-def _move(
-    rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
-) -> None:
-    # The direction stays of unit length: this is what holds the baseline.
-    out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
-    square = 0.0
-    for i in range(3):
-        out_t[i] = direction[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
-        square += out_t[i] * out_t[i]
-    out_t /= np.sqrt(square)
-
-
-@compiled
 def _add_prior(known: Array, slopes: Array, motion: Array, right: Array) -> None:
     for k in range(5):
         for i in range(5):
@@ -308,6 +308,7 @@ def _adjust(
     point: Array,
     squares: Array,
     covariance: Array,
+    history: Array,
 ) -> tuple[float, int]:
     n = previous.shape[0]
     motion, motion_right = np.empty((5, 5)), np.empty(5)
@@ -321,13 +322,14 @@ def _adjust(
     _squares(previous, current, rotation, direction, point, focal_px, squares)
     prior_gaps(rotation, direction, prior, known)
     cost = _total(squares, known, sigma_px, scale_px)
+    history[0] = squares.sum() / max(n, 1)
     damping, done, settled = 1e-3, 0, False
     while True:
         basis = across(direction)
         for k in range(5):
             single[:] = 0.0
             single[k] = STEP
-            _move(rotation, direction, basis, single, trial_r, trial_t)
+            moved_step(rotation, direction, basis, single, trial_r, trial_t)
             prior_gaps(trial_r, trial_t, prior, slopes[k])
             for i in range(5):
                 slopes[k, i] = (slopes[k, i] - known[i]) / STEP
@@ -356,7 +358,7 @@ def _adjust(
         for _ in range(8):
             _reduce(motion, motion_right, mixed, own, own_right, damping, inverses, reduced, step)
             if cholesky_solve(reduced, step, 5):
-                _move(rotation, direction, basis, step, trial_r, trial_t)
+                moved_step(rotation, direction, basis, step, trial_r, trial_t)
                 for i in range(n):
                     for k in range(3):
                         single[k] = own_right[i, k]
@@ -376,6 +378,7 @@ def _adjust(
                     break
             damping *= 10.0
         if settled:
+            history[done] = history[done - 1]
             continue
         rotation[:] = trial_r
         direction[:] = trial_t
@@ -383,6 +386,7 @@ def _adjust(
         squares[:] = trial_squares
         known[:] = trial_known
         cost = trial_cost
+        history[done] = squares.sum() / max(n, 1)
         damping = max(1e-9, damping * 0.1)
         settled = gain < 1e-7 * cost
     # Covariance: inverse of the reduced equations of the last linearisation, without damping.

@@ -178,9 +178,13 @@ def _sampson(
 
 
 @compiled
-def _moved(
+def moved_step(
     rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
 ) -> None:
+    """Rotation and direction after a step (5,): rotation vector, then along `basis` (2, 3).
+
+    The direction stays of unit length: this is what holds the baseline.
+    """
     out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
     square = 0.0
     for i in range(3):
@@ -228,7 +232,7 @@ def _fit(
         for k in range(5):
             step[:] = 0.0
             step[k] = STEP
-            _moved(rotation, direction, basis, step, trial_r, trial_t)
+            moved_step(rotation, direction, basis, step, trial_r, trial_t)
             _sampson(previous, current, trial_r, trial_t, focal_px, slopes[k])
             prior_gaps(trial_r, trial_t, prior, known_slopes[k])
             for i in range(n):
@@ -256,7 +260,7 @@ def _fit(
                 damped[k, k] += damping * normal[k, k] + 1e-9
             step[:] = right
             if cholesky_solve(damped, step, 5):
-                _moved(rotation, direction, basis, step, trial_r, trial_t)
+                moved_step(rotation, direction, basis, step, trial_r, trial_t)
                 _sampson(previous, current, trial_r, trial_t, focal_px, slopes[0])
                 prior_gaps(trial_r, trial_t, prior, known_slopes[0])
                 trial_cost = _cost(slopes[0], known_slopes[0], sigma_px, scale_px)

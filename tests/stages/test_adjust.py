@@ -128,3 +128,12 @@ def test_without_points_the_prior_is_the_answer():
 def test_rays_of_other_shapes_are_refused():
     with pytest.raises(ValueError, match="previous"):
         adjust(np.zeros((4, 3)), np.zeros((4, 2)))
+
+
+def test_the_residual_falls_from_step_to_step_to_that_of_the_result():
+    previous, current, *_ = pair(turn=(0.003, 0.02, -0.002))
+    found = adjust(previous, current)
+    assert len(found.history) == found.iterations + 1
+    assert (np.diff(found.history) <= 0).all()
+    assert found.history[0] > 10 * found.history[-1]
+    assert found.history[-1] == pytest.approx(found.squares.mean())
