@@ -96,16 +96,8 @@ def adjust_two_views(
         covariance,
         history,
     )
-    return Adjusted(
-        rotation,
-        direction,
-        point,
-        squares,
-        covariance,
-        float(cost),
-        int(steps),
-        history[: steps + 1],
-    )
+    made = (float(cost), int(steps), history[: steps + 1])
+    return Adjusted(rotation, direction, point, squares, covariance, *made)
 
 
 @compiled

