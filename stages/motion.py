@@ -6,7 +6,7 @@ say what to expect; tie points over the whole picture say what was; the adjustme
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import hypot, inf, nan, sqrt
 
@@ -83,11 +83,18 @@ class Step:
     inlier: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
+Measure = Callable[[View, View, Expectation, Vehicle, int], Step | None]
+
+
 @dataclass(slots=True)
 class Drive:
-    """What is kept between pictures: the last view, and a few numbers learnt on the way."""
+    """What is kept between pictures: the last view, and a few numbers learnt on the way.
+
+    `measure` turns two views into a step; made-up drives, which have ties but no pixels, bring their own.
+    """
 
     settings: MotionSettings
+    measure: Measure = field(default_factory=lambda: measure_step)
     view: View | None = None
     frame: Frame | None = None
     motion: Motion | None = None
@@ -98,7 +105,10 @@ class Drive:
 
     def follow(self, look: Look) -> Motion:
         """Motion from the last look to this one."""
-        view, frame = View.of(look), look.picture.frame
+        return self.advance(View.of(look), look.picture.frame)
+
+    def advance(self, view: View | None, frame: Frame) -> Motion:
+        """Motion from the last view to this one; without a view only what is expected."""
         if self.frame is None or self.motion is None:
             motion = _START
         else:
@@ -116,7 +126,8 @@ class Drive:
     def _step(self, last: Motion, view: View | None, expected: Expectation) -> Motion:
         step = None
         if self.view is not None and view is not None:
-            step = self._measure(self.view, view, expected)
+            fewest = self.settings.smallest_ties
+            step = self.measure(self.view, view, expected, self.vehicle, fewest)
         if step is None or view is None or self.view is None:
             self.depths, self.turn = np.zeros(0), None
             return _unmeasured(last, expected, self.vehicle.height_m)
@@ -160,32 +171,6 @@ class Drive:
             Pose(expected.straight[0], baseline * expected.straight[1]),
             tuple(np.sqrt(adjusted.history / 4).tolist()),
         )
-
-    def _measure(self, before: View, now: View, expected: Expectation) -> Step | None:
-        coarse, agreeing = find_coarse_motion(
-            before, now, expected.prior, expected.search, expected.slack_px
-        )
-        if agreeing < ENOUGH_AGREEING:
-            wide, more = find_coarse_motion(
-                before, now, expected.prior, expected.straight[0], WIDE_SLACK_PX
-            )
-            if more > agreeing:
-                coarse, agreeing = wide, more
-        if coarse is None or agreeing < self.settings.smallest_ties:
-            return None
-        ground = self.vehicle.ground(expected.baseline_m)
-        step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior, ground)
-        if self.vehicle.strays(step.rotation, step.direction):
-            law = self.vehicle.law
-            kept = expected.prior._replace(
-                direction=law.direction,
-                sigma_direction=np.array([HELD_SIGMA, HELD_SIGMA]),
-                halfway=True,
-            )
-            step = _refine(
-                before, now, step.rotation, half_turn(step.rotation, law.direction), kept, ground
-            )
-        return step if step.inlier.sum() >= self.settings.smallest_ties else None
 
     def _length(
         self, step: Step, adjusted: Adjusted, expected: Expectation, focal_px: float
@@ -231,6 +216,36 @@ class Drive:
         return length, max(scatter, RATIO_SIGMA * length)
 
 
+def measure_step(
+    before: View, now: View, expected: Expectation, vehicle: Vehicle, fewest: int
+) -> Step | None:
+    """Step between two pictures: coarse motion, then ties registered by it; None with fewer than `fewest` ties."""
+    coarse, agreeing = find_coarse_motion(
+        before, now, expected.prior, expected.search, expected.slack_px
+    )
+    if agreeing < ENOUGH_AGREEING:
+        wide, more = find_coarse_motion(
+            before, now, expected.prior, expected.straight[0], WIDE_SLACK_PX
+        )
+        if more > agreeing:
+            coarse, agreeing = wide, more
+    if coarse is None or agreeing < fewest:
+        return None
+    ground = vehicle.ground(expected.baseline_m)
+    step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior, ground)
+    if vehicle.strays(step.rotation, step.direction):
+        law = vehicle.law
+        kept = expected.prior._replace(
+            direction=law.direction,
+            sigma_direction=np.array([HELD_SIGMA, HELD_SIGMA]),
+            halfway=True,
+        )
+        step = _refine(
+            before, now, step.rotation, half_turn(step.rotation, law.direction), kept, ground
+        )
+    return step if step.inlier.sum() >= fewest else None
+
+
 def _refine(
     before: View,
     now: View,
@@ -241,22 +256,21 @@ def _refine(
 ) -> Step:
     # Ties chosen by a motion tend to confirm it: choose again while it still moves.
     tied = register_ties(before, now, rotation, direction, ground)
-    step = _fit_ties(before, now, tied, (rotation, direction), prior)
+    step = fit_ties(before, now, tied, (rotation, direction), prior)
     for _ in range(ROUNDS - 1):
         if np.abs(step.direction - direction).max() < AGAIN_RAD:
             break
         rotation, direction = step.rotation, step.direction
         tied = register_ties(before, now, rotation, direction, ground, tied)
-        step = _fit_ties(before, now, tied, (rotation, direction), prior)
+        step = fit_ties(before, now, tied, (rotation, direction), prior)
     if ground is None:
         return step
     tied = register_road(before, now, step.rotation, step.direction, ground, tied)
-    return _fit_ties(before, now, tied, (step.rotation, step.direction), prior)
+    return fit_ties(before, now, tied, (step.rotation, step.direction), prior)
 
 
-def _fit_ties(
-    before: View, now: View, tied: Tied, start: tuple[Array, Array], prior: Prior
-) -> Step:
+def fit_ties(before: View, now: View, tied: Tied, start: tuple[Array, Array], prior: Prior) -> Step:
+    """Rotation and direction that fit registered ties best, from a start a few pixels away at most."""
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
     for scale in FINE_SCALES_PX:

@@ -119,14 +119,21 @@ def find_coarse_motion(
         return None, 0
     previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
     current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
-    best = _released(previous, current, predicted, prior, now.focal_px)
-    agreeing = _agreeing(previous, current, best, now.focal_px)
-    if agreeing < CLEAR_SHARE * len(pairs):
+    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px)
+
+
+def fit_coarse_motion(
+    previous: Array, current: Array, prior: Prior, predicted: Array, focal_px: float
+) -> tuple[EpipolarFit, int]:
+    """Rotation and direction from matched rays (n, 2), good to a pixel or so, and how many of them agree."""
+    best = _released(previous, current, predicted, prior, focal_px)
+    agreeing = _agreeing(previous, current, best, focal_px)
+    if agreeing < CLEAR_SHARE * len(previous):
         for yaw_deg in OTHER_STARTS_DEG:
             turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
-            fit = _released(previous, current, turn @ predicted, prior, now.focal_px)
+            fit = _released(previous, current, turn @ predicted, prior, focal_px)
             best = fit if fit.cost < best.cost else best
-        agreeing = _agreeing(previous, current, best, now.focal_px)
+        agreeing = _agreeing(previous, current, best, focal_px)
     return best, agreeing
 
 
