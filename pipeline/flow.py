@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from time import thread_time
+from typing import Any, Protocol
 
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.workers import StageClock, ordered_parallel, staged
@@ -30,6 +31,13 @@ from wayside.stages.shape import classify_shape
 from wayside.stages.track import track
 
 
+class Observer(Protocol):
+    """Sees every item that leaves a stage, in the thread that made it."""
+
+    def see(self, stage: str, frame: Frame, item: Any) -> None:
+        """Take note; must not raise and must not keep the run waiting."""
+
+
 @dataclass(frozen=True, slots=True)
 class Flow:
     """The chain with its settings and models; one instance serves one log."""
@@ -37,6 +45,7 @@ class Flow:
     settings: Settings
     models: Models
     clock: StageClock
+    observer: Observer | None = None
 
     def signs(self, frames: Iterator[Frame]) -> Iterator[Settled]:
         """Send frames all the way: every frame comes out once, in order, with what ended there."""
@@ -71,12 +80,35 @@ class Flow:
     def _stage(
         self, name: str, items: Iterator[Any], stage: Callable[..., Iterator[Any]], **how: Any
     ) -> Iterator[Any]:
-        return staged(name, lambda own: stage(own, **how), items, self.clock, frame_index)
+        results = staged(name, lambda own: stage(own, **how), items, self.clock, frame_index)
+        return observed(name, results, self.observer, self.clock)
+
+
+def observed(
+    name: str, items: Iterator[Any], observer: Observer | None, clock: StageClock
+) -> Iterator[Any]:
+    """Show every item to the observer, if there is one; its time is counted as that of a stage `view`."""
+    if observer is None:
+        yield from items
+        return
+    for item in items:
+        frame = frame_of(item)
+        if frame is not None:
+            start = thread_time()
+            observer.see(name, frame, item)
+            clock.add("view", thread_time() - start)
+        yield item
+
+
+def frame_of(item: Any) -> Frame | None:
+    """The frame that any travelling type belongs to."""
+    for holder in ("look", "segmented", "picture", "frame"):
+        while hasattr(item, holder):
+            item = getattr(item, holder)
+    return item if isinstance(item, Frame) else None
 
 
 def frame_index(item: Any) -> int | None:
     """Index of the frame that any travelling type belongs to."""
-    for holder in ("look", "segmented", "picture", "frame"):
-        while hasattr(item, holder):
-            item = getattr(item, holder)
-    return item.index if isinstance(item, Frame) else None
+    frame = frame_of(item)
+    return None if frame is None else frame.index

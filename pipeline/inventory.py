@@ -35,9 +35,10 @@ _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """What was written: sign rows in the order of the file, counts, and the world they stand in."""
+    """What was written: sign rows in the order of the file and their places, counts, the world they stand in."""
 
     signs: list[dict[str, Any]]
+    places: list[Place]
     rows: dict[str, int]
     verdicts: dict[str, int]
     world: World
@@ -130,7 +131,7 @@ class InventoryWriter:
             OBSERVATIONS.file: self._observation_count,
             FRAMES.file: len(self._frames),
         }
-        return Inventory(signs, rows, dict(sorted(self._verdicts.items())), world, height)
+        return Inventory(signs, ordered, rows, dict(sorted(self._verdicts.items())), world, height)
 
     def _observations(self, settled: Settled) -> pa.RecordBatch:
         table = settled.candidates

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 
-from wayside.pipeline.flow import Flow, frame_index
+from wayside.pipeline.flow import Flow, Observer, frame_index, observed
 from wayside.pipeline.inventory import Inventory, InventoryWriter
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -31,6 +31,16 @@ from wayside.stages.numerics.heap import keep_heap
 Watcher = Callable[[Settled, ReadReport], None]
 
 
+class RunObserver(Observer, Protocol):
+    """Sees a run from the first frame to the inventory; its own faults are words, never exceptions."""
+
+    def finish(self, inventory: Inventory) -> None:
+        """Take note of what only the end tells."""
+
+    def close(self) -> list[str]:
+        """Write what waits; what went wrong."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunResult:
     """What a run did, for the closing summary and `run.json`."""
@@ -42,6 +52,7 @@ class RunResult:
     frames: dict[str, int]
     stage_seconds: dict[str, float]
     wall_seconds: float
+    view_faults: tuple[str, ...] = ()
 
     @property
     def lost(self) -> list[str]:
@@ -60,6 +71,7 @@ def run_log(
     arguments: list[str],
     every_region: bool = False,
     watch: Watcher = lambda settled, report: None,
+    open_observer: Callable[[], RunObserver] | None = None,
 ) -> RunResult:
     """Process one log and write its tables and `run.json` into `folder`.
 
@@ -75,6 +87,8 @@ def run_log(
         List regions that the colour gate refused, too.
     watch
         Called with every settled frame on its way to the tables.
+    open_observer
+        Called when the folder is there and the log can be read; what it gives sees every item of every stage.
 
     Raises
     ------
@@ -92,13 +106,14 @@ def run_log(
     report, clock = ReadReport(), StageClock()
     frames = _read(log, settings, report, clock)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
-    flow = Flow(settings, models, clock)
+    observer = None if open_observer is None else open_observer()
+    flow = Flow(settings, models, clock, observer)
     writer = InventoryWriter(
         folder, log.stem, confidence=settings.locate.confidence, every_region=every_region
     )
     statuses: Counter[str] = Counter()
     try:
-        for settled in flow.signs(_with_first(first, frames)):
+        for settled in flow.signs(observed("read", _with_first(first, frames), observer, clock)):
             statuses[settled.frame.status] += 1
             writer.append(settled)
             watch(settled, report)
@@ -106,10 +121,18 @@ def run_log(
             raise InputError(_no_picture(log, statuses))
     except BaseException:
         writer.discard()
+        if observer is not None:
+            observer.close()
         raise
     inventory = writer.finish()
+    faults: list[str] = []
+    if observer is not None:
+        observer.finish(inventory)
+        faults = observer.close()
     wall = time.perf_counter() - started
-    result = RunResult(log, folder, inventory, report, dict(statuses), clock.seconds(), wall)
+    result = RunResult(
+        log, folder, inventory, report, dict(statuses), clock.seconds(), wall, tuple(faults)
+    )
     _write_run(result, settings, models, arguments)
     return result
 

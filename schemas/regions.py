@@ -22,6 +22,17 @@ COLORS = (
     "brown",
     "fluorescent_yellow_green",
 )
+COLOR_RGB = {
+    "white": (245, 245, 245),
+    "yellow": (245, 200, 40),
+    "green": (40, 160, 80),
+    "red": (210, 40, 50),
+    "orange": (245, 130, 30),
+    "blue": (40, 110, 210),
+    "brown": (140, 90, 50),
+    "fluorescent_yellow_green": (190, 240, 50),
+}
+"""What a class is drawn in: the colour of the signs, bright enough on a dark ground."""
 SHAPES = (
     "rectangle",
     "diamond",

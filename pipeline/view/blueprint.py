@@ -1,0 +1,123 @@
+"""How the viewer is laid out, so that the reasoning can be read without a click."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from wayside.pipeline.view import entities as at
+from wayside.schemas.regions import VERDICTS
+
+QUIET = ("glance", "score", "size", "overlap", "color", "shape", "unmatched", "few_views")
+"""Verdicts whose boxes are there, but off: there are too many of them to see the picture."""
+AROUND = 4.0
+"""The picture of one sign shows this many times its size on every side."""
+FLAT = f"- /{at.CAMERA}/**"
+NO_RAYS = f"- /{at.SIGN_RAYS}/**"
+
+
+def drive_layout() -> rrb.Blueprint:
+    """The whole drive: picture with layers, 3-D behind the vehicle, from above, across the road, plots, table."""
+    hidden = [f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET]
+    hidden += [at.KEYPOINTS, at.SIFT_POINTS, at.MATCHES, *at.PASSES]
+    camera = rrb.Spatial2DView(
+        origin=at.CAMERA,
+        name="camera",
+        contents=["$origin/**", f"- /{at.CHAINS}/**"],
+        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
+    )
+    chased = rrb.Spatial3DView(
+        origin=at.VEHICLE,
+        name="3-D, behind the vehicle",
+        contents=[f"+ /{at.WORLD}/**", FLAT, f"+ /{at.CAMERA}", NO_RAYS],
+        overrides={at.POINTS_STRAIGHT: rrb.EntityBehavior(visible=False)},
+        eye_controls=rrb.EyeControls3D(
+            position=[0, -9, -16], look_target=[0, 0, 20], eye_up=[0, -1, 0]
+        ),
+    )
+    above = rrb.Spatial3DView(
+        origin=at.VEHICLE,
+        name="from above",
+        contents=[f"+ /{at.WORLD}/**", FLAT, NO_RAYS, f"- /{at.WORLD}/points/**"],
+        eye_controls=rrb.EyeControls3D(
+            position=[0, -110, 30], look_target=[0, 0, 31], eye_up=[0, 0, 1]
+        ),
+    )
+    across = rrb.Spatial2DView(origin=at.LOCATION, name="across the road")
+    residuals = rrb.TimeSeriesView(
+        origin=at.RESIDUALS, name="residual, px", plot_legend=rrb.PlotLegend(visible=True)
+    )
+    iterations = rrb.BarChartView(origin=at.ITERATIONS, name="residual by iteration, px")
+    gates = rrb.TimeSeriesView(
+        origin=at.GATES, name="candidates by stage", plot_legend=rrb.PlotLegend(visible=True)
+    )
+    signs = rrb.TimeSeriesView(origin=at.SIGN_RESIDUALS, name="residual of signs, px")
+    words = (
+        rrb.TextDocumentView(origin=at.INVENTORY, name="inventory"),
+        rrb.TextLogView(origin=at.REJECTIONS, name="refused, and why"),
+        # Last and not on top: its tiles come over the network, and only when the tab is opened.
+        rrb.MapView(origin=at.MAP, name="map"),
+    )
+    return _laid_out(
+        rrb.Vertical(camera, rrb.Tabs(*words, active_tab=1), row_shares=[3, 1.3]),
+        rrb.Vertical(
+            chased,
+            rrb.Horizontal(above, across),
+            rrb.Horizontal(residuals, rrb.Tabs(iterations, gates, signs)),
+            row_shares=[1.6, 1.2, 1],
+        ),
+    )
+
+
+def sign_layout(
+    sign_id: str, best_range_m: float, best_box: tuple[float, float, float, float]
+) -> rrb.Blueprint:
+    """One sign: only its own chain of boxes, rays and residuals, and the camera's path; the picture is near its box."""
+    x, y = (best_box[0] + best_box[2]) / 2, (best_box[1] + best_box[3]) / 2
+    reach = AROUND * max(best_box[2] - best_box[0], best_box[3] - best_box[1])
+    part = rr.escape_entity_path_part(sign_id)
+    camera = rrb.Spatial2DView(
+        origin=at.CAMERA,
+        name=f"{sign_id}: measured and, white, reprojected",
+        contents=[f"+ /{at.IMAGE}", f"+ /{at.CHAINS}/{part}/**"],
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[x - reach, x + reach], y_range=[y - reach, y + reach]
+        ),
+    )
+    own = [
+        f"+ /{path}"
+        for path in (
+            f"{at.SIGNS}/{part}/**",
+            f"{at.SIGN_RAYS}/{part}",
+            at.PATH,
+            at.VEHICLE,
+            at.CAMERA,
+        )
+    ]
+    space = rrb.Spatial3DView(
+        origin=at.VEHICLE,
+        name="its rays and 2-sigma ellipsoid",
+        contents=own,
+        eye_controls=rrb.EyeControls3D(
+            position=[-0.3 * best_range_m, -0.4 * best_range_m, -0.4 * best_range_m],
+            look_target=[0, 0, 0.6 * best_range_m],
+            eye_up=[0, -1, 0],
+        ),
+    )
+    residuals = rrb.TimeSeriesView(
+        origin=f"{at.SIGN_RESIDUALS}/{part}", name="reprojection residual, px"
+    )
+    words = rrb.TextDocumentView(origin=f"{at.SIGN_FIGURES}/{part}", name="figures")
+    return _laid_out(camera, rrb.Vertical(space, residuals, words, row_shares=[2, 1, 1]))
+
+
+def _laid_out(left: rrb.Container | rrb.View, right: rrb.Container | rrb.View) -> rrb.Blueprint:
+    parts: Sequence[rrb.Container | rrb.View] = (left, right)
+    return rrb.Blueprint(
+        rrb.Horizontal(*parts, column_shares=[1.25, 1]),
+        rrb.TimePanel(state="collapsed", timeline=at.FRAME),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )

@@ -1,0 +1,213 @@
+"""What is known when the drive has ended: every sign with its views, rays and residuals, the table, the map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from wayside.pipeline.inventory import Inventory
+from wayside.pipeline.view import entities as at
+from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
+from wayside.pipeline.view.views import AFTER, BEFORE, place_color, place_words, reprojected_box
+from wayside.schemas.frame import Camera, Pose
+from wayside.schemas.models import GaussianModel
+from wayside.schemas.motion import Place
+
+SIGMAS = 2.0
+"""Ellipsoids and ellipses are drawn at so many standard deviations."""
+LEAST_HALF_AXIS_M = 0.02
+
+
+def opening(location: GaussianModel) -> Batch:
+    """What holds for the whole drive: axes of the world, ellipses of the location model."""
+    found = [Entity(at.WORLD, (rr.ViewCoordinates.RDF,))]
+    for one in location.classes:
+        # The plane across the road as a picture: right is right, up is up (pictures count downwards).
+        ring = ellipse(one.mean, one.covariance, one.threshold) * (1.0, -1.0)
+        strip = rr.LineStrips2D([ring], colors=[(255, 255, 255)], labels=[one.name])
+        found.append(Entity(f"{at.LOCATION}/{one.name}", (strip,)))
+    for name, ink in (("straight", BEFORE), ("adjusted", AFTER)):
+        found.append(
+            Entity(f"{at.RESIDUALS}/{name}", (rr.SeriesLines(colors=[ink], names=[name]),))
+        )
+    return Batch(None, tuple(found))
+
+
+def ellipse(
+    mean: NDArray[np.float64], covariance: NDArray[np.float64], distance: float
+) -> NDArray[np.float64]:
+    """Points (65, 2) at a Mahalanobis distance from a mean (2,) with covariance (2, 2)."""
+    turn = np.linspace(0, 2 * np.pi, 65)
+    circle = np.stack([np.cos(turn), np.sin(turn)])
+    return np.asarray(mean + distance * (np.linalg.cholesky(covariance) @ circle).T, np.float64)
+
+
+def closing(
+    inventory: Inventory,
+    poses: Mapping[int, tuple[Pose, Camera]],
+    times: Mapping[int, Times],
+) -> Iterator[Batch | Columns]:
+    """Everything that only the end of the drive tells, sign by sign."""
+    yield Batch(None, tuple(_table_and_map(inventory)))
+    for row, place in zip(inventory.signs, inventory.places, strict=True):
+        yield from chain(row["sign_id"], place, poses, times)
+        figures = rr.TextDocument(sign_figures(row), media_type="text/markdown")
+        part = rr.escape_entity_path_part(row["sign_id"])
+        yield Batch(None, (Entity(f"{at.SIGN_FIGURES}/{part}", (figures,)),))
+
+
+def chain(
+    sign_id: str,
+    place: Place,
+    poses: Mapping[int, tuple[Pose, Camera]],
+    times: Mapping[int, Times],
+) -> Iterator[Batch | Columns]:
+    """One sign: its ellipsoid and panel, a ray a view, boxes and residuals in every frame it was measured in."""
+    ink = place_color(place)
+    centre = place.best_pose.to_world(place.position)
+    part = rr.escape_entity_path_part(sign_id)
+    views = [view for view in place.views if view.frame in poses and view.frame in times]
+    rays = [np.stack([poses[view.frame][0].centre, centre]) for view in views]
+    words = f"{sign_id}: {place_words(place)}"
+    yield Batch(
+        None,
+        (
+            Entity(f"{at.SIGNS}/{part}", (_panel(place, centre, ink, words),)),
+            Entity(f"{at.SIGNS}/{part}/error", (_ellipsoid(place, centre, ink),)),
+            Entity(f"{at.SIGN_RAYS}/{part}", (rr.LineStrips3D(rays, colors=[ink], radii=0.015),)),
+        ),
+    )
+    if not views:
+        return
+    when = tuple(times[view.frame] for view in views)
+    measured = np.array([view.box for view in views])
+    expected = np.array([reprojected_box(place, *poses[view.frame]) for view in views])
+    for name, boxes in (("measured", measured), ("reprojected", expected)):
+        half, middle = (boxes[:, 2:] - boxes[:, :2]) / 2, (boxes[:, 2:] + boxes[:, :2]) / 2
+        columns = rr.Boxes2D.columns(
+            centers=middle,
+            half_sizes=half,
+            colors=[ink if name == "measured" else (255, 255, 255)] * len(views),
+        )
+        yield Columns(f"{at.CHAINS}/{part}/{name}", when, tuple(columns))
+        yield from _cleared(f"{at.CHAINS}/{part}/{name}", when, times)
+    residuals = rr.Scalars.columns(scalars=[view.residual_px for view in views])
+    yield Columns(f"{at.SIGN_RESIDUALS}/{part}", when, tuple(residuals))
+
+
+def _cleared(path: str, when: Sequence[Times], times: Mapping[int, Times]) -> Iterator[Batch]:
+    """Clear a chain in frames between and after its views, so that no box is shown where nothing was measured."""
+    seen = {t.frame for t in when}
+    for frame in sorted(seen):
+        after = frame + 1
+        if after not in seen and after in times:
+            yield Batch(times[after], (Entity(path, (rr.Clear(recursive=False),)),))
+
+
+def _panel(
+    place: Place, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
+) -> rr.Boxes3D:
+    size = np.array([place.width_m, place.height_m, 0.03])
+    turn = place.best_pose.rotation @ _about_down(np.radians(place.facing_deg))
+    return rr.Boxes3D(
+        centers=[centre],
+        half_sizes=[size / 2],
+        quaternions=[rr.Quaternion(xyzw=_quaternion(turn))],
+        colors=[ink],
+        fill_mode=rr.components.FillMode.Solid,
+        labels=[words],
+        show_labels=False,
+    )
+
+
+def _ellipsoid(
+    place: Place, centre: NDArray[np.float64], ink: tuple[int, int, int]
+) -> rr.Ellipsoids3D:
+    square, axes = np.linalg.eigh(place.covariance)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    half = np.maximum(SIGMAS * np.sqrt(np.maximum(square, 0.0)), LEAST_HALF_AXIS_M)
+    return rr.Ellipsoids3D(
+        centers=[centre],
+        half_sizes=[half],
+        quaternions=[rr.Quaternion(xyzw=_quaternion(place.best_pose.rotation @ axes))],
+        colors=[(*ink, 120)],
+    )
+
+
+def _about_down(angle: float) -> NDArray[np.float64]:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(Rotation.from_matrix(rotation).as_quat())
+
+
+def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
+    document = rr.TextDocument(inventory_table(inventory.signs), media_type="text/markdown")
+    yield Entity(at.INVENTORY, (document,))
+    signs = inventory.signs
+    cross = rr.Points2D(
+        np.array([(p.offset[0], -p.offset[1]) for p in inventory.places]).reshape(-1, 2),
+        colors=[place_color(p) for p in inventory.places] or None,
+        labels=[row["sign_id"] for row in signs] or None,
+        show_labels=False,
+        radii=rr.Radius.ui_points(4),
+    )
+    yield Entity(f"{at.LOCATION}/signs", (cross,))
+    if inventory.world.earth is None:
+        return
+    centres = np.array([pose.centre for _, pose in sorted(inventory.world.poses.items())])
+    route = inventory.world.earth.geodetic(centres)[:, [1, 0]]
+    yield Entity(f"{at.MAP}/route", (rr.GeoLineStrings(lat_lon=[route]),))
+    if signs:
+        places = rr.GeoPoints(
+            lat_lon=[(row["lat_deg"], row["lon_deg"]) for row in signs],
+            colors=[place_color(p) for p in inventory.places],
+            radii=rr.Radius.ui_points(6),
+        )
+        yield Entity(f"{at.MAP}/signs", (places,))
+
+
+def sign_figures(row: Mapping[str, Any]) -> str:
+    """One sign's row as a markdown table of two columns."""
+    lines = [
+        f"# {row['sign_id']}: {row['color'] or '?'} {row['shape'] or '?'}",
+        "",
+        "| | |",
+        "|---|---|",
+    ]
+    for name, value in row.items():
+        if value is None or isinstance(value, (list, bytes)) or name in ("sign_id", "log"):
+            continue
+        lines.append(
+            f"| {name} | {value:.3f} |" if isinstance(value, float) else f"| {name} | {value} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
+    """The signs as a markdown table."""
+    head = "| sign | colour | shape | station m | right m | up m | width m | height m | ± along m"
+    rule = "|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|"
+    lines = [f"# {len(signs)} signs", "", f"{head} | views | confidence |", rule]
+    for row in signs:
+        numbers = [
+            _number(row[name])
+            for name in (
+                *("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m"),
+                "sigma_along_m",
+            )
+        ]
+        cells = (row["sign_id"], row["color"] or "?", row["shape"] or "?", *numbers)
+        lines.append(f"| {' | '.join(cells)} | {row['views']} | {row['confidence']:.2f} |")
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"

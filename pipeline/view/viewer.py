@@ -1,0 +1,208 @@
+"""The Rerun viewer as a program of ours: found, started on loopback, asked for a picture, ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import rerun
+from rerun.experimental import ViewerClient
+
+from wayside.schemas.errors import InputError, OutputError, UsageError
+
+LOOPBACK = "127.0.0.1"
+"""The viewer's own default listens to the whole network."""
+PROBE_S, START_S, LOAD_S = 0.5, 20.0, 60.0
+STEADY_POLLS, POLL_S = 3, 0.3
+VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
+SOFTWARE = ("lvp_icd.x86_64.json", "lvp_icd.aarch64.json", "lvp_icd.json")
+MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
+
+
+def viewer_program() -> Path:
+    """The viewer's own binary; the console script beside it is a wrapper that survives its child."""
+    name = "rerun.exe" if os.name == "nt" else "rerun"
+    path = Path(rerun.__file__).resolve().parents[1] / "rerun_cli" / name
+    if not path.is_file():
+        raise InputError(
+            f"{path}: wanted the viewer of rerun-sdk, found none; install rerun-sdk again"
+        )
+    return path
+
+
+def probe(address: str) -> str:
+    """Make sure that a viewer listens at an address; the address as Rerun writes it.
+
+    Raises
+    ------
+    UsageError
+        Where it is no address.
+    InputError
+        Where nobody listens: Rerun itself would wait, and stop the run once its buffer is full.
+    """
+    full = address if "://" in address else f"rerun+http://{address}/proxy"
+    try:
+        parts = urlsplit(full)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if host is None or port is None:
+        raise UsageError(
+            f"--connect {address}: wanted an address such as rerun+http://127.0.0.1:9876/proxy or 127.0.0.1:9876"
+        )
+    try:
+        socket.create_connection((host, port), PROBE_S).close()
+    except OSError as error:
+        raise InputError(
+            f"--connect {address}: wanted a viewer that listens there, found: {error}; "
+            f"start one with `{viewer_program().name} --bind {LOOPBACK} --port {port}`, or use --view file"
+        ) from error
+    return full
+
+
+def start_viewer(
+    files: Sequence[Path], *, serve: bool = False
+) -> tuple[subprocess.Popen[bytes], str]:
+    """Start a viewer with a window, or with `serve` one for the browser; the process and its address.
+
+    It listens on loopback only and lives on when this program ends.
+
+    Raises
+    ------
+    InputError
+        Where there is no display, or the viewer does not come up.
+    """
+    if not serve:
+        require_display()
+    port, web = free_port(), free_port()
+    options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
+    process = _start(files, port, options, dict(os.environ))
+    address = f"rerun+http://{LOOPBACK}:{port}/proxy"
+    _wait_for_port(process, port)
+    if serve:
+        print(f"in a browser: http://{LOOPBACK}:{web}/?url={address}", file=sys.stderr)
+    return process, address
+
+
+def require_display() -> None:
+    """Raise InputError where a window cannot open."""
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise InputError(
+            "wanted a display for the viewer's window, found none (DISPLAY is not set); "
+            "use `wayside view --serve` for a browser, `wayside picture` for a PNG, or copy the .rrd to a desktop"
+        )
+
+
+@contextlib.contextmanager
+def headless(files: Sequence[Path], size: tuple[int, int]) -> Iterator[ViewerClient]:
+    """A viewer without a window, drawn by a software Vulkan, with the files loaded.
+
+    Raises
+    ------
+    OutputError
+        Where no software Vulkan is installed, or the viewer does not come up.
+    """
+    port = free_port()
+    options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
+    environment = dict(os.environ, WGPU_BACKEND="vulkan", VK_ICD_FILENAMES=str(software_vulkan()))
+    process = _start(files, port, options, environment)
+    try:
+        _wait_for_port(process, port)
+        client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
+        _wait_until_loaded(client)
+        yield client
+    finally:
+        end(process)
+
+
+def software_vulkan() -> Path:
+    """The driver file of Mesa's software Vulkan; raises OutputError that names the packages where there is none."""
+    for name in SOFTWARE:
+        if (VULKAN_DRIVERS / name).is_file():
+            return VULKAN_DRIVERS / name
+    raise OutputError(
+        f"wanted a software Vulkan to draw with, found none in {VULKAN_DRIVERS}; install the Debian packages "
+        "mesa-vulkan-drivers and libvulkan1, or use `wayside evidence`, which needs neither"
+    )
+
+
+def show_frame(client: ViewerClient, timeline: str, frame: int) -> None:
+    """Move the time panel to a frame, and wait until the views have followed."""
+    client.set_time(timeline, sequence=frame)
+    time.sleep(4 * POLL_S)
+
+
+def view_errors(client: ViewerClient) -> list[str]:
+    """What the viewer could not draw, view by view."""
+    return [
+        f"{view.name}: {report}"
+        for view in client.get_state().views
+        for report in view.reports
+        if report.severity == "error"
+    ]
+
+
+def free_port() -> int:
+    """A port of loopback that nobody listens at."""
+    with socket.socket() as one:
+        one.bind((LOOPBACK, 0))
+        return int(one.getsockname()[1])
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """End the viewer and all it started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        if os.name == "nt":
+            process.kill()
+        else:
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _start(
+    files: Sequence[Path], port: int, options: Sequence[str], environment: dict[str, str]
+) -> subprocess.Popen[bytes]:
+    command = [str(viewer_program()), "--bind", LOOPBACK, "--port", str(port), *MEMORY, *options]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(
+        [*command, *(str(f) for f in files)], env=environment, start_new_session=True, **quiet
+    )
+
+
+def _wait_for_port(process: subprocess.Popen[bytes], port: int) -> None:
+    late = time.monotonic() + START_S
+    while time.monotonic() < late and process.poll() is None:
+        try:
+            socket.create_connection((LOOPBACK, port), 0.2).close()
+            return
+        except OSError:
+            time.sleep(0.1)
+    end(process)
+    raise OutputError(
+        f"wanted the viewer to come up within {START_S:g} s, found "
+        f"{'no answer' if process.returncode is None else 'that it ended at once'}; "
+        f"try `{viewer_program()} --version`"
+    )
+
+
+def _wait_until_loaded(client: ViewerClient) -> None:
+    """Return when the loaded recordings have stopped to grow."""
+    late, steady, before = time.monotonic() + LOAD_S, 0, ""
+    while time.monotonic() < late and steady < STEADY_POLLS:
+        state = client.get_state()
+        now = str([(r.store_id, r.timelines) for r in state.recordings])
+        loaded = bool(state.recordings) and bool(state.views)
+        steady = steady + 1 if loaded and now == before else 0
+        before = now
+        time.sleep(POLL_S)

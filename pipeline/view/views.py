@@ -1,0 +1,421 @@
+"""What each type of the flow looks like in the viewer: one function a type.
+
+A frame's entities are sent whether there is something to show or not: an empty one clears what the frame before left.
+The world is the drive's own frame: x right, y down, z ahead of the first camera, metres.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from wayside.pipeline.view import entities as at
+from wayside.pipeline.view.entities import Entity
+from wayside.schemas.frame import Camera, Frame, Picture, Pose
+from wayside.schemas.motion import Motion, Moved, Place, Settled, Ties
+from wayside.schemas.regions import (
+    COLOR_RGB,
+    COLORS,
+    SHAPES,
+    SOURCES,
+    VERDICTS,
+    Candidates,
+    Judged,
+    Look,
+    Segmented,
+    verdict_code,
+)
+from wayside.stages.numerics.triangulate import midpoint, pair_residual
+from wayside.stages.numerics.undistort import distort_points, rays_of_ideal
+
+IMAGES = ("all", "signs", "none")
+RECENT = 60
+"""Frames whose path and places stay in view behind the vehicle."""
+IMAGE_PLANE_M, REACH_M = 3.0, 150.0
+GREY, GOOD, BAD = (150, 150, 150), (90, 220, 120), (240, 90, 90)
+BEFORE, AFTER = (245, 150, 60), GOOD
+"""The straight motion, and the adjusted one."""
+JPEG_QUALITY = 85
+PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
+LAST_STAGE, SIGN, OPEN = "assemble", verdict_code("sign"), verdict_code("open")
+
+
+class NoViewError(TypeError):
+    """A type travels through the flow and nobody has said what it looks like."""
+
+
+@dataclass(slots=True)
+class Scene:
+    """What views remember from frame to frame; the last three only where the frames are in order."""
+
+    images: str = "all"
+    detail: bool = False
+    poses: dict[int, tuple[Pose, Camera]] = field(default_factory=dict)
+    path: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=RECENT))
+    places: deque[tuple[int, Place]] = field(default_factory=deque)
+
+
+def entities_of(item: Any, stage: str, scene: Scene) -> tuple[Entity, ...]:
+    """What an item that left a stage looks like; raises NoViewError for a type that has no view."""
+    view = VIEWS.get(type(item))
+    if view is None:
+        raise NoViewError(
+            f"no view for {type(item).__name__}: add a function to pipeline/view/views.py"
+        )
+    return tuple(view(item, stage, scene))
+
+
+def view_frame(frame: Frame, stage: str, scene: Scene) -> list[Entity]:
+    """The camera, and the recorded bytes as they are; a frame that is not used says why."""
+    if not frame.used or frame.camera is None:
+        words = rr.TextLog(f"picture {frame.index} not used: {frame.status}", level="WARN")
+        return [
+            Entity(at.REJECTIONS, (words,)),
+            Entity(at.VEHICLE, (rr.Clear(recursive=True),)),
+        ]
+    camera = frame.camera
+    pinhole = rr.Pinhole(
+        image_from_camera=camera.matrix,
+        resolution=[camera.width, camera.height],
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=IMAGE_PLANE_M,
+    )
+    found = [Entity(at.CAMERA, (pinhole,))]
+    media_type = PASSED_THROUGH.get(frame.encoding)
+    if media_type is not None and scene.images != "none":
+        found.append(
+            Entity(at.IMAGE, (rr.EncodedImage(contents=bytes(frame.data), media_type=media_type),))
+        )
+    return found
+
+
+def view_picture(picture: Picture, stage: str, scene: Scene) -> list[Entity]:
+    """Pixels only of what was recorded without compression: those are compressed here; all else went before."""
+    raw = picture.rgb is not None and picture.frame.encoding not in PASSED_THROUGH
+    if not raw or scene.images == "none" or picture.rgb is None:
+        return []
+    good, coded = cv2.imencode(
+        ".jpg",
+        cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR),
+        [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY],
+    )
+    if not good:
+        return []
+    return [Entity(at.IMAGE, (rr.EncodedImage(contents=coded.tobytes(), media_type="image/jpeg"),))]
+
+
+def view_segmented(item: Segmented, stage: str, scene: Scene) -> list[Entity]:
+    """How many regions of each source; with detail the label images of both passes in their own colours."""
+    counts = np.bincount(item.regions.source, minlength=len(SOURCES))
+    found = [
+        Entity(f"{at.GATES}/{stage}/{name}", (rr.Scalars([float(count)]),))
+        for name, count in zip(SOURCES, counts, strict=True)
+        if count
+    ]
+    if (
+        scene.detail
+        and stage == "segment"
+        and item.labels is not None
+        and item.picture.rgb is not None
+    ):
+        shape = item.picture.rgb.shape[:2]
+        levels = np.linspace(40, 255, max(len(item.difference_levels) + 1, 2)).astype(np.uint8)
+        inks = (item.palette.astype(np.uint8), np.repeat(levels[:, None], 3, axis=1))
+        for path, labels, ink in zip(at.PASSES, item.labels, inks, strict=True):
+            classes = [(i + 1, "", tuple(int(v) for v in rgb)) for i, rgb in enumerate(ink)]
+            image = rr.SegmentationImage(halved_labels(labels, item.rows, shape), opacity=0.7)
+            found.append(Entity(path, (rr.AnnotationContext(classes), image)))
+    return found
+
+
+def halved_labels(
+    labels: NDArray[np.uint8], rows: tuple[int, int], shape: tuple[int, ...]
+) -> NDArray[np.uint8]:
+    """Labels + 1 of every second pixel, spread over the picture (0 where not segmented).
+
+    Doubled again so that they lie over the picture; pairs of equal pixels compress to half the size.
+    """
+    full = np.zeros(shape, np.uint8)
+    half = labels[::2, ::2] + np.uint8(1)
+    twice = half.repeat(2, axis=0).repeat(2, axis=1)
+    full[rows[0] : rows[1]] = twice[: labels.shape[0], : labels.shape[1]]
+    return full
+
+
+def view_judged(item: Judged, stage: str, scene: Scene) -> list[Entity]:
+    """How many candidates are still open after the stage, and how many it or one before it refused."""
+    left = len(item.candidates.open_rows())
+    return [
+        Entity(f"{at.GATES}/{stage}/kept", (rr.Scalars([float(left)]),)),
+        Entity(f"{at.GATES}/{stage}/refused", (rr.Scalars([float(len(item.candidates) - left)]),)),
+    ]
+
+
+def view_look(item: Look, stage: str, scene: Scene) -> list[Entity]:
+    """Corners for tie points, and SIFT points on candidates."""
+    if not item.picture.frame.used:
+        return []
+    return [
+        Entity(at.KEYPOINTS, (_points2d(item.features.corners, (120, 200, 255)),)),
+        Entity(at.SIFT_POINTS, (_points2d(item.features.sign_points, (255, 160, 255)),)),
+    ]
+
+
+def _points2d(points: NDArray[np.float32], ink: tuple[int, int, int]) -> rr.Points2D:
+    return rr.Points2D(points, colors=[ink], radii=rr.Radius.ui_points(1.5))
+
+
+def view_moved(item: Moved, stage: str, scene: Scene) -> list[Entity]:
+    """The camera's place and path; ties, their points by both motions, and residuals before and after adjustment."""
+    frame, motion = item.look.picture.frame, item.motion
+    if motion is None or frame.camera is None:
+        return []
+    scene.poses[frame.index] = (motion.pose, frame.camera)
+    scene.path.append(motion.pose.centre)
+    found = [
+        Entity(at.VEHICLE, (_transform(motion.pose),)),
+        Entity(
+            at.PATH,
+            (rr.LineStrips3D([np.array(scene.path)], colors=[(255, 255, 255)], radii=0.08),),
+        ),
+        *_view_ties(motion, frame.camera),
+    ]
+    for name, value in (
+        ("straight", motion.residual_straight_px),
+        ("adjusted", motion.residual_px),
+    ):
+        if np.isfinite(value):
+            found.append(Entity(f"{at.RESIDUALS}/{name}", (rr.Scalars([value]),)))
+    if motion.history_px:
+        found.append(Entity(at.ITERATIONS, (rr.BarChart(np.array(motion.history_px)),)))
+    return found
+
+
+def _transform(pose: Pose) -> rr.Transform3D:
+    return rr.Transform3D(translation=pose.centre, mat3x3=pose.rotation)
+
+
+def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
+    ties = motion.ties
+    if ties is None or motion.step is None:
+        empty = rr.Points3D(np.zeros((0, 3)))
+        return [
+            Entity(at.MATCHES, (rr.LineStrips2D([]),)),
+            Entity(at.POINTS_STRAIGHT, (empty,)),
+            Entity(at.POINTS_ADJUSTED, (empty,)),
+        ]
+    ends = np.stack(
+        [distort_points(camera, ties.previous), distort_points(camera, ties.current)], axis=1
+    ).astype(np.float32)
+    before, after = rays_of_ideal(camera, ties.previous), rays_of_ideal(camera, ties.current)
+    focal = (camera.fx, camera.fy)
+    step, expected = motion.step, motion.expected or motion.step
+    squares = pair_residual(before, after, step.rotation, step.centre, focal)
+    residual = np.sqrt(np.minimum(squares, 1e6) / 4).astype(np.float32)
+    ink = np.where(ties.inlier[:, None], GOOD, BAD).astype(np.uint8)
+    lines = rr.LineStrips2D(ends, colors=ink, radii=rr.Radius.ui_points(1.0))
+    return [
+        Entity(at.MATCHES, (lines, rr.AnyValues(residual_px=residual))),
+        Entity(
+            at.POINTS_STRAIGHT,
+            (_cloud(tied_points(before, after, expected), motion, ties, BEFORE),),
+        ),
+        Entity(at.POINTS_ADJUSTED, (_cloud(ties.point, motion, ties, AFTER),)),
+    ]
+
+
+def tied_points(
+    before: NDArray[np.float64], after: NDArray[np.float64], step: Pose
+) -> NDArray[np.float64]:
+    """Midpoints (n, 3) of ties in the current camera's frame by one step; nan where rays do not meet ahead."""
+    ones = np.ones((len(before), 1))
+    rays = np.hstack([before, ones]), np.hstack([after, ones]) @ step.rotation.T
+    found = midpoint(np.zeros(3), step.centre, *rays)
+    points = (found.point - step.centre) @ step.rotation
+    points[~found.ahead] = np.nan
+    return points
+
+
+def _cloud(
+    points: NDArray[np.float64], motion: Motion, ties: Ties, ink: tuple[int, int, int]
+) -> rr.Points3D:
+    with np.errstate(invalid="ignore"):
+        near = ties.inlier & (np.abs(points) < REACH_M).all(axis=1)
+    return rr.Points3D(motion.pose.to_world(points[near]), colors=[ink], radii=0.06)
+
+
+def view_settled(item: Settled, stage: str, scene: Scene) -> list[Entity]:
+    """Every candidate with its verdict, tracks, rays, places; places that were refused, with the reason in words."""
+    frame, motion = item.frame, item.motion
+    if motion is None or frame.camera is None:
+        return []
+    counts = np.bincount(item.candidates.verdict, minlength=len(VERDICTS))
+    signs = Entity(f"{at.GATES}/{stage}/sign", (rr.Scalars([float(counts[SIGN])]),))
+    if stage != LAST_STAGE:
+        return [signs]
+    scene.poses.setdefault(frame.index, (motion.pose, frame.camera))
+    scene.places.extend((frame.index, place) for place in item.places)
+    while scene.places and scene.places[0][0] < frame.index - RECENT:
+        scene.places.popleft()
+    recent = [place for _, place in scene.places]
+    active = seen_places(scene, frame.index)
+    return [
+        signs,
+        *_view_verdicts(item.candidates),
+        *_view_tracks(active, frame.index, motion, frame.camera, scene),
+        Entity(at.PLACES, (_places(recent),)),
+        Entity(f"{at.LOCATION}/places", (_cross_section(recent),)),
+        *(
+            Entity(at.REJECTIONS, (rr.TextLog(rejection(place), level="INFO"),))
+            for place in item.places
+            if place.verdict != "sign"
+        ),
+    ]
+
+
+def seen_places(scene: Scene, index: int) -> list[Place]:
+    """Recent places that a frame was measured in."""
+    return [p for _, p in scene.places if any(view.frame == index for view in p.views)]
+
+
+def _view_verdicts(candidates: Candidates) -> list[Entity]:
+    boxes = candidates.regions.box
+    found = []
+    for code, verdict in enumerate(VERDICTS):
+        if code == OPEN:  # nothing is open in a settled frame
+            continue
+        rows = np.flatnonzero(candidates.verdict == code)
+        quiet = verdict in ("glance", "size")
+        labels = None if quiet else [candidate_words(candidates, int(row)) for row in rows]
+        ink = [color_of(int(c)) for c in candidates.color[rows]] if verdict == "sign" else [GREY]
+        shown = rr.Boxes2D(
+            array=boxes[rows],
+            array_format=rr.Box2DFormat.XYXY,
+            colors=ink if len(rows) else None,
+            labels=labels if len(rows) else None,
+            show_labels=False,
+            radii=rr.Radius.ui_points(1.5 if verdict == "sign" else 0.7),
+        )
+        found.append(Entity(f"{at.CANDIDATES}/{verdict}", (shown,)))
+    return found
+
+
+def candidate_words(candidates: Candidates, row: int) -> str:
+    """What was found of a candidate: verdict, score, colour and shape with their distances."""
+    parts = [VERDICTS[candidates.verdict[row]]]
+    if np.isfinite(candidates.score[row]):
+        parts.append(f"score {candidates.score[row]:.1f}")
+    for names, kind, distance in (
+        (COLORS, candidates.color, candidates.color_distance),
+        (SHAPES, candidates.shape, candidates.shape_distance),
+    ):
+        if kind[row] >= 0:
+            parts.append(f"{names[kind[row]]} {distance[row]:.1f}")
+    return ", ".join(parts)
+
+
+def color_of(code: int) -> tuple[int, int, int]:
+    """Colour to draw a class in; grey for none."""
+    return COLOR_RGB[COLORS[code]] if code >= 0 else GREY
+
+
+def place_color(place: Place) -> tuple[int, int, int]:
+    """Colour to draw a place in: its own where it is a sign."""
+    return COLOR_RGB.get(place.color or "", GREY) if place.verdict == "sign" else GREY
+
+
+def _view_tracks(
+    active: list[Place], index: int, motion: Motion, camera: Camera, scene: Scene
+) -> list[Entity]:
+    strips, inks, boxes, labels, rays = [], [], [], [], []
+    for place in active:
+        centre = place.best_pose.to_world(place.position)
+        ink = place_color(place)
+        seen = [view for view in place.views if view.frame <= index]
+        strips.append(distort_points(camera, np.array([(v.u_px, v.v_px) for v in seen])))
+        inks.append(ink)
+        rays.append(np.stack([motion.pose.centre, centre]))
+        boxes.append(reprojected_box(place, motion.pose, camera))
+        labels.append(place_words(place))
+    signs = rr.Boxes2D(
+        array=np.array(boxes).reshape(-1, 4),
+        array_format=rr.Box2DFormat.XYXY,
+        colors=inks or None,
+        labels=labels or None,
+        show_labels=False,
+    )
+    return [
+        Entity(at.TRACKS, (rr.LineStrips2D(strips, colors=inks or None),)),
+        Entity(at.REPROJECTED, (signs,)),
+        Entity(at.RAYS, (rr.LineStrips3D(rays, colors=inks or None, radii=0.02),)),
+    ]
+
+
+def reprojected_box(place: Place, pose: Pose, camera: Camera) -> tuple[float, float, float, float]:
+    """Where a place's panel must appear in a picture, recorded pixels; nan behind the camera."""
+    x, y, z = pose.to_camera(place.best_pose.to_world(place.position))
+    if z < 0.5:
+        return (np.nan,) * 4
+    half = np.array([place.width_m, place.height_m]) / 2
+    corners = np.array([[x - half[0], y - half[1]], [x + half[0], y + half[1]]]) / z
+    ideal = corners * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    (x0, y0), (x1, y1) = distort_points(camera, ideal)
+    return float(x0), float(y0), float(x1), float(y1)
+
+
+def place_words(place: Place) -> str:
+    """A place in a few words."""
+    return (
+        f"{place.color or '?'} {place.shape or '?'} {place.width_m:.2f} x {place.height_m:.2f} m, "
+        f"{place.verdict}, track {place.track_id}"
+    )
+
+
+def rejection(place: Place) -> str:
+    """Why a place is no sign, in words with the numbers that decided."""
+    right, above, _ = place.offset
+    return (
+        f"{place.verdict}: {place_words(place)}; {right:+.1f} m right, {above:+.1f} m above the camera, "
+        f"station {place.station_m:.1f} m, {len(place.views)} views, score {place.score:.1f}, "
+        f"residual {place.residual_px:.2f} px"
+    )
+
+
+def _places(places: list[Place]) -> rr.Points3D:
+    return rr.Points3D(
+        np.array([p.best_pose.to_world(p.position) for p in places]).reshape(-1, 3),
+        colors=[place_color(p) for p in places] or None,
+        labels=[place_words(p) for p in places] or None,
+        show_labels=False,
+        radii=0.25,
+    )
+
+
+def _cross_section(places: list[Place]) -> rr.Points2D:
+    # The plane across the road as a picture: right is right, up is up (pictures count downwards).
+    return rr.Points2D(
+        np.array([(p.offset[0], -p.offset[1]) for p in places]).reshape(-1, 2),
+        colors=[place_color(p) for p in places] or None,
+        labels=[place_words(p) for p in places] or None,
+        show_labels=False,
+        radii=rr.Radius.ui_points(4),
+    )
+
+
+VIEWS: dict[type, Callable[[Any, str, Scene], list[Entity]]] = {
+    Frame: view_frame,
+    Picture: view_picture,
+    Segmented: view_segmented,
+    Judged: view_judged,
+    Look: view_look,
+    Moved: view_moved,
+    Settled: view_settled,
+}
+"""Every type that travels."""
