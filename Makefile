@@ -21,9 +21,11 @@ help:
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
 
 demo: .venv/.ready
-	@.venv/bin/wayside run recordings/demo.mcap -o out/demo
+	@.venv/bin/wayside run recordings/demo.mcap --view file -o out/demo
 	@echo
 	@.venv/bin/wayside evaluate out/demo --truth recordings/demo.truth.json
+	@echo
+	@echo 'next: .venv/bin/wayside view out/demo      opens the recording of every step (--serve: in a browser)'
 
 test: .venv/.ready
 	@$(RUN) pytest -q

@@ -6,11 +6,16 @@ import sys
 import traceback
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from wayside.pipeline import cli_viewer as viewer
 from wayside.schemas.errors import UsageError, WaysideError
+
+if TYPE_CHECKING:
+    from wayside.pipeline.view.sinks import Viewing
+    from wayside.schemas.settings import Settings
 
 INTERRUPTED, PARTS_LOST = 130, 4
 
@@ -50,6 +55,20 @@ PresetOption = Annotated[
 ]
 
 
+Spacing = Annotated[
+    str | None,
+    typer.Option(help="Distance between pictures, where the log has no poses: 26.4ft, 8m."),
+]
+CameraTopic = Annotated[str | None, typer.Option(help="Picture topic, where the log has several.")]
+Calibration = Annotated[
+    Path | None, typer.Option(help="ROS camera_info YAML instead of the log's calibration.")
+]
+From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")]
+Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
+Every = Annotated[int | None, typer.Option(help="Use every n-th picture.")]
+Workers = Annotated[int | None, typer.Option(help="Pictures looked at side by side.")]
+
+
 @app.callback(invoke_without_command=True)
 def common(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
@@ -68,6 +87,7 @@ def common(
 @app.command(
     epilog="Examples: `wayside run drive.mcap -o out` · `wayside run pictures.mcap --spacing 26.4ft -o out` · "
     "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
+    "`wayside run drive.mcap --view file -o out` · "
     "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
 )
 def run(
@@ -81,36 +101,96 @@ def run(
     preset: PresetOption = Preset.default,
     settings: SettingsFile = None,
     assignments: Assignments = None,
-    spacing: Annotated[
-        str | None,
-        typer.Option(help="Distance between pictures, where the log has no poses: 26.4ft, 8m."),
-    ] = None,
-    camera: Annotated[
-        str | None, typer.Option(help="Picture topic, where the log has several.")
-    ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="ROS camera_info YAML instead of the log's calibration.")
-    ] = None,
-    start: Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")] = None,
-    until: Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")] = None,
-    every: Annotated[int | None, typer.Option(help="Use every n-th picture.")] = None,
-    workers: Annotated[int | None, typer.Option(help="Pictures looked at side by side.")] = None,
+    spacing: Spacing = None,
+    camera: CameraTopic = None,
+    calibration: Calibration = None,
+    start: From = None,
+    until: Until = None,
+    every: Every = None,
+    workers: Workers = None,
     observations: Annotated[
         Listed,
         typer.Option(
             help="Regions to list: those past the colour gate, or all past the size gate."
         ),
     ] = Listed.passed,
+    view: viewer.ViewOption = viewer.View.none,
+    connect: viewer.Connect = None,
+    view_images: viewer.ViewImages = viewer.Images.all,
+    view_detail: viewer.ViewDetail = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
-    from rich.console import Console
+    options = _read_options(spacing, camera, calibration, start, until, every, workers)
+    chosen = _load_settings(preset, settings, assignments, options)
+    viewing = viewer.viewing_of(view, connect, view_images, view_detail)
+    lost = False
+    for log in logs:
+        folder = out if len(logs) == 1 else out / log.stem
+        lost |= _process(log, folder, chosen, viewing, every_region=observations is Listed.all)
+    if lost:
+        raise typer.Exit(PARTS_LOST)
 
+
+@app.command(
+    epilog="Examples: `wayside replay drive.mcap` · `wayside replay drive.mcap --rate max --connect 127.0.0.1:9876`"
+)
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")],
+    rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
+    ] = None,
+    connect: viewer.Connect = None,
+    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
+    preset: PresetOption = Preset.default,
+    settings: SettingsFile = None,
+    assignments: Assignments = None,
+    spacing: Spacing = None,
+    camera: CameraTopic = None,
+    calibration: Calibration = None,
+    start: From = None,
+    until: Until = None,
+    workers: Workers = None,
+    view_images: viewer.ViewImages = viewer.Images.all,
+    view_detail: viewer.ViewDetail = False,
+) -> None:
+    """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
+    import tempfile
+
+    options = _read_options(spacing, camera, calibration, start, until, None, workers)
+    chosen = _load_settings(preset, settings, assignments, options)
+    times = viewer.parse_rate(rate)
+    shown = viewer.View.serve if serve else viewer.View.live
+    viewing = viewer.viewing_of(
+        viewer.View.none if connect is not None else shown, connect, view_images, view_detail
+    )
+    with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
+        folder = Path(scratch) if out is None else out
+        lost = _process(log, folder, chosen, viewing, rate=times)
+    if lost:
+        raise typer.Exit(PARTS_LOST)
+
+
+app.command(
+    epilog="Examples: `wayside view out` · `wayside view out --sign drive-0007` · `wayside view out --serve`"
+)(viewer.view)
+app.command(
+    epilog="Examples: `wayside picture out --sign drive-0007 -o sign.png` · "
+    "`wayside picture out --frame 12 -o frame.png`"
+)(viewer.picture)
+
+
+def _read_options(
+    spacing: str | None,
+    camera: str | None,
+    calibration: Path | None,
+    start: str | None,
+    until: str | None,
+    every: int | None,
+    workers: int | None,
+) -> dict[str, Any]:
+    """Options that are settings by another name, those given only."""
     from wayside.pipeline.lengths import parse_time
-    from wayside.pipeline.model_files import load_models
-    from wayside.pipeline.progress import FrameProgress
-    from wayside.pipeline.run import run_log
-    from wayside.pipeline.settings_file import load_settings
-    from wayside.pipeline.summary import print_summary
 
     options: dict[str, Any] = {
         "read.spacing_m": spacing,
@@ -121,30 +201,59 @@ def run(
         "read.every": every,
         "run.workers": workers,
     }
-    given = {name: value for name, value in options.items() if value is not None}
-    chosen, _ = load_settings(preset.value, settings, assignments or [], given)
-    models = load_models(chosen)
-    lost = False
-    for log in logs:
-        folder = out if len(logs) == 1 else out / log.stem
-        size = log.stat().st_size if log.exists() else 0
-        with FrameProgress(log.name, size) as progress:
-            result = run_log(
-                log,
-                folder,
-                chosen,
-                models,
-                arguments=sys.argv[1:],
-                every_region=observations is Listed.all,
-                watch=progress.watch,
-            )
-        console = Console(
-            highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _load_settings(
+    preset: Preset, file: Path | None, assignments: list[str] | None, options: dict[str, Any]
+) -> Settings:
+    from wayside.pipeline.settings_file import load_settings
+
+    return load_settings(preset.value, file, assignments or [], options)[0]
+
+
+def _process(
+    log: Path,
+    folder: Path,
+    settings: Settings,
+    viewing: Viewing | None,
+    *,
+    every_region: bool = False,
+    rate: float | None = None,
+) -> bool:
+    """Run one log with progress and a closing summary; whether parts of it were lost."""
+    from rich.console import Console
+
+    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.progress import FrameProgress
+    from wayside.pipeline.run import RunObserver, run_log
+    from wayside.pipeline.summary import print_summary
+
+    models = load_models(settings)
+
+    def open_observer() -> RunObserver | None:
+        if viewing is None:
+            return None
+        from wayside.pipeline.view.sinks import open_observer
+
+        return open_observer(viewing, folder, log.stem, models.location)
+
+    size = log.stat().st_size if log.exists() else 0
+    with FrameProgress(log.name, size) as progress:
+        result = run_log(
+            log,
+            folder,
+            settings,
+            models,
+            arguments=sys.argv[1:],
+            every_region=every_region,
+            watch=progress.watch,
+            open_observer=open_observer,
+            rate=rate,
         )
-        print_summary(result, console)
-        lost |= bool(result.lost)
-    if lost:
-        raise typer.Exit(PARTS_LOST)
+    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
+    print_summary(result, console)
+    return bool(result.lost)
 
 
 @app.command(epilog="Example: `wayside info drive.mcap`")

@@ -19,6 +19,7 @@ import cv2
 from wayside.pipeline.flow import Flow, Observer, frame_index, observed
 from wayside.pipeline.inventory import Inventory, InventoryWriter
 from wayside.pipeline.model_files import Models
+from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.workers import StageClock, staged
@@ -27,6 +28,9 @@ from wayside.schemas.frame import UNDECODABLE, USED, Frame
 from wayside.schemas.motion import Settled
 from wayside.schemas.settings import Settings
 from wayside.stages.numerics.heap import keep_heap
+
+RECORDING = "drive.rrd"
+"""The recording of every step, beside the tables where it is asked for."""
 
 Watcher = Callable[[Settled, ReadReport], None]
 
@@ -71,7 +75,8 @@ def run_log(
     arguments: list[str],
     every_region: bool = False,
     watch: Watcher = lambda settled, report: None,
-    open_observer: Callable[[], RunObserver] | None = None,
+    open_observer: Callable[[], RunObserver | None] = lambda: None,
+    rate: float | None = None,
 ) -> RunResult:
     """Process one log and write its tables and `run.json` into `folder`.
 
@@ -89,6 +94,8 @@ def run_log(
         Called with every settled frame on its way to the tables.
     open_observer
         Called when the folder is there and the log can be read; what it gives sees every item of every stage.
+    rate
+        Read at so many times the recorded speed; None: as fast as the work goes.
 
     Raises
     ------
@@ -103,10 +110,13 @@ def run_log(
     keep_heap()
     started = time.perf_counter()
     _make_folder(folder)
+    (folder / RECORDING).unlink(missing_ok=True)  # that of an earlier run would tell of other signs
     report, clock = ReadReport(), StageClock()
     frames = _read(log, settings, report, clock)
+    if rate is not None:
+        frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
-    observer = None if open_observer is None else open_observer()
+    observer = open_observer()
     flow = Flow(settings, models, clock, observer)
     writer = InventoryWriter(
         folder, log.stem, confidence=settings.locate.confidence, every_region=every_region

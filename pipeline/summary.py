@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from wayside.pipeline.run import RunResult
+from wayside.pipeline.run import RECORDING, RunResult
 from wayside.schemas.frame import USED
 
 _MOST_SIGNS = 40
@@ -29,7 +29,15 @@ def print_summary(result: RunResult, console: Console) -> None:
     console.print(_times(result))
     for part in result.lost:
         console.print(f"[yellow]lost:[/yellow] {part}")
-    console.print(f"written to {result.folder}: {_files(result.inventory.rows)}, run.json")
+    for fault in result.view_faults:
+        console.print(f"[yellow]viewer:[/yellow] {fault}")
+    recorded = (result.folder / RECORDING).is_file()
+    console.print(
+        f"written to {result.folder}: {_files(result.inventory.rows)}, run.json"
+        f"{f', {RECORDING}' if recorded else ''}"
+    )
+    if recorded:
+        console.print(f"see every step: wayside view {result.folder}")
 
 
 def sign_table(signs: list[dict[str, Any]]) -> Table:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import rerun as rr
 
+from wayside.pipeline.run import RECORDING
 from wayside.pipeline.view.blueprint import drive_layout
 from wayside.pipeline.view.entities import APPLICATION
 from wayside.pipeline.view.observer import RerunObserver
 from wayside.pipeline.view.recorder import Recorder
 from wayside.schemas.models import GaussianModel
 
-FILE = "drive.rrd"
 FILE_PATIENCE_S = 30.0
 """A disk that takes nothing for so long is taken for full or gone."""
 
@@ -43,8 +43,8 @@ def open_observer(
     """Start the recordings of a run; `folder` exists, `log` is the name of the recording."""
     recorders = []
     if viewing.file:
-        path = folder / FILE
-        recorders.append(Recorder(FILE, _file_stream(log, path), FILE_PATIENCE_S))
+        path = folder / RECORDING
+        recorders.append(Recorder(RECORDING, _file_stream(log, path), FILE_PATIENCE_S))
     if viewing.address is not None:
         recorders.append(Recorder(viewing.address, _live_stream(log, viewing.address), 0.0))
     return RerunObserver(recorders, location, images=viewing.images, detail=viewing.detail)

@@ -120,7 +120,7 @@ def headless(files: Sequence[Path], size: tuple[int, int]) -> Iterator[ViewerCli
     try:
         _wait_for_port(process, port)
         client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
-        _wait_until_loaded(client)
+        wait_until_loaded(client)
         yield client
     finally:
         end(process)
@@ -196,7 +196,7 @@ def _wait_for_port(process: subprocess.Popen[bytes], port: int) -> None:
     )
 
 
-def _wait_until_loaded(client: ViewerClient) -> None:
+def wait_until_loaded(client: ViewerClient) -> None:
     """Return when the loaded recordings have stopped to grow."""
     late, steady, before = time.monotonic() + LOAD_S, 0, ""
     while time.monotonic() < late and steady < STEADY_POLLS:

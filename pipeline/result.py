@@ -1,0 +1,126 @@
+"""Reading back a folder that `wayside run` has written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import and_
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.settings import ReadSettings
+from wayside.schemas.tables import Table
+
+RUN_FILE = "run.json"
+
+
+def read_rows(
+    out: Path, table: Table, columns: Sequence[str], where: Mapping[str, str] | None = None
+) -> list[dict[str, Any]]:
+    """Rows of one table of a result, null as None.
+
+    Parameters
+    ----------
+    out
+        Folder written by `wayside run`.
+    table, columns
+        Which table, and which of its columns.
+    where
+        Only rows that hold these texts, by column name, listed in `columns` or not.
+
+    Raises
+    ------
+    InputError
+        The folder is no result folder, or the file is damaged or something else.
+    """
+    file = out / table.file
+    if not file.is_file():
+        raise _no_result(out, table.file)
+    try:
+        present = pq.read_schema(file).names
+        absent = [name for name in columns if name not in present]
+        if absent:
+            raise InputError(f"{file} lacks the column {absent[0]}: it was not written by wayside")
+        conditions = [pc.field(name) == text for name, text in (where or {}).items()]
+        wanted = reduce(and_, conditions) if conditions else None
+        read = pq.read_table(file, columns=list(columns), filters=wanted)
+        rows: list[dict[str, Any]] = read.to_pylist()
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{file} cannot be read: {error}") from error
+    return rows
+
+
+def read_run(out: Path) -> dict[str, Any]:
+    """Content of `run.json`.
+
+    Raises
+    ------
+    InputError
+        The folder has none, or it is damaged.
+    """
+    file = out / RUN_FILE
+    if not file.is_file():
+        raise _no_result(out, RUN_FILE)
+    try:
+        run = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: {error}; run the log again") from error
+    if not isinstance(run, dict):
+        raise InputError(f"{file}: wanted what `wayside run` writes, found something else")
+    return run
+
+
+def read_settings(out: Path, run: dict[str, Any]) -> ReadSettings:
+    """How the log of a result was read: the group `read` of its settings.
+
+    Raises
+    ------
+    InputError
+        `run.json` holds none, or names settings that this version does not know.
+    """
+    try:
+        group = run["settings"]["read"]
+        settings, _ = load_settings(
+            options={f"read.{name}": value for name, value in group.items()}
+        )
+    except (KeyError, TypeError, AttributeError, UsageError) as error:
+        raise InputError(
+            f"{out / RUN_FILE}: wanted the settings of the run, found {error}; "
+            "it was written by another version of wayside: run the log again"
+        ) from error
+    return settings.read
+
+
+def find_log(run: dict[str, Any], given: Path | None) -> Path:
+    """The log that a result was made from: the one given, else where it lay at the time of the run.
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    """
+    noted = run.get("log_path")
+    if given is None and noted is None:
+        raise InputError(
+            f"wanted the log {run.get('log', '')} to take pictures from; {RUN_FILE} does not say where it lies; "
+            "say it with --log"
+        )
+    log = Path(noted or "") if given is None else given
+    if not log.is_file():
+        found = "a folder" if log.is_dir() else "no such file"
+        advice = "say where it lies now with --log" if given is None else "give a log with --log"
+        raise InputError(f"wanted the log {log} to take pictures from, found {found}; {advice}")
+    return log
+
+
+def _no_result(out: Path, name: str) -> InputError:
+    return InputError(
+        f"{out} is not a result folder: it has no {name}; `wayside run LOG -o {out}` writes one"
+    )
