@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from wayside.pipeline import cli_viewer as viewer
-from wayside.schemas.errors import UsageError, WaysideError
+from wayside.pipeline.cli_viewing import evidence
+from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
 
 if TYPE_CHECKING:
     from wayside.pipeline.view.sinks import Viewing
     from wayside.schemas.settings import Settings
 
-INTERRUPTED, PARTS_LOST = 130, 4
+INTERRUPTED = 130
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -313,6 +314,12 @@ def settings(
 
     chosen, origins = load_settings(preset.value, file, assignments or [], {})
     typer.echo(format_settings(chosen, origins))
+
+
+app.command(
+    epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
+    "`wayside evidence out --log /archive/drive.mcap`"
+)(evidence)
 
 
 def main() -> None:

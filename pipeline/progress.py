@@ -48,3 +48,36 @@ class FrameProgress:
         elapsed = self._bar.tasks[0].elapsed or 0.0
         rate = self._frames / elapsed if elapsed > 0 else 0.0
         self._bar.update(self._task, completed=report.bytes_read, frames=self._frames, rate=rate)
+
+
+class SheetProgress:
+    """Shows how many of a known number of sheets are done."""
+
+    def __init__(self, label: str) -> None:
+        console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed} of {task.total} sheets"),
+            TimeElapsedColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
+        self._task = self._bar.add_task(label, total=None)
+
+    def __enter__(self) -> SheetProgress:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def watch(self, done: int, total: int) -> None:
+        """So many are done."""
+        self._bar.update(self._task, completed=done, total=total)

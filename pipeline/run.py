@@ -192,6 +192,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "wayside": version("wayside"),
         "arguments": arguments,
         "log": result.log.name,
+        "log_path": str(result.log.absolute()),
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": models.digests(),

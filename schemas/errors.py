@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+PARTS_LOST = 4
+"""Exit status of work that is done, but lost parts of its input."""
+
 
 class WaysideError(Exception):
     """Base of every error that wayside raises on purpose; `exit_status` is what the command ends with."""

@@ -1,0 +1,120 @@
+"""Pictures of a log again, only those that show a sign, and what is cut from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Frame, Picture
+from wayside.schemas.settings import ReadSettings
+from wayside.stages.decode import decode
+
+CONTEXT = 3.0
+"""A crop is this many times as large as the box in it."""
+SMALLEST_PX = 24
+_OUTSIDE_GREY = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Crop:
+    """A cut-out `rgb` (height, width, 3) uint8 with the `box` in edges of its pixels, (0, 0) its upper left corner."""
+
+    rgb: NDArray[np.uint8]
+    box: tuple[float, float, float, float]
+
+    def scaled_to(self, width: int, height: int) -> Crop:
+        """The same, enlarged or shrunk to a size of (nearly) the same proportions."""
+        along, down = width / self.rgb.shape[1], height / self.rgb.shape[0]
+        way = cv2.INTER_CUBIC if along > 1 else cv2.INTER_AREA
+        rgb = np.asarray(cv2.resize(self.rgb, (width, height), interpolation=way), np.uint8)
+        x0, y0, x1, y1 = self.box
+        return Crop(rgb, (x0 * along, y0 * down, x1 * along, y1 * down))
+
+
+def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proportion: float) -> Crop:
+    """Cut a box with its surroundings out of a picture.
+
+    Parameters
+    ----------
+    rgb
+        (height, width, 3) uint8.
+    box
+        x0, y0, x1, y1, half open, pixels.
+    proportion
+        Width over height of the crop, to the next pixel.
+
+    Returns
+    -------
+    The box stands in the middle; what lies outside the picture is grey.
+    """
+    x0, y0, x1, y1 = box
+    height = max(CONTEXT * (y1 - y0), CONTEXT * (x1 - x0) / proportion, SMALLEST_PX)
+    tall, wide = math.ceil(height), math.ceil(height * proportion)
+    left, top = round((x0 + x1 - wide) / 2), round((y0 + y1 - tall) / 2)
+    crop = np.full((tall, wide, 3), _OUTSIDE_GREY, np.uint8)
+    rows = slice(max(top, 0), max(min(top + tall, rgb.shape[0]), 0))
+    columns = slice(max(left, 0), max(min(left + wide, rgb.shape[1]), 0))
+    inside = rgb[rows, columns]
+    crop[
+        rows.start - top : rows.start - top + inside.shape[0],
+        columns.start - left : columns.start - left + inside.shape[1],
+    ] = inside
+    return Crop(crop, (x0 - left, y0 - top, x1 - left, y1 - top))
+
+
+def read_pictures(
+    log: Path,
+    settings: ReadSettings,
+    wanted: Collection[int],
+    log_times_ns: Mapping[int, int],
+    report: ReadReport,
+) -> Iterator[Picture]:
+    """Decoded pictures of a log, only the wanted ones, in order; reading ends with the last of them.
+
+    Parameters
+    ----------
+    log, settings
+        The log of the result, read as it was read then.
+    wanted
+        Indices of frames.
+    log_times_ns
+        Log time of every frame of the result, by index.
+    report
+        Filled while the pictures are taken.
+
+    Raises
+    ------
+    InputError
+        The log cannot be used, or is another one than the result was made from.
+    """
+    return decode(_wanted_frames(log, settings, wanted, log_times_ns, report))
+
+
+def _wanted_frames(
+    log: Path,
+    settings: ReadSettings,
+    wanted: Collection[int],
+    log_times_ns: Mapping[int, int],
+    report: ReadReport,
+) -> Iterator[Frame]:
+    last = max(wanted, default=-1)
+    for frame in read_frames(log, settings, report):
+        if frame.index > last:
+            return
+        if frame.index in wanted:
+            if frame.log_time_ns != log_times_ns[frame.index]:
+                raise InputError(
+                    f"{log}: wanted the log that the result was made from, found another: picture {frame.index} is of "
+                    f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns; give the right one with --log"
+                )
+            yield frame
+        if frame.index == last:
+            return

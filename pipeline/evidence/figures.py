@@ -1,0 +1,99 @@
+"""The figures of a sign in words, in groups, as they stand on a sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from wayside.pipeline.evidence.marks import spoken
+
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line: what, its value with unit, and its standard deviation or a remark."""
+
+    label: str
+    value: str
+    remark: str = ""
+
+
+def figures_of(sign: dict[str, Any], world: str) -> dict[str, list[Figure]]:
+    """All figures of a row of `signs.parquet` by heading.
+
+    Parameters
+    ----------
+    sign
+        Values by column name, None where not known.
+    world
+        Name of the world frame, from `run.json`.
+    """
+    return {
+        "Place": [*_beside_the_road(sign), *_in_the_world(sign, world)],
+        "Panel": _panel(sign),
+        "Measurement": _measurement(sign),
+    }
+
+
+def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
+    side = "" if sign["lateral_m"] is None else "right" if sign["lateral_m"] >= 0 else "left"
+    lateral = None if sign["lateral_m"] is None else abs(sign["lateral_m"])
+    return [
+        Figure("Along the road", _metres(sign["station_m"]), _sigma(sign["sigma_along_m"], "m")),
+        Figure(
+            f"Beside the path, {side}" if side else "Beside the path",
+            _metres(lateral),
+            _sigma(sign["sigma_lateral_m"], "m"),
+        ),
+        Figure("Centre above the road", _metres(sign["up_m"]), _sigma(sign["sigma_up_m"], "m")),
+        Figure("Lower edge above it", _metres(sign["bottom_m"])),
+    ]
+
+
+def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
+    variances = sign["covariance"]
+    sigmas = [None] * 3 if variances is None else [variances[i] ** 0.5 for i in (0, 3, 5)]
+    axes = ("East", "North", "Up") if world == "enu" else ("World x", "World y", "World z")
+    rows = [
+        Figure(label, _metres(sign[axis]), _sigma(sigma, "m"))
+        for label, axis, sigma in zip(axes, "xyz", sigmas, strict=True)
+    ]
+    if sign["lon_deg"] is not None and sign["lat_deg"] is not None:
+        rows.append(Figure("Latitude", f"{sign['lat_deg']:.7f}°"))
+        rows.append(Figure("Longitude", f"{sign['lon_deg']:.7f}°"))
+    return rows
+
+
+def _panel(sign: dict[str, Any]) -> list[Figure]:
+    facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:.0f}°"
+    return [
+        Figure("Colour", spoken(sign["color"]), _distance(sign["color_distance"])),
+        Figure("Shape", spoken(sign["shape"]), _distance(sign["shape_distance"])),
+        Figure("Width", _metres(sign["panel_width_m"]), _sigma(sign["sigma_width_m"], "m")),
+        Figure("Height", _metres(sign["panel_height_m"]), _sigma(sign["sigma_height_m"], "m")),
+        Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°")),
+    ]
+
+
+def _measurement(sign: dict[str, Any]) -> list[Figure]:
+    frames = f"frames {sign['first_frame']} to {sign['last_frame']}"
+    residual = sign["residual_px"]
+    return [
+        Figure("Views", str(sign["views"]), frames),
+        Figure("Residual, RMS", UNKNOWN if residual is None else f"{residual:.2f} px"),
+    ]
+
+
+def _metres(value: float | None) -> str:
+    return UNKNOWN if value is None else f"{value:.2f} m"
+
+
+def _sigma(value: float | None, unit: str) -> str:
+    if value is None:
+        return ""
+    return f"± {value:.0f}{unit}" if unit == "°" else f"± {value:.2f} {unit}"
+
+
+def _distance(value: float | None) -> str:
+    return "" if value is None else f"distance {value:.1f}"

@@ -1,0 +1,138 @@
+"""What the tables of a result say about its signs, put together for drawing."""
+
+from __future__ import annotations
+
+import difflib
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.result import read_rows
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+_FRAME_COLUMNS = ("frame", "log_time_ns", "status", "x", "y", "z")
+_VIEW_COLUMNS = ("sign_id", "frame", "box", "residual_px")
+_SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != "geometry")
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One measurement of a sign: its `box` (x0, y0, x1, y1, half open, pixels) in picture `frame`."""
+
+    frame: int
+    box: tuple[float, float, float, float]
+    residual_px: float | None
+    range_m: float | None
+
+    @property
+    def area_px(self) -> float:
+        """Pixels of the box."""
+        x0, y0, x1, y1 = self.box
+        return (x1 - x0) * (y1 - y0)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A row of `signs.parquet` by column name, with its measurements in order of frame, at least one."""
+
+    sign: dict[str, Any]
+    views: tuple[Seen, ...]
+
+    @property
+    def name(self) -> str:
+        """The sign's id."""
+        return str(self.sign["sign_id"])
+
+    @property
+    def best(self) -> Seen:
+        """The view to show large: that of `best_frame`, else the one of most pixels."""
+        best_frame = self.sign["best_frame"]
+        return max(self.views, key=lambda view: (view.frame == best_frame, view.area_px))
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Cameras and signs of a whole drive: centres (3,) and log times by frame, all signs (n, 3), metres."""
+
+    cameras: dict[int, NDArray[np.float64]]
+    log_times_ns: dict[int, int]
+    signs: NDArray[np.float64]
+
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """Camera centres in order of frame, (n, 3)."""
+        return np.array([self.cameras[frame] for frame in sorted(self.cameras)]).reshape(-1, 3)
+
+
+def gather(out: Path, sign_id: str | None) -> tuple[Drive, list[Evidence]]:
+    """The drive of a result and what its signs rest on, in order of `signs.parquet`.
+
+    Parameters
+    ----------
+    out
+        Folder written by `wayside run`.
+    sign_id
+        Only this sign; None: all of them.
+
+    Raises
+    ------
+    UsageError
+        There is no such sign; the nearest known one is offered.
+    InputError
+        The folder is no result folder, or damaged.
+    """
+    signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
+    known = [str(sign["sign_id"]) for sign in signs]
+    if sign_id is not None and sign_id not in known:
+        raise UsageError(_unknown_sign(out, sign_id, known))
+    drive = _read_drive(out, signs)
+    where = {"verdict": "sign"} if sign_id is None else {"verdict": "sign", "sign_id": sign_id}
+    views = defaultdict(list)
+    for row in read_rows(out, OBSERVATIONS, _VIEW_COLUMNS, where):
+        views[row["sign_id"]].append(row)
+    chosen = [sign for sign in signs if sign_id in (None, sign["sign_id"])]
+    return drive, [_evidence(sign, views[sign["sign_id"]], drive) for sign in chosen]
+
+
+def _read_drive(out: Path, signs: list[dict[str, Any]]) -> Drive:
+    frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
+    places = [[sign[axis] for axis in "xyz"] for sign in signs]
+    return Drive(
+        {
+            row["frame"]: np.array([row[axis] for axis in "xyz"], np.float64)
+            for row in frames
+            if row["x"] is not None
+        },
+        {row["frame"]: row["log_time_ns"] for row in frames},
+        np.array(places, np.float64).reshape(-1, 3),
+    )
+
+
+def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: Drive) -> Evidence:
+    """A sign with its views; a sign without any rests on its best box alone."""
+    if not rows:
+        rows = [{"frame": sign["best_frame"], "box": sign["best_box"], "residual_px": None}]
+    place = np.array([sign[axis] for axis in "xyz"], np.float64)
+    views = []
+    for row in sorted(rows, key=lambda row: int(row["frame"])):
+        if row["frame"] not in drive.log_times_ns:
+            raise InputError(
+                f"{sign['sign_id']} was seen in picture {row['frame']}, which {FRAMES.file} does not hold; "
+                "the tables are of different runs: run the log again"
+            )
+        camera = drive.cameras.get(row["frame"])
+        away = None if camera is None else float(np.linalg.norm(place - camera))
+        views.append(Seen(row["frame"], tuple(row["box"]), row["residual_px"], away))
+    return Evidence(sign, tuple(views))
+
+
+def _unknown_sign(out: Path, sign_id: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(sign_id, known, n=1, cutoff=0.0)
+    if not near:
+        return f"wanted the sign {sign_id}, but {out} holds no sign at all"
+    return f"wanted the sign {sign_id}, found no such id among {len(known)} of {out}; did you mean {near[0]}?"

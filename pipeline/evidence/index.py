@@ -1,0 +1,168 @@
+"""The index of all evidence sheets: one HTML file that needs nothing but itself and the sheets beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from wayside.pipeline.evidence.gather import Drive
+from wayside.pipeline.evidence.marks import ink_of, look_of, outline_of, spoken
+from wayside.schemas.regions import COLORS, SHAPES
+from wayside.schemas.tables import SIGN_STATUSES
+
+_MAP_WIDTH, _MAP_HEIGHT, _MAP_MARGIN = 1200.0, 300.0, 16.0
+_UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One sign of the index: its row, the file name of its sheet, a small picture as JPEG (None: there is none)."""
+
+    sign: dict[str, Any]
+    sheet: str
+    thumb: bytes | None
+
+    @property
+    def name(self) -> str:
+        """The sign's id."""
+        return str(self.sign["sign_id"])
+
+
+def format_index(cards: Sequence[Card], drive: Drive, log: str) -> str:
+    """HTML page that lists all signs, with a map and filters."""
+    page = Template(files(__package__).joinpath("index.html").read_text("utf-8"))
+    return page.substitute(
+        log=escape(log),
+        summary=escape(_summary(cards, drive)),
+        colors=_options(COLORS, [card.sign["color"] for card in cards]),
+        shapes=_options(SHAPES, [card.sign["shape"] for card in cards]),
+        statuses=_options(tuple(SIGN_STATUSES), [card.sign["status"] for card in cards]),
+        map=_map(cards, drive),
+        cards="\n".join(_card(card) for card in cards),
+    )
+
+
+def _summary(cards: Sequence[Card], drive: Drive) -> str:
+    length = float(np.linalg.norm(np.diff(drive.path, axis=0), axis=1).sum())
+    way = f"{length / 1000:.2f} km" if length >= 1000 else f"{length:.0f} m"
+    return f"{_counted(len(cards), 'sign')} on {way} of road, {_counted(len(drive.cameras), 'picture')}"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _options(known: Iterable[str], found: Sequence[str | None]) -> str:
+    """Choices of a class, only those that occur, in the order of the class."""
+    present = [name for name in known if name in found]
+    if None in found:
+        present.append(_UNKNOWN)
+    return "".join(
+        f'<option value="{name}">{escape(spoken(name))} ({found.count(None if name == _UNKNOWN else name)})</option>'
+        for name in present
+    )
+
+
+def _card(card: Card) -> str:
+    sign = card.sign
+    look = look_of(sign["color"], sign["shape"])
+    values = {
+        "id": card.name.lower(),
+        "color": sign["color"] or _UNKNOWN,
+        "shape": sign["shape"] or _UNKNOWN,
+        "status": sign["status"],
+        "confidence": "" if sign["confidence"] is None else f"{sign['confidence']:.4f}",
+        "station": "" if sign["station_m"] is None else f"{sign['station_m']:.3f}",
+    }
+    data = " ".join(f'data-{name}="{escape(value)}"' for name, value in values.items())
+    picture = '<span class="none">no picture</span>'
+    if card.thumb is not None:
+        source = base64.b64encode(card.thumb).decode()
+        picture = (
+            f'<img src="data:image/jpeg;base64,{source}" width="240" height="180" loading="lazy" '
+            f'alt="{escape(look)}">'
+        )
+    status = (
+        "" if sign["status"] == "sign" else f'<span class="status">{escape(sign["status"])}</span>'
+    )
+    facts = "".join(f"<dt>{label}</dt><dd>{escape(value)}</dd>" for label, value in _facts(sign))
+    return (
+        f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{picture}'
+        f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span>{status}</h2>"
+        f'<p class="look">{escape(look)}</p><dl>{facts}</dl></a></li>'
+    )
+
+
+def _facts(sign: dict[str, Any]) -> list[tuple[str, str]]:
+    lateral = sign["lateral_m"]
+    side = "" if lateral is None else " right" if lateral >= 0 else " left"
+    confidence = sign["confidence"]
+    return [
+        ("Confidence", _UNKNOWN if confidence is None else f"{confidence:.2f}"),
+        ("Along", _metres(_number(sign["station_m"], sign["sigma_along_m"]))),
+        ("Beside", _metres(_number(None if lateral is None else abs(lateral))) + side),
+        ("Size", _metres(f"{_number(sign['panel_width_m'])} x {_number(sign['panel_height_m'])}")),
+        ("Views", str(sign["views"])),
+    ]
+
+
+def _number(value: float | None, sigma: float | None = None) -> str:
+    if value is None:
+        return _UNKNOWN
+    return f"{value:.2f}" if sigma is None else f"{value:.2f} ± {sigma:.2f}"
+
+
+def _metres(words: str) -> str:
+    return words if _UNKNOWN in words else f"{words} m"
+
+
+def _glyph(sign: dict[str, Any]) -> str:
+    corners = " ".join(f"{x:.2f},{y:.2f}" for x, y in outline_of(sign["shape"]))
+    return (
+        '<svg class="glyph" viewBox="-1.15 -1.15 2.3 2.3" aria-hidden="true">'
+        f'<polygon points="{corners}" fill="{_css(sign)}"/></svg>'
+    )
+
+
+def _css(sign: dict[str, Any]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*ink_of(sign["color"]))
+
+
+def _map(cards: Sequence[Card], drive: Drive) -> str:
+    """The path and every sign from above, x right and y up; a sign leads to its card."""
+    points = np.concatenate([drive.path[:, :2], drive.signs[:, :2]])
+    if not len(points):
+        return ""
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = np.maximum(high - low, 1.0)
+    room = np.array([_MAP_WIDTH, _MAP_HEIGHT]) - 2 * _MAP_MARGIN
+    scale = float(np.min(room / extent))
+    width, height = extent * scale + 2 * _MAP_MARGIN
+
+    def at(x: float, y: float) -> tuple[str, str]:
+        return (
+            f"{_MAP_MARGIN + (x - low[0]) * scale:.1f}",
+            f"{_MAP_MARGIN + (high[1] - y) * scale:.1f}",
+        )
+
+    path = " ".join(",".join(at(x, y)) for x, y, _ in drive.path)
+    dots = []
+    for card in cards:
+        x, y = at(card.sign["x"], card.sign["y"])
+        title = escape(f"{card.name}: {look_of(card.sign['color'], card.sign['shape'])}")
+        dots.append(
+            f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}"><circle cx="{x}" cy="{y}" r="7" '
+            f'fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
+        )
+    return (
+        f'<svg class="map" viewBox="0 0 {width:.0f} {height:.0f}" role="group" aria-label="The drive from above">'
+        f'<polyline points="{path}"/>{"".join(dots)}</svg>'
+    )

@@ -1,0 +1,70 @@
+"""How classes look: the colours of sign faces and unit outlines of their shapes, for sheets and the index alike."""
+
+from __future__ import annotations
+
+import math
+
+Ink = tuple[int, int, int]
+Outline = tuple[tuple[float, float], ...]
+
+UNKNOWN_INK: Ink = (150, 156, 164)
+COLOR_INK: dict[str, Ink] = {
+    "white": (252, 252, 252),
+    "yellow": (250, 204, 21),
+    "green": (0, 122, 77),
+    "red": (200, 16, 46),
+    "orange": (255, 121, 0),
+    "blue": (0, 63, 145),
+    "brown": (112, 72, 40),
+    "fluorescent_yellow_green": (190, 240, 20),
+}
+"""sRGB, near the colours of traffic signs."""
+
+
+def _regular(corners: int, first_rad: float) -> Outline:
+    """A regular polygon in the unit circle; y down."""
+    angles = [first_rad + 2 * math.pi * i / corners for i in range(corners)]
+    return tuple((math.cos(angle), math.sin(angle)) for angle in angles)
+
+
+_SHIELD: Outline = (
+    (-0.85, -0.8), (-0.45, -0.7), (0.0, -0.95), (0.45, -0.7), (0.85, -0.8),
+    (0.9, 0.05), (0.65, 0.55), (0.0, 0.95), (-0.65, 0.55), (-0.9, 0.05),
+)  # fmt: skip
+_CROSSBUCK: Outline = (
+    (-0.95, -0.65), (-0.65, -0.95), (0.0, -0.3), (0.65, -0.95), (0.95, -0.65), (0.3, 0.0),
+    (0.95, 0.65), (0.65, 0.95), (0.0, 0.3), (-0.65, 0.95), (-0.95, 0.65), (-0.3, 0.0),
+)  # fmt: skip
+OUTLINES: dict[str, Outline] = {
+    "rectangle": ((-0.72, -0.92), (0.72, -0.92), (0.72, 0.92), (-0.72, 0.92)),
+    "diamond": _regular(4, 0.0),
+    "octagon": _regular(8, math.pi / 8),
+    "triangle": ((-0.95, -0.8), (0.95, -0.8), (0.0, 0.85)),
+    "circle": _regular(32, 0.0),
+    "pentagon": ((0.0, -0.92), (0.9, -0.1), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.1)),
+    "pennant": ((-0.95, -0.7), (0.95, 0.0), (-0.95, 0.7)),
+    "shield": _SHIELD,
+    "crossbuck": _CROSSBUCK,
+    "other": _regular(6, 0.0),
+}
+"""Corners between -1 and 1, x right, y down."""
+
+
+def ink_of(color: str | None) -> Ink:
+    """Colour to paint a class in; grey where it is not known."""
+    return UNKNOWN_INK if color is None else COLOR_INK[color]
+
+
+def outline_of(shape: str | None) -> Outline:
+    """Outline to paint a class with; a hexagon where it is not known."""
+    return OUTLINES["other" if shape is None else shape]
+
+
+def spoken(name: str | None) -> str:
+    """A class as a person says it."""
+    return "unknown" if name is None else name.replace("_", " ")
+
+
+def look_of(color: str | None, shape: str | None) -> str:
+    """Colour and shape in one phrase."""
+    return f"{spoken(color)} {spoken(shape)}" if color or shape else "look unknown"

@@ -1,0 +1,158 @@
+"""Evidence sheets of a result, drawn while its log is read once."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.evidence.crops import Crop, cut, read_pictures
+from wayside.pipeline.evidence.gather import Drive, Evidence, Seen, gather
+from wayside.pipeline.evidence.index import Card, format_index
+from wayside.pipeline.evidence.sheet import PROPORTION, draw_crop, draw_sheet
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.result import find_log, read_run, read_settings
+from wayside.schemas.errors import OutputError
+from wayside.schemas.settings import ReadSettings
+
+INDEX_FILE = "index.html"
+THUMB = 240, 180
+_PNG_LEVEL, _JPEG_QUALITY = 4, 82
+Watcher = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Sheets in order of signs, the index (None: only one sign was asked for), how many views have no picture."""
+
+    sheets: tuple[Path, ...]
+    index: Path | None
+    lost_views: int
+
+
+def write_evidence(
+    out: Path,
+    folder: Path,
+    *,
+    sign_id: str | None = None,
+    log: Path | None = None,
+    watch: Watcher = lambda done, total: None,
+) -> Written:
+    """Write one PNG a sign and an index of all into `folder`.
+
+    The log is read once; only pictures that show a sign are decoded, and only cut-outs of signs whose sheet is not
+    drawn yet are kept.
+
+    Parameters
+    ----------
+    out
+        Folder written by `wayside run`.
+    folder
+        Where the sheets go, made where it is missing.
+    sign_id
+        Only the sheet of this sign, without index; None: all.
+    log
+        Where the log lies now; None: where it lay at the time of the run.
+    watch
+        Called with the number of sheets done and to do.
+
+    Raises
+    ------
+    UsageError
+        There is no such sign.
+    InputError
+        The result or the log cannot be used.
+    OutputError
+        A sheet cannot be written.
+    """
+    run = read_run(out)
+    drive, signs = gather(out, sign_id)
+    binder = _Binder(folder, drive, str(run.get("log", "")), str(run.get("world", "")))
+    if signs:
+        _fill(binder, signs, find_log(run, log), read_settings(out, run), watch)
+    index = None
+    if sign_id is None:
+        index = folder / INDEX_FILE
+        cards = [
+            Card(one.sign, binder.path(one).name, binder.thumbs.get(one.name)) for one in signs
+        ]
+        _write(index, format_index(cards, drive, binder.log).encode())
+    return Written(tuple(binder.path(one) for one in signs), index, binder.lost_views)
+
+
+class _Binder:
+    """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
+
+    def __init__(self, folder: Path, drive: Drive, log: str, world: str) -> None:
+        self.folder, self.drive, self.log, self.world = folder, drive, log, world
+        self.crops: defaultdict[str, dict[Seen, Crop]] = defaultdict(dict)
+        self.thumbs: dict[str, bytes] = {}
+        self.lost_views = 0
+
+    def path(self, evidence: Evidence) -> Path:
+        """Where the sheet of a sign goes."""
+        return self.folder / f"{evidence.name}.png"
+
+    def add(self, evidence: Evidence, view: Seen, rgb: NDArray[np.uint8] | None) -> None:
+        """Keep what the picture of a view shows; None where it does not decode."""
+        if rgb is not None:
+            self.crops[evidence.name][view] = cut(rgb, view.box, PROPORTION)
+
+    def finish(self, evidence: Evidence) -> None:
+        """Draw and write the sheet of a sign with what there is of it."""
+        crops = self.crops.pop(evidence.name, {})
+        self.lost_views += len(evidence.views) - len(crops)
+        sheet = draw_sheet(evidence, crops, self.drive, self.log, self.world)
+        _write(
+            self.path(evidence), _encoded(".png", sheet, cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
+        )
+        if evidence.best in crops:
+            thumb = draw_crop(crops[evidence.best], THUMB)
+            quality = cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY
+            self.thumbs[evidence.name] = _encoded(".jpg", thumb, *quality)
+
+
+def _fill(
+    binder: _Binder, signs: list[Evidence], log: Path, settings: ReadSettings, watch: Watcher
+) -> None:
+    """Take the pictures of all views from the log and finish every sign with its last one."""
+    by_frame: defaultdict[int, list[tuple[Evidence, Seen]]] = defaultdict(list)
+    for one in signs:
+        for view in one.views:
+            by_frame[view.frame].append((one, view))
+    open_signs = {one.name: one for one in signs}
+    watch(0, len(signs))
+    times_ns = binder.drive.log_times_ns
+    for picture in read_pictures(log, settings, by_frame.keys(), times_ns, ReadReport()):
+        for one, view in by_frame[picture.frame.index]:
+            binder.add(one, view, picture.rgb)
+            if view is one.views[-1]:
+                binder.finish(open_signs.pop(one.name))
+                watch(len(signs) - len(open_signs), len(signs))
+    for one in open_signs.values():  # the log has become shorter since the run
+        binder.finish(one)
+
+
+def _encoded(kind: str, rgb: NDArray[np.uint8], *how: int) -> bytes:
+    return cv2.imencode(kind, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), how)[1].tobytes()
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file that appears whole or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(content)
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OutputError(
+            f"{path}: wanted to write a sheet there, found: {error.strerror or error}; "
+            "choose another folder with -o"
+        ) from error
