@@ -1,0 +1,123 @@
+"""The viewer as a program: absent, headless, and what the commands say."""
+
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import pytest
+
+from wayside.pipeline.cli_viewer import parse_rate
+from wayside.pipeline.view import viewer
+from wayside.pipeline.view.blueprint import drive_layout, sign_layout
+from wayside.pipeline.view.viewer import probe, require_display, software_vulkan
+from wayside.schemas.errors import InputError, OutputError, UsageError
+
+WAYSIDE = (sys.executable, "-c", "from wayside.pipeline.cli import main; main()")
+DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+
+
+def test_an_absent_viewer_is_an_error_and_no_stall():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        port = one.getsockname()[1]
+    start = time.monotonic()
+    with pytest.raises(InputError, match="wanted a viewer that listens there"):
+        probe(f"127.0.0.1:{port}")
+    assert time.monotonic() - start < 60  # Rerun alone would wait for ever
+
+
+def test_a_viewer_that_listens_is_taken_by_its_full_address():
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        port = one.getsockname()[1]
+        assert probe(f"127.0.0.1:{port}") == f"rerun+http://127.0.0.1:{port}/proxy"
+        full = f"rerun+http://127.0.0.1:{port}/proxy"
+        assert probe(full) == full
+
+
+@pytest.mark.parametrize("address", ["nowhere", "rerun+http://host/proxy", "127.0.0.1:port"])
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(UsageError, match="wanted an address"):
+        probe(address)
+
+
+def test_without_a_display_other_ways_are_named(monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(InputError, match="wayside picture"):
+        require_display()
+
+
+def test_without_a_software_vulkan_the_packages_are_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(viewer, "VULKAN_DRIVERS", tmp_path)
+    with pytest.raises(OutputError, match="mesa-vulkan-drivers"):
+        software_vulkan()
+
+
+@pytest.mark.parametrize(("text", "rate"), [("1x", 1.0), ("0.5x", 0.5), ("4", 4.0), ("max", None)])
+def test_rates_are_times_the_recorded_speed(text, rate):
+    assert parse_rate(text) == rate
+
+
+@pytest.mark.parametrize("text", ["0x", "fast", "-1x", "nan", ""])
+def test_other_rates_are_refused(text):
+    with pytest.raises(UsageError, match="--rate"):
+        parse_rate(text)
+
+
+def test_layouts_are_written_as_files(tmp_path):
+    for name, layout in (
+        ("drive", drive_layout()),
+        ("sign", sign_layout("demo-0001", 30.0, (10.0, 10.0, 40.0, 30.0))),
+    ):
+        path = tmp_path / f"{name}.rbl"
+        layout.save("wayside", str(path))
+        assert path.stat().st_size > 1000
+
+
+def has_vulkan():
+    try:
+        software_vulkan()
+    except OutputError:
+        return False
+    return True
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drawn")
+    command = [*WAYSIDE, "run", str(DEMO), "-o", str(folder)]
+    subprocess.run([*command, "--view", "file", "--until", "4s"], check=True, capture_output=True)
+    return folder
+
+
+@pytest.mark.skipif(not has_vulkan(), reason="no software Vulkan: install mesa-vulkan-drivers")
+@pytest.mark.parametrize("asked", [["--frame", "6"], ["--sign", "demo-0001"]])
+def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(result, tmp_path, asked):
+    png = tmp_path / "drawn.png"
+    command = [*WAYSIDE, "picture", str(result), "-o", str(png)]
+    done = subprocess.run(
+        [*command, "--size", "900x600", *asked], check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    drawn = cv2.imread(str(png))
+    assert drawn.shape[0] >= 600
+    assert drawn.std() > 20
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (["--sign", "demo-9999"], "did you mean demo-"),
+        (["--frame", "999"], "which holds 0 to"),
+        (["--frame", "1", "--sign", "demo-0001"], "found both"),
+    ],
+)
+def test_a_sign_or_frame_that_is_not_there_is_named(result, asked, words):
+    command = [*WAYSIDE, "view", str(result), *asked]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert words in done.stderr

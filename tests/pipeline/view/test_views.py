@@ -1,0 +1,209 @@
+"""What a run leaves in its recording."""
+
+import importlib
+import inspect
+import pkgutil
+import subprocess
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+import rerun as rr
+
+import wayside.stages
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.run import RECORDING, run_log
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.view.sinks import Viewing, open_observer
+from wayside.pipeline.view.viewer import viewer_program
+from wayside.pipeline.view.views import VIEWS, NoViewError, Scene, entities_of
+from wayside.schemas.frame import Frame
+from wayside.schemas.regions import VERDICTS
+
+DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+FRAMES, SHORT_S = 24, 2.0
+TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
+EVERY_FRAME = (
+    "/world/vehicle",
+    "/world/vehicle/camera",
+    "/world/vehicle/camera/image",
+    "/world/vehicle/camera/keypoints",
+    "/world/vehicle/camera/sift_points",
+    "/world/vehicle/camera/matches",
+    "/world/vehicle/camera/tracks",
+    "/world/vehicle/camera/signs",
+    "/world/path",
+    "/world/rays",
+    "/world/places",
+    "/world/points/straight",
+    "/world/points/adjusted",
+    "/location/places",
+    *(f"/world/vehicle/camera/candidates/{v}" for v in VERDICTS if v != "open"),
+)
+TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
+
+
+def run(folder, viewing=None, workers=2, until_s=None):
+    rr.set_strict_mode(True)
+    options = {"run.workers": workers} | ({} if until_s is None else {"read.until_s": until_s})
+    settings, _ = load_settings(options=options)
+    models = load_models(settings)
+
+    def observer():
+        return None if viewing is None else open_observer(viewing, folder, "demo", models.location)
+
+    return run_log(DEMO, folder, settings, models, arguments=[], open_observer=observer)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded")
+    result = run(folder, Viewing(file=True, detail=True))
+    assert result.view_faults == ()
+    return result
+
+
+@pytest.fixture(scope="module")
+def chunks(recorded):
+    return list(rr.chunk.RrdReader(str(recorded.folder / RECORDING)).stream())
+
+
+@pytest.fixture(scope="module")
+def rows(chunks):
+    counted = Counter()
+    for chunk in chunks:
+        counted[chunk.entity_path] += chunk.num_rows
+    return counted
+
+
+def column(chunks, path, name):
+    """All values of one component of an entity, as one flat array of rows."""
+    found = []
+    for chunk in chunks:
+        if chunk.entity_path == path:
+            batch = chunk.to_record_batch()
+            if name in batch.schema.names:
+                found += batch.column(name).to_pylist()
+    return [row for row in found if row is not None]
+
+
+def stream_types():
+    """Every type that a stage takes or gives, from the annotations of the stages themselves."""
+    found = set()
+    for module in pkgutil.iter_modules(wayside.stages.__path__):
+        if module.ispkg:
+            continue
+        loaded = importlib.import_module(f"wayside.stages.{module.name}")
+        for name, function in inspect.getmembers(loaded, inspect.isgeneratorfunction):
+            if function.__module__ != loaded.__name__ or name.startswith("_"):
+                continue
+            for hint in get_type_hints(function).values():
+                if get_origin(hint) is Iterator:
+                    found |= {t for t in get_args(hint) if t.__module__.startswith("wayside")}
+    return found
+
+
+def test_every_type_that_travels_has_a_view():
+    assert len(stream_types()) >= 7
+    assert stream_types() - set(VIEWS) == set()
+
+
+def test_a_type_without_a_view_is_an_error():
+    with pytest.raises(NoViewError, match="no view for int"):
+        entities_of(3, "segment", Scene())
+
+
+@pytest.mark.parametrize("path", EVERY_FRAME)
+def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows, path):
+    assert rows[path] == FRAMES
+
+
+def test_pictures_pass_through_as_they_were_recorded(chunks, recorded):
+    blobs = column(chunks, "/world/vehicle/camera/image", "EncodedImage:blob")
+    assert len(blobs) == FRAMES
+    first = np.array(blobs[0][0], np.uint8).tobytes()
+    assert first[:2] == b"\xff\xd8"
+    assert first in DEMO.read_bytes()
+
+
+def test_layers_hold_something(chunks):
+    for path, name in (
+        ("/world/vehicle/camera/keypoints", "Points2D:positions"),
+        ("/world/vehicle/camera/matches", "LineStrips2D:strips"),
+        ("/world/vehicle/camera/candidates/sign", "Boxes2D:centers"),
+        ("/world/vehicle/camera/candidates/score", "Boxes2D:labels"),
+        ("/world/vehicle/camera/segments/pass1", "SegmentationImage:buffer"),
+        ("/world/vehicle/camera/segments/pass2", "SegmentationImage:buffer"),
+        ("/world/vehicle/camera/tracks", "LineStrips2D:strips"),
+        ("/world/points/straight", "Points3D:positions"),
+        ("/world/points/adjusted", "Points3D:positions"),
+        ("/world/rays", "LineStrips3D:strips"),
+        ("/world/places", "Points3D:positions"),
+        ("/location/places", "Points2D:positions"),
+        ("/location/right", "LineStrips2D:strips"),
+        ("/iterations", "BarChart:values"),
+        ("/residuals/straight", "Scalars:scalars"),
+        ("/residuals/adjusted", "Scalars:scalars"),
+    ):
+        assert any(column(chunks, path, name)), path
+
+
+def test_all_rows_of_a_frame_have_all_timelines(chunks):
+    for chunk in chunks:
+        if not chunk.is_static and not chunk.entity_path.startswith("/__"):
+            assert set(chunk.timeline_names) >= TIMELINES, chunk.entity_path
+
+
+def test_each_sign_has_its_chain(rows, recorded):
+    assert recorded.inventory.signs
+    for row, place in zip(recorded.inventory.signs, recorded.inventory.places, strict=True):
+        name = row["sign_id"]
+        assert rows[f"/world/signs/{name}"] == 1
+        assert rows[f"/world/signs/{name}/error"] == 1
+        assert rows[f"/world/sign_rays/{name}"] == 1
+        assert rows[f"/sign_residuals/{name}"] == len(place.views)
+        assert rows[f"/world/vehicle/camera/chains/{name}/measured"] >= len(place.views)
+
+
+def test_refused_places_are_listed_with_their_reason(chunks, recorded):
+    texts = [row[0] for row in column(chunks, "/rejections", "TextLog:text")]
+    assert any(text.startswith("location: ") for text in texts)
+
+
+def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(tmp_path):
+    run(tmp_path, Viewing(file=True), until_s=SHORT_S)
+    seen = [(tmp_path / name).read_bytes() for name in TABLES]
+    assert (tmp_path / RECORDING).exists()
+    run(tmp_path, workers=1, until_s=SHORT_S)
+    assert [(tmp_path / name).read_bytes() for name in TABLES] == seen
+    assert not (tmp_path / RECORDING).exists()
+
+
+def test_the_recording_verifies(recorded):
+    path = recorded.folder / RECORDING
+    done = subprocess.run(
+        [viewer_program(), "rrd", "verify", path], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("images", "fewest", "most"), [("none", 0, 0), ("signs", 1, 7)])
+def test_pictures_are_recorded_as_asked(tmp_path, images, fewest, most):
+    result = run(tmp_path, Viewing(file=True, images=images), until_s=SHORT_S)
+    found = sum(
+        chunk.num_rows
+        for chunk in rr.chunk.RrdReader(str(tmp_path / RECORDING)).stream()
+        if chunk.entity_path == "/world/vehicle/camera/image"
+    )
+    assert result.view_faults == ()
+    assert fewest <= found <= most
+
+
+def test_a_picture_not_used_clears_what_was_shown():
+    frame = Frame(3, 10, None, "undecodable", "jpeg", b"", None)
+    words, cleared = entities_of(frame, "read", Scene())
+    assert isinstance(words.parts[0], rr.TextLog)
+    assert isinstance(cleared.parts[0], rr.Clear)
