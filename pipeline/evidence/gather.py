@@ -57,16 +57,15 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Cameras and signs of a whole drive: centres (3,) and log times by frame, all signs (n, 3), metres."""
+    """Cameras and signs of a whole drive, world frame, metres.
+
+    cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame.
+    """
 
     cameras: dict[int, NDArray[np.float64]]
-    log_times_ns: dict[int, int]
+    path: NDArray[np.float64]
     signs: NDArray[np.float64]
-
-    @property
-    def path(self) -> NDArray[np.float64]:
-        """Camera centres in order of frame, (n, 3)."""
-        return np.array([self.cameras[frame] for frame in sorted(self.cameras)]).reshape(-1, 3)
+    log_times_ns: dict[int, int]
 
 
 def gather(out: Path, sign_id: str | None) -> tuple[Drive, list[Evidence]]:
@@ -101,23 +100,26 @@ def gather(out: Path, sign_id: str | None) -> tuple[Drive, list[Evidence]]:
 
 def _read_drive(out: Path, signs: list[dict[str, Any]]) -> Drive:
     frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
-    places = [[sign[axis] for axis in "xyz"] for sign in signs]
+    placed = [row for row in frames if row["x"] is not None]
+    path = _places(placed)
     return Drive(
-        {
-            row["frame"]: np.array([row[axis] for axis in "xyz"], np.float64)
-            for row in frames
-            if row["x"] is not None
-        },
+        {row["frame"]: centre for row, centre in zip(placed, path, strict=True)},
+        path,
+        _places(signs),
         {row["frame"]: row["log_time_ns"] for row in frames},
-        np.array(places, np.float64).reshape(-1, 3),
     )
+
+
+def _places(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
+    """x, y, z of every row, (n, 3)."""
+    return np.array([[row[axis] for axis in "xyz"] for row in rows], np.float64).reshape(-1, 3)
 
 
 def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: Drive) -> Evidence:
     """A sign with its views; a sign without any rests on its best box alone."""
     if not rows:
         rows = [{"frame": sign["best_frame"], "box": sign["best_box"], "residual_px": None}]
-    place = np.array([sign[axis] for axis in "xyz"], np.float64)
+    place = _places([sign])[0]
     views = []
     for row in sorted(rows, key=lambda row: int(row["frame"])):
         if row["frame"] not in drive.log_times_ns:

@@ -18,7 +18,7 @@ from wayside.pipeline.evidence.marks import ink_of, look_of, outline_of, spoken
 from wayside.schemas.regions import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 
-_MAP_WIDTH, _MAP_HEIGHT, _MAP_MARGIN = 1200.0, 300.0, 16.0
+_MAP_WIDTH, _MAP_HEIGHT, _MAP_MARGIN, _MAP_POINTS = 1200.0, 300.0, 16.0, 1000
 _UNKNOWN = "unknown"
 
 
@@ -153,14 +153,15 @@ def _map(cards: Sequence[Card], drive: Drive) -> str:
             f"{_MAP_MARGIN + (high[1] - y) * scale:.1f}",
         )
 
-    path = " ".join(",".join(at(x, y)) for x, y, _ in drive.path)
+    thinned = drive.path[:: max(1, len(drive.path) // _MAP_POINTS)]
+    path = " ".join(",".join(at(x, y)) for x, y, _ in (*thinned, *drive.path[-1:]))
     dots = []
     for card in cards:
         x, y = at(card.sign["x"], card.sign["y"])
         title = escape(f"{card.name}: {look_of(card.sign['color'], card.sign['shape'])}")
         dots.append(
-            f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}"><circle cx="{x}" cy="{y}" r="7" '
-            f'fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
+            f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}" aria-label="{title}">'
+            f'<circle cx="{x}" cy="{y}" r="7" fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
         )
     return (
         f'<svg class="map" viewBox="0 0 {width:.0f} {height:.0f}" role="group" aria-label="The drive from above">'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,8 +75,10 @@ def write_evidence(
     run = read_run(out)
     drive, signs = gather(out, sign_id)
     binder = _Binder(folder, drive, str(run.get("log", "")), str(run.get("world", "")))
-    if signs:
-        _fill(binder, signs, find_log(run, log), read_settings(out, run), watch)
+    source = (find_log(run, log), read_settings(out, run)) if signs else None
+    _make_folder(folder)
+    if source is not None:
+        _fill(binder, signs, *source, watch)
     index = None
     if sign_id is None:
         index = folder / INDEX_FILE
@@ -147,12 +150,23 @@ def _write(path: Path, content: bytes) -> None:
     """Write a file that appears whole or not at all."""
     part = path.with_name(f".{path.name}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         part.write_bytes(content)
         os.replace(part, path)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise OutputError(
-            f"{path}: wanted to write a sheet there, found: {error.strerror or error}; "
-            "choose another folder with -o"
-        ) from error
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise _not_written(path, error) from error
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _not_written(folder, error) from error
+
+
+def _not_written(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"{path}: wanted to write the evidence there, found: {error.strerror or error}; "
+        "choose another folder with -o"
+    )

@@ -1,0 +1,505 @@
+"""Evidence sheets, from logs and tables made by the real writers."""
+
+import json
+import math
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.evidence.canvas import shortened, text_width
+from wayside.pipeline.evidence.crops import cut, read_pictures
+from wayside.pipeline.evidence.figures import UNKNOWN, figures_of
+from wayside.pipeline.evidence.gather import Drive, Evidence, Seen, gather
+from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
+from wayside.pipeline.evidence.marks import COLOR_INK, OUTLINES
+from wayside.pipeline.evidence.sheet import BIG, MARGIN, PROPORTION, TILE, WIDTH, draw_crop
+from wayside.pipeline.evidence.write import write_evidence
+from wayside.pipeline.importing import import_pictures
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.run import run_log
+from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.schemas.regions import COLORS, SHAPES
+from wayside.schemas.settings import ReadSettings, Settings
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+CALIBRATION = """image_width: 160
+image_height: 120
+camera_matrix: {rows: 3, cols: 3, data: [150, 0, 80, 0, 150, 60, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
+PICTURES, SPACING_M = 6, 8.0
+FACE = 200, 30, 40
+STEM = "d & r#1"
+NEAR, FAR, BARE = f"{STEM}-0001", f"{STEM}-0002", f"{STEM}-0003"
+
+
+def face_box(frame):
+    """Where every picture shows its one red face."""
+    return [60.0 + 4 * frame, 40.0, 76.0 + 4 * frame, 54.0]
+
+
+def make_log(folder, name=f"{STEM}.mcap", pictures=PICTURES, broken=()):
+    source = folder / f"pictures of {name}"
+    source.mkdir(parents=True)
+    for frame in range(pictures):
+        pixels = np.full((120, 160, 3), (90, 120 + frame, 90), np.uint8)
+        x0, y0, x1, y1 = (int(edge) for edge in face_box(frame))
+        pixels[y0:y1, x0:x1] = FACE
+        file = source / f"{frame:03d}.png"
+        content = cv2.imencode(".png", pixels[..., ::-1])[1].tobytes()
+        file.write_bytes(content[:60] if frame in broken else content)
+    calibration = folder / "camera.yaml"
+    calibration.write_text(CALIBRATION)
+    import_pictures([source], calibration, SPACING_M, folder / name)
+    return folder / name
+
+
+def table_of(table, rows):
+    empty = {column.name: None for column in table.columns}
+    return pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
+
+
+def sign_row(sign_id, **changes):
+    """A row in which everything is null that may be."""
+    return {
+        "sign_id": sign_id,
+        "assembly_id": sign_id,
+        "log": STEM,
+        "status": "sign",
+        "x": 40.0,
+        "y": -6.0,
+        "z": 2.0,
+        "best_frame": 3,
+        "best_time_ns": 0,
+        "best_box": face_box(3),
+        "right_m": 6.0,
+        "down_m": -1.0,
+        "ahead_m": 16.0,
+        "first_frame": 1,
+        "last_frame": 3,
+        "views": 3,
+    } | changes
+
+
+KNOWN = {
+    "confidence": 0.9,
+    "color": "red",
+    "color_distance": 0.5,
+    "shape": "octagon",
+    "shape_distance": 1.5,
+    "covariance": [0.09, 0.02, 0.0, 0.04, 0.0, 0.01],
+    "sigma_along_m": 0.3,
+    "sigma_lateral_m": 0.2,
+    "sigma_up_m": 0.1,
+    "station_m": 40.0,
+    "lateral_m": 6.0,
+    "up_m": 2.5,
+    "bottom_m": 2.1,
+    "panel_width_m": 0.8,
+    "panel_height_m": 0.7,
+    "facing_deg": 0.0,
+    "sigma_facing_deg": 20.0,
+    "lon_deg": -98.5,
+    "lat_deg": 38.5,
+    "residual_px": 0.4,
+}
+
+
+def observation(sign_id, frame, number, verdict="sign"):
+    return {
+        "frame": frame,
+        "observation_id": number,
+        "source": "level",
+        "box": face_box(frame),
+        "area_px": 224,
+        "u_px": 68.0 + 4 * frame,
+        "v_px": 47.0,
+        "red": 200.0,
+        "green": 30.0,
+        "blue": 40.0,
+        "track_id": 0,
+        "sign_id": sign_id,
+        "verdict": verdict,
+        "residual_px": 0.1 * frame,
+    }
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return make_log(tmp_path_factory.mktemp("log"))
+
+
+@pytest.fixture
+def out(tmp_path, log):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    write_result(folder, log)
+    return folder
+
+
+def write_result(folder, log):
+    signs = [
+        sign_row(NEAR, **KNOWN),
+        sign_row(
+            FAR,
+            **KNOWN | {"color": "yellow", "shape": "diamond", "confidence": 0.3, "lateral_m": -9.0},
+            status="uncertain",
+            x=60.0,
+            best_frame=5,
+            first_frame=4,
+            last_frame=5,
+            views=2,
+        ),
+        sign_row(BARE, x=20.0, y=3.0),
+    ]
+    observations = [observation(NEAR, frame, frame) for frame in (1, 2, 3)]
+    observations += [observation(NEAR, 4, 9, verdict="overlap")]
+    observations += [observation(FAR, frame, 10 + frame) for frame in (4, 5)]
+    frames = [
+        {
+            "frame": frame,
+            "log_time_ns": message.log_time_ns,
+            "status": "used",
+            "x": SPACING_M * frame,
+            "y": 0.0,
+            "z": 1.5,
+        }
+        for frame, message in enumerate(read_all(log))
+    ]
+    for table, rows in ((SIGNS, signs), (OBSERVATIONS, observations), (FRAMES, frames)):
+        pq.write_table(table_of(table, rows), folder / table.file)
+    run = {
+        "log": log.name,
+        "log_path": str(log),
+        "world": "drive_start",
+        "settings": {"read": {"spacing_m": SPACING_M, "thin_m": 0.0}},
+    }
+    (folder / "run.json").write_text(json.dumps(run))
+
+
+def read_all(log):
+    return list(read_frames(log, ReadSettings(thin_m=0.0), ReadReport()))
+
+
+def change_run(out, **changes):
+    file = out / "run.json"
+    content = json.loads(file.read_text()) | changes
+    file.write_text(json.dumps({k: v for k, v in content.items() if v is not None}))
+
+
+def sheet_pixels(path):
+    return cv2.cvtColor(
+        cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB
+    )
+
+
+class Links(HTMLParser):
+    """Everything that a page refers to, and its cards."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.references, self.cards, self.stack = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.references += [attributes[k] for k in ("src", "href", "action") if k in attributes]
+        if tag == "li":
+            self.cards.append(attributes)
+
+
+def test_every_sign_gets_a_sheet_and_a_card(out, tmp_path):
+    written = write_evidence(out, tmp_path / "sheets")
+    assert [path.name for path in written.sheets] == [f"{name}.png" for name in (NEAR, FAR, BARE)]
+    assert all(sheet_pixels(path).shape[1] == WIDTH for path in written.sheets)
+    cards = Links(written.index.read_text("utf-8")).cards
+    assert [card["id"] for card in cards] == [NEAR, FAR, BARE]
+    assert written.lost_views == 0
+    assert sorted(path.name for path in (tmp_path / "sheets").iterdir()) == sorted(
+        [*(path.name for path in written.sheets), "index.html"]
+    )
+
+
+def test_one_sign_gets_its_sheet_alone(out, tmp_path):
+    written = write_evidence(out, tmp_path / "sheets", sign_id=FAR)
+    assert written.index is None
+    assert [path.name for path in (tmp_path / "sheets").iterdir()] == [f"{FAR}.png"]
+
+
+def test_the_largest_crop_shows_the_face_of_the_best_frame(out, tmp_path):
+    (sheet,) = write_evidence(out, tmp_path / "sheets", sign_id=NEAR).sheets
+    page = sheet_pixels(sheet)
+    middle = page[150 + BIG[1] // 2, MARGIN + BIG[0] // 2]
+    assert np.abs(middle.astype(int) - FACE).max() <= 2
+
+
+def test_the_same_result_gives_the_same_bytes(out, tmp_path):
+    first, second = (write_evidence(out, tmp_path / name) for name in ("a", "b"))
+    for one, other in zip(
+        (*first.sheets, first.index), (*second.sheets, second.index), strict=True
+    ):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_views_are_the_measured_ones_in_order_with_their_range(out):
+    _, (near,) = gather(out, NEAR)
+    assert [view.frame for view in near.views] == [1, 2, 3]
+    assert near.best.frame == 3
+    assert near.views[0].range_m == pytest.approx(math.hypot(40 - 8, 6, 0.5))
+    assert near.views[2].residual_px == pytest.approx(0.3)
+
+
+def test_a_sign_without_observations_rests_on_its_best_box(out):
+    _, (bare,) = gather(out, BARE)
+    assert [(view.frame, list(view.box)) for view in bare.views] == [(3, face_box(3))]
+
+
+def test_only_wanted_pictures_are_decoded(tmp_path):
+    log = make_log(tmp_path, broken=(0, 2, 5))
+    times = {frame.index: frame.log_time_ns for frame in read_all(log)}
+    report = ReadReport()
+    pictures = read_pictures(log, ReadSettings(thin_m=0.0), {1, 3}, times, report)
+    assert [(p.frame.index, p.frame.status) for p in pictures] == [(1, "used"), (3, "used")]
+    assert report.statuses.total() < PICTURES  # reading ends with the last of them
+
+
+def test_a_picture_that_does_not_decode_leaves_its_place_empty(out, tmp_path):
+    log = make_log(tmp_path, broken=(2,))
+    written = write_evidence(out, tmp_path / "sheets", log=log)
+    assert written.lost_views == 1
+    assert len(written.sheets) == 3
+
+
+def test_a_log_that_ends_early_still_gives_all_sheets(out, tmp_path):
+    log = make_log(tmp_path, pictures=4)
+    written = write_evidence(out, tmp_path / "sheets", log=log)
+    assert written.lost_views == 2
+    assert all(path.is_file() for path in written.sheets)
+
+
+def test_another_log_is_refused(out, tmp_path):
+    file = out / FRAMES.file
+    frames = pq.read_table(file).to_pylist()
+    frames[3]["log_time_ns"] += 1
+    pq.write_table(table_of(FRAMES, frames), file)
+    with pytest.raises(InputError, match=r"found another: picture 3 .* --log"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+def test_an_unknown_sign_is_answered_with_the_nearest(out, tmp_path):
+    with pytest.raises(UsageError, match=f"did you mean {NEAR}"):
+        write_evidence(out, tmp_path / "sheets", sign_id=f"{STEM}-001")
+    assert not (tmp_path / "sheets").exists()
+
+
+def test_a_log_that_has_moved_is_asked_for(out, tmp_path, log):
+    gone = tmp_path / "gone.mcap"
+    change_run(out, log_path=str(gone))
+    with pytest.raises(InputError, match=r"wanted the log .*gone\.mcap .* no such file; .* --log"):
+        write_evidence(out, tmp_path / "sheets")
+    assert write_evidence(out, tmp_path / "sheets", log=log).lost_views == 0
+
+
+def test_a_result_that_does_not_know_its_log_asks_for_it(out, tmp_path):
+    change_run(out, log_path=None)
+    with pytest.raises(InputError, match="does not say where it lies; say it with --log"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+def test_a_folder_as_log_is_refused(out, tmp_path):
+    with pytest.raises(InputError, match="found a folder; give a log with --log"):
+        write_evidence(out, tmp_path / "sheets", log=tmp_path)
+
+
+@pytest.mark.parametrize("name", ["run.json", SIGNS.file, FRAMES.file, OBSERVATIONS.file])
+def test_a_folder_without_a_whole_result_is_refused(out, tmp_path, name):
+    (out / name).unlink()
+    with pytest.raises(InputError, match=f"no {name}; `wayside run"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+@pytest.mark.parametrize("content", ["{", "[]", b"\xff\xfe\x00"])
+def test_a_damaged_run_file_is_named(out, tmp_path, content):
+    (out / "run.json").write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(InputError, match=r"run\.json"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+@pytest.mark.parametrize("settings", [{}, {"read": {"spacing": 8.0}}, {"read": 3}, 4])
+def test_settings_of_another_version_are_refused(out, tmp_path, settings):
+    change_run(out, settings=settings)
+    with pytest.raises(InputError, match=r"run\.json: wanted the settings .* run the log again"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+def test_a_view_in_no_known_frame_is_refused(out, tmp_path):
+    file = out / FRAMES.file
+    pq.write_table(pq.read_table(file).slice(0, 2), file)
+    with pytest.raises(InputError, match="tables are of different runs"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+def test_a_folder_that_cannot_be_written_is_named(out, tmp_path):
+    (tmp_path / "sheets").write_text("in the way")
+    with pytest.raises(OutputError, match="choose another folder with -o"):
+        write_evidence(out, tmp_path / "sheets")
+
+
+def test_the_index_refers_to_nothing_but_the_sheets_beside_it(out, tmp_path):
+    written = write_evidence(out, tmp_path / "sheets")
+    text = written.index.read_text("utf-8")
+    page = Links(text)
+    ids = {card["id"] for card in page.cards}
+    for reference in page.references:
+        if reference.startswith("#"):
+            assert unquote(reference[1:]) in ids
+        elif not reference.startswith("data:image/jpeg;base64,"):
+            assert (tmp_path / "sheets" / unquote(reference)).is_file()
+    assert "//" not in text.replace("/9j/", "") or "http" not in text
+
+
+def test_cards_carry_what_the_filters_ask_for(out, tmp_path):
+    cards = Links(write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")).cards
+    near, far, bare = cards
+    assert (near["data-color"], near["data-shape"], near["data-status"]) == (
+        "red",
+        "octagon",
+        "sign",
+    )
+    assert (far["data-status"], far["data-confidence"]) == ("uncertain", "0.3000")
+    assert (bare["data-color"], bare["data-confidence"], bare["data-station"]) == (
+        "unknown",
+        "",
+        "",
+    )
+
+
+@given(
+    box=st.tuples(
+        st.integers(-60, 90), st.integers(-60, 60), st.integers(1, 70), st.integers(1, 70)
+    ),
+    seed=st.integers(0, 9),
+)
+def test_a_crop_holds_the_pixels_of_its_box(box, seed):
+    rgb = np.random.default_rng(seed).integers(0, 256, (60, 90, 3), np.uint8)
+    x0, y0, width, height = box
+    crop = cut(rgb, (x0, y0, x0 + width, y0 + height), PROPORTION)
+    left, top, right, bottom = (int(edge) for edge in crop.box)
+    assert (right - left, bottom - top) == (width, height)
+    assert 0 <= left < right <= crop.rgb.shape[1]
+    assert 0 <= top < bottom <= crop.rgb.shape[0]
+    rows, columns = np.mgrid[y0 : y0 + height, x0 : x0 + width]
+    inside = (rows >= 0) & (rows < 60) & (columns >= 0) & (columns < 90)
+    shown = crop.rgb[top:bottom, left:right]
+    assert (shown[inside] == rgb[rows[inside], columns[inside]]).all()
+    assert crop.rgb.shape[1] / crop.rgb.shape[0] == pytest.approx(PROPORTION, abs=0.05)
+
+
+def test_the_box_is_drawn_around_the_face():
+    rgb = np.zeros((120, 160, 3), np.uint8)
+    drawn = draw_crop(cut(rgb, (70, 50, 90, 65), PROPORTION), TILE)
+    coloured = np.argwhere(drawn.max(axis=2) > 0)
+    scale = TILE[1] / 45  # the crop is three times as high as the box
+    height, width = coloured.max(axis=0) - coloured.min(axis=0)
+    halo_px = 10
+    assert 0 <= height - 15 * scale <= halo_px
+    assert 0 <= width - 20 * scale <= halo_px
+
+
+def evidence_of(**changes):
+    sign = sign_row("a-0001", **KNOWN | changes)
+    return Evidence(sign, (Seen(0, (0.0, 0.0, 9.0, 9.0), None, None),))
+
+
+@given(st.floats(0.05, 4), st.floats(0.05, 4), st.floats(-0.95, 0.95))
+def test_the_error_ellipse_lies_two_sigmas_away_everywhere(sigma_x, sigma_y, correlation):
+    xy = correlation * sigma_x * sigma_y
+    evidence = evidence_of(covariance=[sigma_x**2, xy, 0, sigma_y**2, 0, 1])
+    away = error_ellipse(evidence) - [40, -6]
+    inverse = np.linalg.inv([[sigma_x**2, xy], [xy, sigma_y**2]])
+    assert np.sqrt(np.einsum("ni,ij,nj->n", away, inverse, away)) == pytest.approx(2.0, rel=1e-6)
+
+
+def straight_drive():
+    path = np.array([[8.0 * i, 0.0, 1.5] for i in range(8)])
+    return Drive(dict(enumerate(path)), path, np.zeros((0, 3)), {})
+
+
+@pytest.mark.parametrize(
+    ("facing_deg", "expected"),
+    [(0.0, [0.0, 1.0]), (None, [0.0, 1.0]), (90.0, [1.0, 0.0]), (-30.0, [-0.5, math.sqrt(0.75)])],
+)
+def test_the_panel_is_as_wide_as_measured_and_turned_as_it_faces(facing_deg, expected):
+    ends = panel_line(evidence_of(facing_deg=facing_deg, panel_width_m=0.8), straight_drive())
+    assert ends.mean(axis=0) == pytest.approx([40.0, -6.0])
+    assert (ends[1] - ends[0]) / 0.8 == pytest.approx(expected)
+
+
+@given(st.lists(st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)), min_size=1, max_size=20))
+def test_a_map_shows_all_its_points_above_its_scale_bar(points):
+    page = fit(np.array(points), (480, 340), 20.0)(np.array(points))
+    assert (page >= 0).all()
+    assert (page[:, 0] <= 480).all()
+    assert (page[:, 1] <= 340 - 40).all()
+
+
+def test_every_class_has_a_colour_and_an_outline():
+    assert set(COLOR_INK) == set(COLORS)
+    assert set(OUTLINES) == set(SHAPES)
+    assert all(np.abs(outline).max() <= 1 for outline in OUTLINES.values())
+
+
+def test_what_is_not_known_is_said_to_be_unknown():
+    sign = dict.fromkeys(column.name for column in SIGNS.columns) | sign_row("a-0001")
+    figures = [figure for group in figures_of(sign, "enu").values() for figure in group]
+    unknown = {f.label for f in figures if f.value == UNKNOWN}
+    assert {"Along the road", "Colour", "Width", "Facing", "Residual, RMS"} <= unknown
+    assert not any("None" in f.value + f.remark for f in figures)
+
+
+@pytest.mark.parametrize("width", [30, 80, 200, 2000])
+def test_long_words_are_cut_to_the_room_they_have(width):
+    words = "a_very_long_name_of_a_drive_2026-11-21_front_camera-0001"
+    short = shortened(words, 20, 400, width)
+    assert text_width(short, 20, 400) <= width
+    assert short == words or "..." in short
+
+
+def test_the_command_ends_with_the_status_of_lost_parts(out, tmp_path):
+    log = make_log(tmp_path, pictures=4)
+    result = CliRunner().invoke(app, ["evidence", str(out), "--log", str(log)])
+    assert result.exit_code == 4
+    assert "2 views have no picture" in result.stderr
+    assert (out / "evidence" / "index.html").is_file()
+
+
+def test_the_command_says_what_to_open(out):
+    result = CliRunner().invoke(app, ["evidence", str(out), "--sign", NEAR])
+    assert result.exit_code == 0
+    assert Path(result.stdout.strip()) == out / "evidence" / f"{NEAR}.png"
+
+
+def test_a_run_notes_where_its_log_lies_and_one_without_signs_has_an_index(
+    tmp_path, log, monkeypatch
+):
+    monkeypatch.chdir(log.parent)
+    out = tmp_path / "out"
+    settings = Settings(read=ReadSettings(spacing_m=SPACING_M, thin_m=0.0))
+    run_log(Path(log.name), out, settings, load_models(settings), arguments=[])
+    monkeypatch.chdir(tmp_path)
+    assert json.loads((out / "run.json").read_text())["log_path"] == str(log)
+    written = write_evidence(out, tmp_path / "sheets")
+    assert len(written.sheets) == pq.read_metadata(out / SIGNS.file).num_rows
+    assert written.index.is_file()
