@@ -96,4 +96,4 @@ def _sigma(value: float | None, unit: str) -> str:
 
 
 def _distance(value: float | None) -> str:
-    return "" if value is None else f"distance {value:.1f}"
+    return "" if value is None else f"Mahalanobis {value:.1f}"
