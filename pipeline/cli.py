@@ -329,6 +329,7 @@ def main() -> None:
         status = app(standalone_mode=False)
         if status == INTERRUPTED:  # what the parser makes of Ctrl-C
             _end_interrupted()
+        viewer.leave_stuck_viewer(status if isinstance(status, int) else 0)
         sys.exit(status if isinstance(status, int) else 0)
     except KeyboardInterrupt:
         _end_interrupted()

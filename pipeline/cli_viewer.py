@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -67,6 +69,15 @@ def viewing_of(view: View, connect: str | None, images: Images, detail: bool) ->
     if view in (View.live, View.serve):
         _, address = start_viewer((), serve=view is View.serve)
     return Viewing(view is View.file, address, images.value, detail)
+
+
+def leave_stuck_viewer(status: int) -> None:
+    """End the program at once where a viewer that does not answer would hold the interpreter's own end for ever."""
+    recorder = sys.modules.get("wayside.pipeline.view.recorder")
+    if recorder is not None and recorder.any_alive():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
 
 
 def view(

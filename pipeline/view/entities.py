@@ -109,5 +109,17 @@ class Columns:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """Several things sent as one: none of them can be left out alone."""
+
+    parts: tuple[Batch | Columns, ...]
+
+    def send(self, stream: rr.RecordingStream) -> None:
+        """Send all of it."""
+        for part in self.parts:
+            part.send(stream)
+
+
 def _nanoseconds(values: Any) -> Any:
     return np.array(list(values), "datetime64[ns]")

@@ -10,7 +10,7 @@ from typing import Any
 from wayside.pipeline.inventory import Inventory
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.chains import closing, opening
-from wayside.pipeline.view.entities import Batch, Entity, Times
+from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
 from wayside.pipeline.view.recorder import Recorder, Sendable
 from wayside.pipeline.view.views import LAST_STAGE, Scene, entities_of, seen_places
 from wayside.schemas.frame import Frame
@@ -49,12 +49,9 @@ class RerunObserver:
 
     def finish(self, inventory: Inventory) -> None:
         """Send what only the end tells."""
-
-        def send() -> None:
-            for item in closing(inventory, self._scene.poses, self._times):
-                self._send(item)
-
-        self._guarded(send)
+        self._guarded(
+            lambda: self._send(Bundle(tuple(closing(inventory, self._scene.poses, self._times))))
+        )
 
     def close(self) -> list[str]:
         """End all recordings; what went wrong with any, in words."""

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import rerun as rr
 
+THREAD = "view-"
 WAITING = 48
 """Batches that wait at most."""
 CLOSING_S = 20.0
@@ -20,6 +21,11 @@ class Sendable(Protocol):
 
     def send(self, stream: rr.RecordingStream) -> None:
         """Log all of it."""
+
+
+def any_alive() -> bool:
+    """Whether a recording's thread still runs; after `close`, one that its sink holds for ever."""
+    return any(thread.name.startswith(THREAD) for thread in threading.enumerate())
 
 
 class Recorder:
@@ -43,7 +49,7 @@ class Recorder:
         self.fault: str | None = None
         self._open, self._patience_s = open_stream, patience_s
         self._queue: Queue[Sendable | None] = Queue(WAITING)
-        self._thread = threading.Thread(target=self._work, name=f"view-{name}", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"{THREAD}{name}", daemon=True)
         self._thread.start()
 
     def put(self, item: Sendable) -> None:
