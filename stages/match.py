@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.numerics.association import Gates
 from wayside.stages.numerics.descriptors import match_points, vote_regions
 from wayside.stages.numerics.places import Fit, fit_views
+from wayside.stages.numerics.scatter import Scatter
 from wayside.stages.place import build_place
 from wayside.stages.window import Held, TravelledPath, sightings_of, through_window
 
@@ -105,8 +106,9 @@ class _Matcher:
         tall_px = fit.metric[1] / fit.depth.min() * self._held[fit.frames[-1]].focal
         allowed = self._gates.gap_px + self._gates.gap_share * tall_px
         verdict = "sign" if fit.rms_px < allowed else "residual"
+        factor = Scatter().factor(fit.chi, fit.freedom)
         place = build_place(
-            fit,
+            replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor)),
             self._held,
             beside,
             track_id=self._next_id,

@@ -26,6 +26,7 @@ from wayside.stages.numerics.epipolar import (
     sampson_px,
 )
 from wayside.stages.numerics.rotation import across
+from wayside.stages.numerics.tie_errors import motion_slopes, shared_error
 from wayside.stages.numerics.triangulate import midpoint, pair_residual
 from wayside.stages.numerics.undistort import rays_of_ideal
 from wayside.stages.ties import (
@@ -46,8 +47,11 @@ AGAIN_RAD, ROUNDS = np.radians(0.1), 3
 """Ties are chosen again while that moves the direction by more, so often at most."""
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 """Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
-ROTATION_INFLATION, DIRECTION_INFLATION = 2.0, 5.0
-"""Sigmas of the normal equations are too small by these factors: errors of neighbouring patches hang together."""
+SHARED_SIGMA_PX, SHARED_REACH_PX = 0.07, 60.0
+"""Error that neighbouring ties have in common, and how far: rotations scatter by it (measured)."""
+DIRECTION_INFLATION = 1.25
+"""Directions scatter by this much more, the more so the worse the ties fit: they are chosen by the motion that they
+then confirm (measured)."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
@@ -158,7 +162,7 @@ class Drive:
         return Motion(
             last.pose.compose(pose),
             pose,
-            _covariance(adjusted, baseline, sigma_m),
+            _covariance(adjusted, held, focal, baseline, sigma_m),
             expected.source,
             baseline,
             last.station_m + baseline,
@@ -303,15 +307,33 @@ def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) ->
     return points
 
 
-def _covariance(adjusted: Adjusted, baseline_m: float, sigma_m: float) -> Array:
+def _covariance(
+    adjusted: Adjusted,
+    rays: tuple[Array, Array],
+    focal_px: tuple[float, float],
+    baseline_m: float,
+    sigma_m: float,
+) -> Array:
     """Covariance (6, 6) of rotation vector and translation in the previous camera's axes."""
-    basis = across(adjusted.direction)
-    spread = np.zeros((6, 5))
-    spread[:3, :3] = np.eye(3) * ROTATION_INFLATION
-    spread[3:, 3:] = baseline_m * basis.T * DIRECTION_INFLATION
+    scale_px = FINE_SCALES_PX[-1]
     freedom = max(1, len(adjusted.squares) - 5)
     chi = max(1.0, float(adjusted.squares.sum()) / (REGISTERED_SIGMA_PX**2 * freedom))
-    covariance = spread @ adjusted.covariance @ spread.T * chi
+    focal = 0.5 * (focal_px[0] + focal_px[1])
+    gaps, slopes = motion_slopes(*rays, adjusted.rotation, adjusted.direction, focal)
+    weight = 1 / (REGISTERED_SIGMA_PX**2 * (1 + (gaps / scale_px) ** 2))
+    shared = shared_error(
+        rays[1],
+        adjusted.rotation.T @ adjusted.direction,
+        adjusted.covariance @ (slopes * weight[:, None]).T,
+        focal_px=focal,
+        sigma_px=SHARED_SIGMA_PX,
+        reach_px=SHARED_REACH_PX,
+    )
+    basis = across(adjusted.direction)
+    spread = np.zeros((6, 5))
+    spread[:3, :3] = np.eye(3)
+    spread[3:, 3:] = baseline_m * basis.T * DIRECTION_INFLATION * chi
+    covariance = spread @ (adjusted.covariance + shared) @ spread.T * chi
     covariance[3:, 3:] += sigma_m**2 * np.outer(adjusted.direction, adjusted.direction)
     return np.asarray(covariance)
 

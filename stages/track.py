@@ -8,6 +8,7 @@ candidates away, then the rest is solved again. A place is final when the vehicl
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from wayside.stages.match import match_by_descriptors
 from wayside.stages.numerics.association import Gates, Sightings, link
 from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit, overlap_share, solve_places
+from wayside.stages.numerics.scatter import Scatter
 from wayside.stages.place import (
     build_place,
     frames_of,
@@ -74,6 +76,7 @@ class _Tracker:
         self._held: list[Held] = []
         self._proposed: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
         self._known: list[Fit] = []  # faces given already
+        self._scatter = Scatter()
         self._next_id = 0
 
     def holds(self, one: Held) -> bool:
@@ -142,10 +145,12 @@ class _Tracker:
                 verdict = "moving"
             elif passes and any(same_face(sightings, fit, other) for other in self._known):
                 verdict = "duplicate"
+            factor = self._scatter.factor(fit.chi, fit.freedom)
             if verdict == "sign":
                 self._known.append(fit)
+                self._scatter.learn(fit.chi, fit.freedom)
             place = build_place(
-                fit,
+                replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor)),
                 self._held,
                 beside,
                 track_id=self._next_id,

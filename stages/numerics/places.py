@@ -24,8 +24,6 @@ NEAREST_VIEWS = 8
 SIZE_VIEWS = 6
 NEAREST_M, FARTHEST_M = 1.0, 1000.0
 """Rays that meet nearer or farther than this are as good as parallel: no panel is seen there."""
-LEAST_CHI = 0.5
-"""Reduced chi square below which the scatter of the centres is not believed to lie."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +33,8 @@ class Fit:
     rows (v,): sightings, oldest first; frames (v,): their positions in the window; used (v,): those that the point
     was fitted to; point (3,), covariance (3, 3) in the world; residual_px, depth (v,): pixels, metres; metric,
     spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what the views were
-    weighted by, and the scatter of their rays alone; empty: expected views left empty; total: sum of values;
+    weighted by, and the scatter of their rays alone; chi: sum of squares of the used residuals in that scatter; empty:
+    expected views left empty; total: sum of values;
     covered: rows of other candidates that show the same face.
     """
 
@@ -50,6 +49,7 @@ class Fit:
     spread: NDArray[np.float64]
     weight_sigma: NDArray[np.float64]
     ray_sigma: NDArray[np.float64]
+    chi: float
     empty: int
     total: float
     covered: NDArray[np.int64]
@@ -58,6 +58,11 @@ class Fit:
     def rms_px(self) -> float:
         """RMS of the residuals of the views that were used."""
         return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of `chi`."""
+        return max(2.0 * float(self.used.sum()) - 3.0, 1.0)
 
 
 def solve_places(
@@ -166,10 +171,7 @@ def fit_views(
     metric, spread = metric_size(s.size[rows] * depth[:, None], depth, s.whole[rows])
     none = np.zeros(0, np.int64)
     residual = np.hypot(gap[:, 0], gap[:, 1])
-    # the centres scatter as the fit says, within bounds: few views say little
-    free = max(2.0 * used.sum() - 3.0, 1.0)
-    chi = float(((residual[used] / (own[used] * s.focal[frames[used]])) ** 2).sum()) / free
-    own = own * np.sqrt(min(max(chi, LEAST_CHI), 4.0))
+    chi = float(((residual[used] / (own[used] * s.focal[frames[used]])) ** 2).sum())
     return Fit(
         rows,
         frames,
@@ -182,6 +184,7 @@ def fit_views(
         spread,
         sigma,
         own,
+        chi,
         0,
         0.0,
         none,
