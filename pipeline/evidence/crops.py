@@ -19,7 +19,8 @@ from wayside.stages.decode import decode
 
 CONTEXT = 3.0
 """A crop is this many times as large as the box in it."""
-SMALLEST_PX = 24
+SMALLEST_PX = 64
+"""No crop is lower than this: of a face far away, its surroundings say what it is."""
 _OUTSIDE_GREY = 200
 
 
@@ -53,12 +54,14 @@ def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proporti
 
     Returns
     -------
-    The box stands in the middle; what lies outside the picture is grey.
+    The box stands in the middle, except near the edge of the picture; where the crop is the larger of the two, it is
+    grey around the picture.
     """
     x0, y0, x1, y1 = box
     height = max(CONTEXT * (y1 - y0), CONTEXT * (x1 - x0) / proportion, SMALLEST_PX)
     tall, wide = math.ceil(height), math.ceil(height * proportion)
-    left, top = round((x0 + x1 - wide) / 2), round((y0 + y1 - tall) / 2)
+    left = _shifted_inside(round((x0 + x1 - wide) / 2), wide, rgb.shape[1])
+    top = _shifted_inside(round((y0 + y1 - tall) / 2), tall, rgb.shape[0])
     crop = np.full((tall, wide, 3), _OUTSIDE_GREY, np.uint8)
     rows = slice(max(top, 0), max(min(top + tall, rgb.shape[0]), 0))
     columns = slice(max(left, 0), max(min(left + wide, rgb.shape[1]), 0))
@@ -68,6 +71,11 @@ def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proporti
         columns.start - left : columns.start - left + inside.shape[1],
     ] = inside
     return Crop(crop, (x0 - left, y0 - top, x1 - left, y1 - top))
+
+
+def _shifted_inside(start: int, length: int, room: int) -> int:
+    """Where a stretch must start to lie in 0 to `room`; unchanged where it is too long."""
+    return start if length > room else min(max(start, 0), room - length)
 
 
 def read_pictures(

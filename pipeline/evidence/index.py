@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import Drive
 from wayside.pipeline.evidence.marks import ink_of, look_of, outline_of, spoken
@@ -24,7 +25,7 @@ _UNKNOWN = "unknown"
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One sign of the index: its row, the file name of its sheet, a small picture as JPEG (None: there is none)."""
+    """One sign of the index: its row, the file name of its sheet, a small picture as WebP (None: there is none)."""
 
     sign: dict[str, Any]
     sheet: str
@@ -87,7 +88,7 @@ def _card(card: Card) -> str:
     if card.thumb is not None:
         source = base64.b64encode(card.thumb).decode()
         picture = (
-            f'<img src="data:image/jpeg;base64,{source}" width="240" height="180" loading="lazy" '
+            f'<img src="data:image/webp;base64,{source}" width="240" height="180" loading="lazy" '
             f'alt="{escape(look)}">'
         )
     status = (
@@ -96,8 +97,8 @@ def _card(card: Card) -> str:
     facts = "".join(f"<dt>{label}</dt><dd>{escape(value)}</dd>" for label, value in _facts(sign))
     return (
         f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{picture}'
-        f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span>{status}</h2>"
-        f'<p class="look">{escape(look)}</p><dl>{facts}</dl></a></li>'
+        f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span></h2>"
+        f'<p class="look"><span>{escape(look)}</span>{status}</p><dl>{facts}</dl></a></li>'
     )
 
 
@@ -137,8 +138,10 @@ def _css(sign: dict[str, Any]) -> str:
 
 
 def _map(cards: Sequence[Card], drive: Drive) -> str:
-    """The path and every sign from above, x right and y up; a sign leads to its card."""
-    points = np.concatenate([drive.path[:, :2], drive.signs[:, :2]])
+    """The path and every sign from above, turned to run from left to right; a sign leads to its card."""
+    turn = _to_the_right(drive.path[:, :2])
+    way, places = drive.path[:, :2] @ turn, drive.signs[:, :2] @ turn
+    points = np.concatenate([way, places])
     if not len(points):
         return ""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -147,23 +150,30 @@ def _map(cards: Sequence[Card], drive: Drive) -> str:
     scale = float(np.min(room / extent))
     width, height = extent * scale + 2 * _MAP_MARGIN
 
-    def at(x: float, y: float) -> tuple[str, str]:
-        return (
-            f"{_MAP_MARGIN + (x - low[0]) * scale:.1f}",
-            f"{_MAP_MARGIN + (high[1] - y) * scale:.1f}",
-        )
+    def at(point: NDArray[np.float64]) -> tuple[str, str]:
+        x, y = (point - [low[0], high[1]]) * [scale, -scale] + _MAP_MARGIN
+        return f"{x:.1f}", f"{y:.1f}"
 
-    thinned = drive.path[:: max(1, len(drive.path) // _MAP_POINTS)]
-    path = " ".join(",".join(at(x, y)) for x, y, _ in (*thinned, *drive.path[-1:]))
+    thinned = way[:: max(1, len(way) // _MAP_POINTS)]
+    path = " ".join(",".join(at(point)) for point in (*thinned, *way[-1:]))
     dots = []
-    for card in cards:
-        x, y = at(card.sign["x"], card.sign["y"])
+    for card, place in zip(cards, places, strict=True):
+        x, y = at(place)
         title = escape(f"{card.name}: {look_of(card.sign['color'], card.sign['shape'])}")
         dots.append(
             f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}" aria-label="{title}">'
             f'<circle cx="{x}" cy="{y}" r="7" fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
         )
     return (
-        f'<svg class="map" viewBox="0 0 {width:.0f} {height:.0f}" role="group" aria-label="The drive from above">'
+        f'<svg class="map" viewBox="0 0 {width:.0f} {height:.0f}" role="group" '
+        'aria-label="The drive from above, from left to right">'
         f'<polyline points="{path}"/>{"".join(dots)}</svg>'
     )
+
+
+def _to_the_right(way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrix (2, 2) that turns rows x, y so that the farthest point of a path lies to the right of its start."""
+    away = way - way[:1]
+    x, y = away[np.argmax(np.linalg.norm(away, axis=1))] if len(way) else (0.0, 0.0)
+    length = float(np.hypot(x, y))
+    return np.array([[x, -y], [y, x]]) / length if length > 0 else np.eye(2)

@@ -33,7 +33,7 @@ TILE = (WIDTH - 2 * MARGIN - (_TILES - 1) * GAP) // _TILES, 210
 PROPORTION = TILE[0] / TILE[1]
 """Width over height of every crop, large or small."""
 _MAP = (WIDTH - 2 * MARGIN - 2 * GAP) // 3, 340
-_CAPTION, _RESIDUAL = 36, 86
+_CAPTION, _RESIDUAL, _HALO = 36, 86, 3
 _TOP = 150
 _MIDDLE = _TOP + BIG[1] + _CAPTION + 70
 _BOTTOM = _MIDDLE + _MAP[1] + 60
@@ -160,9 +160,11 @@ def draw_crop(crop: Crop, size: tuple[int, int]) -> NDArray[np.uint8]:
     scaled = crop.scaled_to(*size)
     part = Canvas(*size)
     part.paste((0, 0), scaled.rgb)
-    x0, y0, x1, y1 = (edge - 0.5 for edge in scaled.box)  # pixel centres stand at integers
-    outline = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     thickness = 2 if size[0] <= TILE[0] else 3
-    part.line(outline, PAPER, thickness + 3, closed=True)
+    x0, y0, x1, y1 = (edge - 0.5 for edge in scaled.box)  # pixel centres stand at integers
+    gap = (thickness + _HALO) / 2 + 1  # the line goes around the face, not over it
+    x0, y0, x1, y1 = x0 - gap, y0 - gap, x1 + gap, y1 + gap
+    outline = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    part.line(outline, PAPER, thickness + _HALO, closed=True)
     part.line(outline, ACCENT, thickness, closed=True)
     return part.rgb

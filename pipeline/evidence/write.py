@@ -24,7 +24,7 @@ from wayside.schemas.settings import ReadSettings
 
 INDEX_FILE = "index.html"
 THUMB = 240, 180
-_PNG_LEVEL, _JPEG_QUALITY = 4, 82
+_PNG_LEVEL, _WEBP_QUALITY = 4, 75
 Watcher = Callable[[int, int], None]
 
 
@@ -117,8 +117,8 @@ class _Binder:
         )
         if evidence.best in crops:
             thumb = draw_crop(crops[evidence.best], THUMB)
-            quality = cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY
-            self.thumbs[evidence.name] = _encoded(".jpg", thumb, *quality)
+            quality = cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY
+            self.thumbs[evidence.name] = _encoded(".webp", thumb, *quality)
 
 
 def _fill(
