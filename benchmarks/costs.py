@@ -84,7 +84,7 @@ def play(source: Path, target: Path, times: int) -> None:
         writer.finish()
 
 
-def run(log: Path, out: Path, spacing: str, workers: int) -> tuple[dict, float, float]:
+def run(log: Path, out: Path, spacing: str, workers: int, *more: str) -> tuple[dict, float, float]:
     """Run the command as a process of its own; `run.json`, peak memory (MB) and processor seconds."""
     command = [
         sys.executable,
@@ -95,7 +95,7 @@ def run(log: Path, out: Path, spacing: str, workers: int) -> tuple[dict, float, 
         "-o",
         str(out),
     ]
-    command += ["--spacing", spacing, "--workers", str(workers), "--set", "read.thin_m=0"]
+    command += ["--spacing", spacing, "--workers", str(workers), "--set", "read.thin_m=0", *more]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     watch = f"import resource,subprocess,sys; code=subprocess.call({command!r}, stdout=subprocess.DEVNULL); "
     watch += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(code)"

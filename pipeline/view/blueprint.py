@@ -49,7 +49,7 @@ def drive_layout() -> rrb.Blueprint:
     residuals = rrb.TimeSeriesView(
         origin=at.RESIDUALS, name="residual, px", plot_legend=rrb.PlotLegend(visible=True)
     )
-    iterations = rrb.BarChartView(origin=at.ITERATIONS, name="residual by iteration, px")
+    iterations = rrb.TimeSeriesView(origin=at.ITERATIONS, name="residual by iteration, px")
     gates = rrb.TimeSeriesView(
         origin=at.GATES, name="candidates by stage", plot_legend=rrb.PlotLegend(visible=True)
     )

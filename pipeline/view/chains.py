@@ -13,13 +13,28 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.inventory import Inventory
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
-from wayside.pipeline.view.views import AFTER, BEFORE, place_color, place_words, reprojected_box
+from wayside.pipeline.view.views import (
+    AFTER,
+    BEFORE,
+    ITERATIONS_SHOWN,
+    place_color,
+    place_words,
+    reprojected_box,
+)
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.motion import Place
+from wayside.schemas.regions import SOURCES
 
 SIGMAS = 2.0
 """Ellipsoids and ellipses are drawn at so many standard deviations."""
+STEPS = ["at the start", *(f"after step {k + 1}" for k in range(ITERATIONS_SHOWN))]
+GATE_NAMES = {
+    **dict.fromkeys(("segment", "propose"), SOURCES),
+    **dict.fromkeys(("color", "judge", "shape"), ("kept", "refused")),
+    **dict.fromkeys(("track", "location", "assemble"), ("signs",)),
+}
+"""What the numbers of a stage are, in the order in which its view gives them."""
 LEAST_HALF_AXIS_M = 0.02
 
 
@@ -31,6 +46,11 @@ def opening(location: GaussianModel) -> Batch:
         ring = ellipse(one.mean, one.covariance, one.threshold) * (1.0, -1.0)
         strip = rr.LineStrips2D([ring], colors=[(255, 255, 255)], labels=[one.name])
         found.append(Entity(f"{at.LOCATION}/{one.name}", (strip,)))
+    found.append(Entity(at.ITERATIONS, (rr.SeriesLines(names=STEPS),)))
+    for stage, names in GATE_NAMES.items():
+        found.append(
+            Entity(f"{at.GATES}/{stage}", (rr.SeriesLines(names=[f"{stage}: {n}" for n in names]),))
+        )
     for name, ink in (("straight", BEFORE), ("adjusted", AFTER)):
         found.append(
             Entity(f"{at.RESIDUALS}/{name}", (rr.SeriesLines(colors=[ink], names=[name]),))

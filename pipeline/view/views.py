@@ -38,13 +38,17 @@ from wayside.stages.numerics.undistort import distort_points, rays_of_ideal
 IMAGES = ("all", "signs", "none")
 RECENT = 60
 """Frames whose path and places stay in view behind the vehicle."""
+ITERATIONS_SHOWN = 4
+"""The adjustment converges in fewer, as a rule."""
 IMAGE_PLANE_M, REACH_M = 3.0, 150.0
 GREY, GOOD, BAD = (150, 150, 150), (90, 220, 120), (240, 90, 90)
 BEFORE, AFTER = (245, 150, 60), GOOD
 """The straight motion, and the adjusted one."""
 JPEG_QUALITY = 85
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
-LAST_STAGE, SIGN, OPEN = "assemble", verdict_code("sign"), verdict_code("open")
+LAST_STAGE, SIGN = "assemble", verdict_code("sign")
+MANY, MOST_WORDS = ("glance", "size", "color"), 100
+"""Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 
 
 class NoViewError(TypeError):
@@ -53,10 +57,15 @@ class NoViewError(TypeError):
 
 @dataclass(slots=True)
 class Scene:
-    """What views remember from frame to frame; the last three only where the frames are in order."""
+    """What views remember from frame to frame; all but the options belongs to the thread that keeps the order.
+
+    camera: the one that was shown last; shown: layers that the frame before left something in.
+    """
 
     images: str = "all"
     detail: bool = False
+    camera: Camera | None = None
+    shown: set[str] = field(default_factory=set)
     poses: dict[int, tuple[Pose, Camera]] = field(default_factory=dict)
     path: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=RECENT))
     places: deque[tuple[int, Place]] = field(default_factory=deque)
@@ -75,25 +84,31 @@ def entities_of(item: Any, stage: str, scene: Scene) -> tuple[Entity, ...]:
 def view_frame(frame: Frame, stage: str, scene: Scene) -> list[Entity]:
     """The camera, and the recorded bytes as they are; a frame that is not used says why."""
     if not frame.used or frame.camera is None:
+        scene.camera = None
         words = rr.TextLog(f"picture {frame.index} not used: {frame.status}", level="WARN")
         return [
             Entity(at.REJECTIONS, (words,)),
             Entity(at.VEHICLE, (rr.Clear(recursive=True),)),
         ]
-    camera = frame.camera
-    pinhole = rr.Pinhole(
-        image_from_camera=camera.matrix,
-        resolution=[camera.width, camera.height],
-        camera_xyz=rr.ViewCoordinates.RDF,
-        image_plane_distance=IMAGE_PLANE_M,
-    )
-    found = [Entity(at.CAMERA, (pinhole,))]
+    found = []
+    if frame.camera != scene.camera:
+        scene.camera = frame.camera
+        found.append(Entity(at.CAMERA, (_pinhole(frame.camera),)))
     media_type = PASSED_THROUGH.get(frame.encoding)
     if media_type is not None and scene.images != "none":
         found.append(
             Entity(at.IMAGE, (rr.EncodedImage(contents=bytes(frame.data), media_type=media_type),))
         )
     return found
+
+
+def _pinhole(camera: Camera) -> rr.Pinhole:
+    return rr.Pinhole(
+        image_from_camera=camera.matrix,
+        resolution=[camera.width, camera.height],
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=IMAGE_PLANE_M,
+    )
 
 
 def view_picture(picture: Picture, stage: str, scene: Scene) -> list[Entity]:
@@ -114,11 +129,7 @@ def view_picture(picture: Picture, stage: str, scene: Scene) -> list[Entity]:
 def view_segmented(item: Segmented, stage: str, scene: Scene) -> list[Entity]:
     """How many regions of each source; with detail the label images of both passes in their own colours."""
     counts = np.bincount(item.regions.source, minlength=len(SOURCES))
-    found = [
-        Entity(f"{at.GATES}/{stage}/{name}", (rr.Scalars([float(count)]),))
-        for name, count in zip(SOURCES, counts, strict=True)
-        if count
-    ]
+    found = [Entity(f"{at.GATES}/{stage}", (rr.Scalars(counts.astype(float)),))]
     if (
         scene.detail
         and stage == "segment"
@@ -152,10 +163,7 @@ def halved_labels(
 def view_judged(item: Judged, stage: str, scene: Scene) -> list[Entity]:
     """How many candidates are still open after the stage, and how many it or one before it refused."""
     left = len(item.candidates.open_rows())
-    return [
-        Entity(f"{at.GATES}/{stage}/kept", (rr.Scalars([float(left)]),)),
-        Entity(f"{at.GATES}/{stage}/refused", (rr.Scalars([float(len(item.candidates) - left)]),)),
-    ]
+    return [Entity(f"{at.GATES}/{stage}", (rr.Scalars([left, len(item.candidates) - left]),))]
 
 
 def view_look(item: Look, stage: str, scene: Scene) -> list[Entity]:
@@ -194,8 +202,14 @@ def view_moved(item: Moved, stage: str, scene: Scene) -> list[Entity]:
         if np.isfinite(value):
             found.append(Entity(f"{at.RESIDUALS}/{name}", (rr.Scalars([value]),)))
     if motion.history_px:
-        found.append(Entity(at.ITERATIONS, (rr.BarChart(np.array(motion.history_px)),)))
+        found.append(Entity(at.ITERATIONS, (rr.Scalars(residual_by_iteration(motion)),)))
     return found
+
+
+def residual_by_iteration(motion: Motion) -> NDArray[np.float64]:
+    """Residual (ITERATIONS_SHOWN + 1,) at the start and after each iteration; it stays as it is after the last one."""
+    history = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])
+    return np.append(history, np.full(ITERATIONS_SHOWN + 1 - len(history), history[-1]))
 
 
 def _transform(pose: Pose) -> rr.Transform3D:
@@ -257,7 +271,7 @@ def view_settled(item: Settled, stage: str, scene: Scene) -> list[Entity]:
     if motion is None or frame.camera is None:
         return []
     counts = np.bincount(item.candidates.verdict, minlength=len(VERDICTS))
-    signs = Entity(f"{at.GATES}/{stage}/sign", (rr.Scalars([float(counts[SIGN])]),))
+    signs = Entity(f"{at.GATES}/{stage}", (rr.Scalars([counts[SIGN]]),))
     if stage != LAST_STAGE:
         return [signs]
     scene.poses.setdefault(frame.index, (motion.pose, frame.camera))
@@ -268,7 +282,7 @@ def view_settled(item: Settled, stage: str, scene: Scene) -> list[Entity]:
     active = seen_places(scene, frame.index)
     return [
         signs,
-        *_view_verdicts(item.candidates),
+        *_view_verdicts(item.candidates, scene),
         *_view_tracks(active, frame.index, motion, frame.camera, scene),
         Entity(at.PLACES, (_places(recent),)),
         Entity(f"{at.LOCATION}/places", (_cross_section(recent),)),
@@ -285,26 +299,32 @@ def seen_places(scene: Scene, index: int) -> list[Place]:
     return [p for _, p in scene.places if any(view.frame == index for view in p.views)]
 
 
-def _view_verdicts(candidates: Candidates) -> list[Entity]:
-    boxes = candidates.regions.box
+def _view_verdicts(candidates: Candidates, scene: Scene) -> list[Entity]:
     found = []
     for code, verdict in enumerate(VERDICTS):
-        if code == OPEN:  # nothing is open in a settled frame
-            continue
+        path = f"{at.CANDIDATES}/{verdict}"
         rows = np.flatnonzero(candidates.verdict == code)
-        quiet = verdict in ("glance", "size")
-        labels = None if quiet else [candidate_words(candidates, int(row)) for row in rows]
-        ink = [color_of(int(c)) for c in candidates.color[rows]] if verdict == "sign" else [GREY]
-        shown = rr.Boxes2D(
-            array=boxes[rows],
-            array_format=rr.Box2DFormat.XYXY,
-            colors=ink if len(rows) else None,
-            labels=labels if len(rows) else None,
-            show_labels=False,
-            radii=rr.Radius.ui_points(1.5 if verdict == "sign" else 0.7),
-        )
-        found.append(Entity(f"{at.CANDIDATES}/{verdict}", (shown,)))
+        if len(rows) and (scene.detail or verdict not in MANY):
+            found.append(Entity(path, _boxes(candidates, rows, verdict)))
+            scene.shown.add(path)
+        elif path in scene.shown:
+            found.append(Entity(path, (rr.Clear(recursive=False),)))
+            scene.shown.discard(path)
     return found
+
+
+def _boxes(candidates: Candidates, rows: NDArray[np.int64], verdict: str) -> tuple[Any, ...]:
+    sign, many = verdict == "sign", verdict in MANY or len(rows) > MOST_WORDS
+    labels = None if many else [candidate_words(candidates, int(row)) for row in rows]
+    boxes = rr.Boxes2D(
+        array=candidates.regions.box[rows],
+        array_format=rr.Box2DFormat.XYXY,
+        colors=[color_of(int(c)) for c in candidates.color[rows]] if sign else [GREY],
+        labels=labels,
+        show_labels=False,
+        radii=rr.Radius.ui_points(1.5 if sign else 0.7),
+    )
+    return (boxes, rr.AnyValues(score=candidates.score[rows])) if many else (boxes,)
 
 
 def candidate_words(candidates: Candidates, row: int) -> str:
