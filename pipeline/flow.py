@@ -63,7 +63,15 @@ class Flow:
             segmented = self._stage("propose", segmented, propose, settings=s.candidates)
         judged = self._stage("color", segmented, classify_color, model=m.color, gate=by_report)
         if not by_report:
-            judged = self._stage("judge", judged, judge, trees=m.judge, settings=s.candidates)
+            judged = self._stage(
+                "judge",
+                judged,
+                judge,
+                trees=m.judge,
+                settings=s.candidates,
+                color=m.face_color,
+                shape=m.face_shape,
+            )
         judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
         return self._stage("features", judged, extract_features, settings=s.features)
 

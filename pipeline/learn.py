@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from wayside.pipeline.learning.gaussians import (
     shape_model,
 )
 from wayside.pipeline.learning.judging import Judges, learn_judges
+from wayside.pipeline.learning.names import learn_names
 from wayside.pipeline.learning.places import learn_place_judge
 from wayside.pipeline.learning.samples import (
     Drive,
@@ -36,6 +38,12 @@ from wayside.pipeline.learning.samples import (
     read_views,
     real_faces,
     stray_places,
+)
+from wayside.pipeline.learning.scenes import (
+    read_scenes,
+    scene_drive,
+    scene_pictures,
+    scene_sources,
 )
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -89,13 +97,27 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     crops = [] if real is None else real_faces(real)
     origin = _origin(read, crops, seed)
     models = gaussian_models(read, crops, np.concatenate(strays), origin)
-    by_name = {log.stem: log for log in logs}
+    again: dict[str, Callable[[], Iterator[Picture]]] = {
+        log.stem: partial(pictures, log) for log in logs
+    }
+    scenes = []
+    if real is not None:
+        for source, listed in scene_sources(read_scenes(real)).items():
+            scenes.append(scene_drive(real, source, listed))
+            again[source] = partial(scene_pictures, real, listed)
+            say(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
 
     def see(drive: Drive, views: Views) -> NDArray[np.float32]:
-        return read_views(pictures(by_name[drive.name]), views)
+        return read_views(again[drive.name](), views)
 
-    judges = learn_judges(read, see, seed, origin)
+    judges = learn_judges(read, see, seed, origin, scenes)
+    say(judges.judge.provenance)
     models["judge.json"] = judges.judge
+    for what in ("color", "shape"):
+        try:
+            models[f"face_{what}.json"] = learn_names(judges.passed, what, seed, origin)
+        except InputError as error:
+            say(f"face_{what}.json not written, the {what} of a face is its nearest class: {error}")
     digests = {name: _write(out / name, model, say) for name, model in models.items()}
     try:
         place = learn_place_judge(_tracked(logs, judges, out), origin)

@@ -13,6 +13,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     GaussianModel,
     Model,
+    NetworkModel,
     TreeModel,
     digest,
     model_from_json,
@@ -23,18 +24,23 @@ from wayside.schemas.settings import Settings
 REPORT_PLACE = "report"
 """The class of the location model that is the report's single mean; the others are the mixture."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel)
+Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel)
 
 
 @dataclass(frozen=True, slots=True)
 class Models:
-    """Everything learned that a run uses; `place` judges a place over all its views, where such a model exists."""
+    """Everything learned that a run uses.
+
+    `place` judges a place over all its views; `face_color` and `face_shape` name the face in a view; where they exist.
+    """
 
     color: GaussianModel
     shape: GaussianModel
     judge: TreeModel
     location: GaussianModel
     place: TreeModel | None = None
+    face_color: NetworkModel | None = None
+    face_shape: NetworkModel | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by its name."""
@@ -44,6 +50,8 @@ class Models:
             "judge": self.judge,
             "location": self.location,
             "place": self.place,
+            "face_color": self.face_color,
+            "face_shape": self.face_shape,
         }
         return {
             name: digest(model_to_json(model)) for name, model in named.items() if model is not None
@@ -72,6 +80,10 @@ def load_models(settings: Settings) -> Models:
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
+        *(
+            _network(folder, name) if _exists(folder, name) and not by_report else None
+            for name in ("face_color.json", "face_shape.json")
+        ),
     )
 
 
@@ -128,3 +140,4 @@ def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
 
 _gaussian = _of_kind(GaussianModel)
 _trees = _of_kind(TreeModel)
+_network = _of_kind(NetworkModel)

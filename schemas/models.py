@@ -67,7 +67,29 @@ class TreeModel:
     gate: TreeModel | None = None
 
 
-Model = GaussianModel | TreeModel
+@dataclass(frozen=True, slots=True)
+class NetworkModel:
+    """Network with one hidden layer over named features: softmax(relu(z W + b) V + c), z the scaled features.
+
+    classes (c,): what the outputs are the chances of; mean, scale (f,): z = (x - mean) / scale; hidden (f, h) = W,
+    hidden_bias (h,) = b, output (h, c) = V, output_bias (c,) = c; float32.
+    """
+
+    kind: ClassVar[str] = "network"
+    features: tuple[str, ...]
+    classes: tuple[str, ...]
+    mean: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    hidden: NDArray[np.float32]
+    hidden_bias: NDArray[np.float32]
+    output: NDArray[np.float32]
+    output_bias: NDArray[np.float32]
+    provenance: str
+
+
+NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
+
+Model = GaussianModel | TreeModel | NetworkModel
 
 
 def model_to_json(model: Model) -> str:
@@ -87,6 +109,9 @@ def model_to_json(model: Model) -> str:
                 for c in model.classes
             ],
         }
+    elif isinstance(model, NetworkModel):
+        body = {"features": list(model.features), "classes": list(model.classes)}
+        body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
     else:
         gate = None if model.gate is None else json.loads(model_to_json(model.gate))
         body = {
@@ -147,6 +172,8 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 data["provenance"],
                 _gate_of(data.get("gate"), name),
             )
+        if data["kind"] == "network":
+            return _network_of(data)
         raise KeyError(f"kind {data['kind']!r}")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
@@ -162,6 +189,25 @@ def _gate_of(data: dict[str, Any] | None, name: str) -> TreeModel | None:
     if not isinstance(gate, TreeModel):
         raise TypeError(f"a gate of kind {gate.kind!r}")
     return gate
+
+
+def _network_of(data: dict[str, Any]) -> NetworkModel:
+    arrays = {name: np.array(data[name], np.float32) for name in NETWORK_ARRAYS}
+    f, c = len(data["features"]), len(data["classes"])
+    h = arrays["hidden_bias"].size
+    wanted = dict(zip(NETWORK_ARRAYS, ((f,), (f,), (f, h), (h,), (h, c), (c,)), strict=True))
+    for name, array in arrays.items():
+        if array.shape != wanted[name] or not np.isfinite(array).all():
+            raise ValueError(f"{name} of shape {array.shape}, wanted {wanted[name]}, finite")
+    return NetworkModel(
+        tuple(data["features"]), tuple(data["classes"]), **arrays, provenance=data["provenance"]
+    )
+
+
+def _rounded(values: NDArray[np.float32]) -> Any:
+    if values.ndim > 1:
+        return [_rounded(row) for row in values]
+    return [float(f"{v:.5g}") for v in values]
 
 
 def digest(text: str) -> str:

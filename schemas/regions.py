@@ -117,7 +117,8 @@ class Candidates:
     center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same
     without lens distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance,
     shape_distance (n,) float32 Mahalanobis distances, nan where not computed; score (n,) float32 log odds
-    of being a sign face, nan where not judged; verdict (n,) uint8 into `VERDICTS`.
+    of being a sign face, nan where not judged; verdict (n,) uint8 into `VERDICTS`. color_odds (n, colours),
+    shape_odds (n, shapes) float32: logarithms of the chances of each name, nan where not named; None: nothing is.
     """
 
     regions: Regions
@@ -129,6 +130,8 @@ class Candidates:
     shape_distance: NDArray[np.float32]
     score: NDArray[np.float32]
     verdict: NDArray[np.uint8]
+    color_odds: NDArray[np.float32] | None = None
+    shape_odds: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Refuse columns of different length."""
@@ -214,6 +217,7 @@ class Look:
 
 
 def _same_length(table: object) -> None:
-    lengths = {f.name: len(getattr(table, f.name)) for f in fields(table)}  # type: ignore[arg-type]
+    columns = {f.name: getattr(table, f.name) for f in fields(table)}  # type: ignore[arg-type]
+    lengths = {name: len(column) for name, column in columns.items() if column is not None}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"{type(table).__name__}: columns of different length: {lengths}")

@@ -12,14 +12,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
-from wayside.schemas.models import TreeModel
-from wayside.schemas.regions import Candidates, Judged, Regions, verdict_code
+from wayside.schemas.models import NetworkModel, TreeModel
+from wayside.schemas.regions import COLORS, SHAPES, Candidates, Judged, Regions, verdict_code
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.colorspace import to_space
 from wayside.stages.numerics.glance import glance_names, glances
 from wayside.stages.numerics.maps import halved
+from wayside.stages.numerics.network import log_chances
 from wayside.stages.numerics.patch import patch_feature_names, patch_features
 from wayside.stages.numerics.trees import log_odds
 
@@ -43,13 +45,21 @@ OVERLAP = 0.4
 
 
 def judge(
-    items: Iterator[Judged], *, trees: TreeModel, settings: CandidateSettings
+    items: Iterator[Judged],
+    *,
+    trees: TreeModel,
+    settings: CandidateSettings,
+    color: NetworkModel | None = None,
+    shape: NetworkModel | None = None,
 ) -> Iterator[Judged]:
     """Look at all open candidates: `glance` is the verdict of those the model's gate refuses, unscored.
 
     The others are scored; those below the model's bar get the verdict `score`. Of overlapping survivors the best
-    stays (`overlap`), of all of them the best `settings.keep` (`score`).
+    stays (`overlap`), of all of them the best `settings.keep` (`score`). Where networks are given that name the `color`
+    and `shape` of a face, they do so for all that pass the bar.
     """
+    check_network(color, COLORS)
+    check_network(shape, SHAPES)
     for item in items:
         picture = item.segmented.picture
         rows = item.candidates.open_rows()
@@ -67,10 +77,42 @@ def judge(
             verdict[rows[~passed]] = verdict_code("glance")
             candidates = replace(candidates, verdict=verdict)
             rows, regions = rows[passed], regions.select(passed)
-        found = log_odds(trees, view_features(levels, regions, camera))
-        yield replace(
-            item, candidates=decided(candidates, rows, found, trees.accept, settings.keep)
-        )
+        values = view_features(levels, regions, camera)
+        found = log_odds(trees, values)
+        candidates = decided(candidates, rows, found, trees.accept, settings.keep)
+        passed = found >= trees.accept
+        odds: list[NDArray[np.float32] | None] = [None, None]
+        for k, (network, names) in enumerate(((color, COLORS), (shape, SHAPES))):
+            if network is not None:
+                table = np.full((len(candidates), len(names)), np.nan, np.float32)
+                table[rows[passed]] = face_chances(network, names, values[passed])
+                odds[k] = table
+        yield replace(item, candidates=replace(candidates, color_odds=odds[0], shape_odds=odds[1]))
+
+
+def check_network(network: NetworkModel | None, names: tuple[str, ...]) -> None:
+    """Refuse a network that looks at what there is not or names what there is not; raises InputError."""
+    if network is None:
+        return
+    for given, known in ((network.features, view_names()), (network.classes, names)):
+        strange = set(given) - set(known)
+        if strange:
+            raise InputError(
+                f"network: wanted known features and classes, found {sorted(strange)[0]!r}; learn it again"
+            )
+
+
+def face_chances(
+    network: NetworkModel, names: tuple[str, ...], values: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Logarithm of the chance of each of `names` for rows of `view_features`: (n, names); -inf where never learned."""
+    known = view_names()
+    columns = [known.index(feature) for feature in network.features]
+    chances = np.full((len(values), len(names)), -np.inf, np.float32)
+    chances[:, [names.index(name) for name in network.classes]] = log_chances(
+        network, np.ascontiguousarray(values[:, columns])
+    )
+    return chances
 
 
 def gate_names() -> tuple[str, ...]:

@@ -24,6 +24,13 @@ BORDER, SIZE_SIGMA = 1.06, 0.05
 BIAS_SHARE = 0.02
 """Part of a panel's size by which the centres of all its boxes may be off together (measured)."""
 
+CLEAR_PX = 60.0
+"""Height from which a view of a face shows all there is to name it by."""
+CUT_WEIGHT = 0.2
+"""What a view cut by the edge of the picture counts for."""
+DOUBT = -5.0
+"""Logarithm of the least chance a view may give a class: each may be of a wrong box."""
+
 FEATURES = (
     "views",
     "share_seen",
@@ -202,15 +209,39 @@ def view_of(fit: Fit, held: Sequence[Held], i: int) -> View:
 def votes(fit: Fit, held: Sequence[Held], what: str) -> tuple[dict[int, float], dict[int, float]]:
     """Weight of each class over the views, and the least distance to it; large and sure views weigh more.
 
-    Where no view has a class, other boxes on the same face speak for it.
+    Where a network named the views (`color_odds`, `shape_odds`), the weight is the mean logarithm of the chances. Else
+    it is by the nearest classes of the views; where no view has one, other boxes on the same face speak for it.
     """
-    own = zip(fit.frames, local_rows(fit.rows, fit.frames, held), strict=True)
+    own = list(zip(fit.frames, local_rows(fit.rows, fit.frames, held), strict=True))
     weights, distances = _votes(own, held, what)
+    chances = mean_chances(own, held, what)
+    if chances is not None:
+        return dict(enumerate(chances.tolist())), distances
     if not weights and len(fit.covered):
         frames = frames_of(fit.covered, held)
         others = zip(frames, local_rows(fit.covered, frames, held), strict=True)
         weights, distances = _votes(others, held, what)
     return weights, distances
+
+
+def mean_chances(
+    views: Sequence[tuple[int, int]], held: Sequence[Held], what: str
+) -> NDArray[np.float64] | None:
+    """Mean over the named views of the logarithm of the chance of each class; None where no view is named.
+
+    A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; no view may rule a class out (`DOUBT`).
+    """
+    total, weights = 0.0, 0.0
+    for frame, local in views:
+        home = held[frame]
+        odds = getattr(home.candidates, f"{what}_odds")
+        if odds is None or np.isnan(odds[home.open[local]]).any():
+            continue
+        tall_px = float(home.size[local, 1] * home.focal)
+        weight = min(tall_px, CLEAR_PX) * (1.0 if home.whole[local] else CUT_WEIGHT)
+        total = total + weight * np.maximum(odds[home.open[local]].astype(np.float64), DOUBT)
+        weights += weight
+    return np.asarray(total / weights) if weights else None
 
 
 def _votes(
@@ -238,4 +269,4 @@ def winner(
     if not weights:
         return None, float("nan")
     kind = max(sorted(weights), key=lambda k: weights[k])
-    return names[kind], distances[kind]
+    return names[kind], distances.get(kind, float("nan"))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
-from wayside.pipeline.learning.samples import NEAR_FACE, NEITHER, OFF, ON, ON_FACE, Drive, Views
+from wayside.pipeline.learning.samples import NEAR_FACE, OFF, ON, ON_FACE, Drive, Views
 from wayside.schemas.models import TreeModel
 from wayside.stages.judge import OVERLAP, gate_names, view_names
 from wayside.stages.numerics.boxes import suppressed_boxes
@@ -20,6 +20,12 @@ JUDGE = Boosting()
 
 GATE_OFF_SHARE = 0.35
 """Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
+
+JUDGE_OFF_SHARE = 0.5
+"""The same for the judge: one background is seen in many pictures."""
+
+REAL_WEIGHT = 3.0
+"""How many times a candidate of a real picture counts: there are few, and they are what matters."""
 
 PASSED = 500.0
 """Candidates of a picture that the gate lets pass, in the mean over the learning drives."""
@@ -36,11 +42,12 @@ SeeViews = Callable[[Drive, Views], NDArray[np.float32]]
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """Candidates of one drive that the gate let pass, with what the judge sees of them."""
+    """Candidates of one drive that the gate let pass, with what the judge sees of them; each counts `weight` times."""
 
     drive: Drive
     views: Views
     values: NDArray[np.float32]
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,30 +65,48 @@ class Held:
 
 @dataclass(frozen=True, slots=True)
 class Judges:
-    """The judge taught with all drives, and for each drive, by name, one that has not seen it; all with the gate."""
+    """The judge taught with all drives, and for each drive, by name, one that has not seen it; all with the gate.
+
+    passed: what the gate let pass of each drive, for whoever learns from it next.
+    """
 
     judge: TreeModel
     strangers: dict[str, TreeModel]
+    passed: tuple[Passed, ...]
 
 
-def learn_judges(drives: Sequence[Drive], see: SeeViews, seed: int, provenance: str) -> Judges:
-    """Learn gate and judge from all drives; the bar is that of judges which had not seen the drive they judge."""
-    gate = learn_gate(drives, seed, provenance)
+def learn_judges(
+    drives: Sequence[Drive],
+    see: SeeViews,
+    seed: int,
+    provenance: str,
+    scenes: Sequence[Drive] = (),
+) -> Judges:
+    """Learn gate and judge from all drives; the bar is that of judges which had not seen the drive they judge.
+
+    `scenes` are real pictures, a source each: they teach too, but the bar is that of the drives.
+    """
+    gate = learn_gate([*drives, *scenes], seed, provenance)
     passed = [_pass(drive, gate, see) for drive in drives]
-    strangers = _strangers(passed, seed)
+    real = [_pass(source, gate, see, REAL_WEIGHT) for source in scenes]
+    strangers = _strangers([*passed, *real], seed)
     held = found_at(passed, [log_odds(strangers[p.drive.name], p.values) for p in passed])
-    text = (
-        f"{provenance}; {sum(len(p.values) for p in passed)} candidates past the gate, "
-        f"{sum(int((p.views.label == ON).sum()) for p in passed)} on faces; {held.words()}; "
-        f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"
-    )
+    words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the gate"]
+    words += [f"{sum(int((p.views.label == ON).sum()) for p in passed)} on faces", held.words()]
+    words += [f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"]
+    for one in real:
+        found, wanted = faces_found(
+            one, log_odds(strangers[one.drive.name], one.values), held.accept
+        )
+        words.append(f"{one.drive.name}, held out: {found} of {wanted} faces accepted")
 
     def completed(judge: TreeModel) -> TreeModel:
-        return replace(judge, accept=held.accept, provenance=text, gate=gate)
+        return replace(judge, accept=held.accept, provenance="; ".join(words), gate=gate)
 
     return Judges(
-        completed(_fit(passed, seed)),
+        completed(_fit([*passed, *real], seed)),
         {name: completed(judge) for name, judge in strangers.items()},
+        (*passed, *real),
     )
 
 
@@ -168,16 +193,32 @@ def _decisions(
     return found
 
 
-def _pass(drive: Drive, gate: TreeModel, see: SeeViews) -> Passed:
+def faces_found(one: Passed, score: NDArray[np.float32], accept: float) -> tuple[int, int]:
+    """How many wanted faces have a box on them that is accepted, and how many are wanted."""
+    on = (one.views.overlap >= ON_FACE) & (score >= accept)
+    found = np.unique(one.views.face[on])
+    return int(one.drive.wanted[found].sum()), int(one.drive.wanted.sum())
+
+
+def _pass(drive: Drive, gate: TreeModel, see: SeeViews, weight: float = 1.0) -> Passed:
     rows = np.flatnonzero(log_odds(gate, drive.views.glance) >= gate.accept)
     views = drive.views.select(rows)
-    return Passed(drive, views, see(drive, views))
+    return Passed(drive, views, see(drive, views), weight)
 
 
 def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
-    label = np.concatenate([p.views.label for p in passed])
-    values = np.concatenate([p.values for p in passed])
-    taught = label != NEITHER
-    weight = np.concatenate([face_weights(p.views) for p in passed])
-    fitted = fit_trees(values[taught], label[taught] == ON, weight[taught], JUDGE, seed)
+    rng = np.random.default_rng(seed)
+    values, positive, weight = [], [], []
+    for one in passed:
+        label = one.views.label
+        some = rng.random(len(label)) < JUDGE_OFF_SHARE
+        taught = (label == ON) | ((label == OFF) & some)
+        # the part stands for the whole, so that the log odds stay those of all candidates
+        share = np.where(label == ON, face_weights(one.views), 1 / JUDGE_OFF_SHARE)
+        values.append(one.values[taught])
+        positive.append(label[taught] == ON)
+        weight.append(one.weight * share[taught])
+    fitted = fit_trees(
+        np.concatenate(values), np.concatenate(positive), np.concatenate(weight), JUDGE, seed
+    )
     return exported_trees(fitted, view_names(), 0.0, "")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +75,21 @@ class Views:
 
 
 @dataclass(frozen=True, slots=True)
+class FaceName:
+    """A sign with the colour and shape that its face should be named by."""
+
+    sign: str
+    color: str
+    shape: str
+
+
+@dataclass(frozen=True, slots=True)
 class Drive:
     """Everything that one rendered drive teaches.
 
     wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); height_px (m,) their heights;
-    places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel.
+    signs (m,): whose face each is; places (signs, 2): right of the path and above the camera, metres, of the signs that
+    face the travel.
     """
 
     name: str
@@ -88,6 +98,7 @@ class Drive:
     views: Views
     wanted: NDArray[np.bool_]
     height_px: NDArray[np.float32]
+    signs: tuple[FaceName, ...]
     places: NDArray[np.float64]
 
 
@@ -107,38 +118,66 @@ def read_truth(path: Path) -> dict[str, Any]:
 
 def read_drive(pictures: Iterable[Picture], truth: dict[str, Any], masks: Path) -> Drive:
     """Go through a drive once: `pictures` in order, `masks` the folder of FRAME.png with sign ids."""
-    seen: dict[int, list[tuple[dict[str, Any], dict[str, Any]]]] = {}
+    seen: dict[int, Seen] = {}
     for sign in truth["signs"]:
         for view in sign["frames"]:
             if sign["faces_travel"]:
                 seen.setdefault(view["frame"], []).append((sign, view))
     faces: list[Face] = []
-    parts: list[Views] = []
-    wanted: list[bool] = []
-    heights: list[float] = []
-    count = 0
-    for item in _candidates(pictures):
-        picture = item.picture
+
+    def gather(picture: Picture) -> None:
         if picture.rgb is None:
-            continue
-        count += 1
+            return
         index = picture.frame.index
-        here = seen.get(index, [])
         mask = _read_mask(masks / f"{index:04d}.png", picture.rgb.shape[:2])
-        faces += clear_faces(picture.rgb, mask, here, truth["name"])
-        parts.append(_views(item, here, len(wanted)))
-        heights += [_height(view) for _, view in here]
-        wanted += [_share(view) >= 0.5 and _height(view) >= 10 for _, view in here]
+        faces.extend(clear_faces(picture.rgb, mask, seen.get(index, []), truth["name"]))
+
+    last = max((frame["index"] for frame in truth["frames"]), default=-1)
+    here = [seen.get(index, []) for index in range(last + 1)]
+    drive = read_drive_pictures(truth["name"], pictures, here, [True] * len(here), gather)
+    return replace(drive, faces=tuple(faces), places=sign_places(truth))
+
+
+Seen = list[tuple[dict[str, Any], dict[str, Any]]]
+"""Signs whose front is in a picture, each with its view there (box, share visible)."""
+
+
+def read_drive_pictures(
+    name: str,
+    pictures: Iterable[Picture],
+    seen: Sequence[Seen],
+    complete: Sequence[bool],
+    gather: Callable[[Picture], None] = lambda picture: None,
+) -> Drive:
+    """Candidates of all pictures, labelled by the faces `seen` in each; no clear faces, no places.
+
+    Where the faces of a picture are not `complete`, what is on none of them counts as neither. `gather` is shown each
+    picture once.
+    """
+    parts: list[Views] = []
+    faces: list[tuple[dict[str, Any], dict[str, Any]]] = []
+    for item in _candidates(pictures):
+        if item.picture.rgb is None:
+            continue
+        gather(item.picture)
+        index = item.picture.frame.index
+        views = _views(item, seen[index], len(faces))
+        if not complete[index]:
+            label = np.where(views.label == OFF, NEITHER, views.label).astype(np.int8)
+            views = replace(views, label=label)
+        parts.append(views)
+        faces += seen[index]
     if not parts:
-        raise InputError(f"{truth['name']}: wanted pictures, found none that can be used")
+        raise InputError(f"{name}: wanted pictures, found none that can be used")
     return Drive(
-        truth["name"],
-        count,
-        tuple(faces),
+        name,
+        len(parts),
+        (),
         _joined(parts),
-        np.array(wanted, bool),
-        np.array(heights, np.float32),
-        sign_places(truth),
+        np.array([_share(v) >= 0.5 and _height(v) >= 10 for _, v in faces], bool),
+        np.array([_height(view) for _, view in faces], np.float32),
+        tuple(FaceName(f"{name}/{s['id']}", s["color"], s["shape"]) for s, _ in faces),
+        np.zeros((0, 2)),
     )
 
 

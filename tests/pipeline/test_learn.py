@@ -106,6 +106,7 @@ def test_the_script_writes_every_model_with_its_provenance(learned):
     assert files == [
         "color.json",
         "color_rgb.json",
+        "face_color.json",
         "judge.json",
         "location.json",
         "shape.json",
@@ -136,6 +137,13 @@ def test_the_judge_has_a_gate_and_held_out_figures(learned):
     assert isinstance(model, TreeModel)
     assert model.gate is not None
     assert "held out by drive" in model.provenance
+
+
+def test_the_network_names_the_colours_painted_and_one_shape_is_not_learned(learned):
+    model = model_from_json((learned / "models" / "face_color.json").read_text())
+    assert set(model.classes) == set(COLORS)
+    assert "named right: 6 of 6 signs" in model.provenance
+    assert not (learned / "models" / "face_shape.json").exists()
 
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):

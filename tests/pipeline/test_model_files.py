@@ -6,12 +6,15 @@ from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import digest, model_from_json, model_to_json
-from wayside.stages.judge import gate_names, view_names
+from wayside.schemas.regions import COLORS, SHAPES
+from wayside.stages.judge import check_network, gate_names, view_names
 from wayside.stages.place import FEATURES
 
 NAMES = (
     "color.json",
     "color_rgb.json",
+    "face_color.json",
+    "face_shape.json",
     "judge.json",
     "location.json",
     "place.json",
@@ -47,6 +50,18 @@ def test_the_judge_of_places_knows_the_features_that_the_stage_computes():
     place = load_models(settings()).place
     assert place is not None
     assert place.features == FEATURES
+
+
+def test_the_networks_that_name_faces_know_features_and_names_of_the_stages():
+    models = load_models(settings())
+    check_network(models.face_color, COLORS)
+    check_network(models.face_shape, SHAPES)
+
+
+def test_the_report_names_faces_by_its_own_classifiers_alone():
+    models = load_models(settings("report"))
+    assert models.face_color is None
+    assert models.face_shape is None
 
 
 def test_each_preset_has_its_own_colours_shapes_and_places():

@@ -3,9 +3,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
-from wayside.schemas.models import TreeModel
-from wayside.schemas.regions import VERDICTS, Candidates, Judged, Regions, Segmented, verdict_code
+from wayside.schemas.models import NetworkModel, TreeModel
+from wayside.schemas.regions import (
+    COLORS,
+    VERDICTS,
+    Candidates,
+    Judged,
+    Regions,
+    Segmented,
+    verdict_code,
+)
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.judge import gate_names, judge, region_features, view_names
 
@@ -116,3 +125,29 @@ def test_the_same_candidates_get_the_same_scores():
     boxes = [[10, 10, 26, 25], [100, 10, 127, 32]]
     one, other = run(judged(boxes)), run(judged(boxes))
     assert one.candidates.score.tobytes() == other.candidates.score.tobytes()
+
+
+def by_aspect(features=("log_aspect",), classes=("red", "blue")):
+    """A network that calls what is wider than tall blue."""
+    one = np.ones(1, np.float32)
+    wide = np.array([[0, 1]], np.float32)
+    return NetworkModel(
+        features, classes, 0 * one, one, one[None], 0 * one, 20 * wide, -wide[0], "made by hand"
+    )
+
+
+def test_what_passes_the_bar_is_named_and_the_rest_is_not():
+    item = judged([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]])
+    settings = CandidateSettings()
+    found = next(judge(iter([item]), trees=JUDGE, settings=settings, color=by_aspect()))
+    odds = found.candidates.color_odds
+    assert [COLORS[k] for k in odds[:2].argmax(axis=1)] == ["blue", "red"]
+    assert np.isnan(odds[2]).all()
+    assert np.isneginf(odds[0, COLORS.index("white")])
+    assert found.candidates.shape_odds is None
+
+
+@pytest.mark.parametrize("strange", [{"features": ("smell",)}, {"classes": ("red", "plaid")}])
+def test_a_network_of_unknown_features_or_names_is_refused(strange):
+    with pytest.raises(InputError, match=r"smell|plaid"):
+        next(judge(iter([]), trees=JUDGE, settings=CandidateSettings(), color=by_aspect(**strange)))

@@ -1,0 +1,28 @@
+"""A network with one hidden layer evaluated on many rows (Rumelhart, Hinton and Williams 1986)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import NetworkModel
+from wayside.stages.numerics.guards import require_array
+
+FARTHEST = 6.0
+"""Standard deviations from the mean beyond which a feature says no more: the network has not seen such."""
+
+
+def log_chances(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Logarithm of the chance of each class for each row of `values` (n, features): (n, classes).
+
+    Raises
+    ------
+    ValueError
+        If the values are of another type or number of columns than the model's.
+    """
+    require_array(values, "values", np.float32, (None, len(model.features)))
+    scaled = np.clip((values - model.mean) / model.scale, -FARTHEST, FARTHEST)
+    hidden = np.maximum(scaled @ model.hidden + model.hidden_bias, np.float32(0))
+    raw = hidden @ model.output + model.output_bias
+    raw -= raw.max(axis=1, keepdims=True, initial=-np.inf)
+    return np.asarray(raw - np.log(np.exp(raw).sum(axis=1, keepdims=True)), np.float32)
