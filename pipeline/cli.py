@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewer as viewer
 from wayside.pipeline.cli_viewing import evidence
 from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
@@ -320,6 +321,7 @@ app.command(
     epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
     "`wayside evidence out --log /archive/drive.mcap`"
 )(evidence)
+app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 
 
 def main() -> None:

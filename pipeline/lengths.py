@@ -11,6 +11,7 @@ METRES_IN_FOOT = 0.3048
 
 _UNITS = {
     "m": 1.0,
+    "cm": 0.01,
     "metre": 1.0,
     "metres": 1.0,
     "meter": 1.0,
@@ -19,6 +20,7 @@ _UNITS = {
     "foot": METRES_IN_FOOT,
     "feet": METRES_IN_FOOT,
     "'": METRES_IN_FOOT,
+    "in": METRES_IN_FOOT / 12,
 }
 _LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-z']*)")
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:\.\d*)?)")
@@ -26,7 +28,7 @@ _SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
 
 
 def parse_length(text: str) -> float:
-    """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'".
+    """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'", "10cm", "30in".
 
     Raises
     ------

@@ -1,0 +1,123 @@
+"""The command that plans a survey; registered by `wayside.pipeline.cli`. Heavy imports stand inside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SIMULATE_EPILOG = (
+    "Examples: `wayside simulate --spacing 26.4ft --hfov 60` · `wayside simulate --target 10cm` · "
+    "`wayside simulate --curve-radius 250m --hill 6m --outliers 0.05` · "
+    "`wayside simulate --pose-sigma 2cm --json plan.json`"
+)
+
+
+def simulate(
+    spacing: Annotated[str, typer.Option(help="Distance between pictures: 26.4ft, 8m.")] = "26.4ft",
+    focal_px: Annotated[
+        float | None, typer.Option("--focal-px", help="Focal length, pixels.  [default: 1400]")
+    ] = None,
+    hfov: Annotated[
+        float | None, typer.Option(help="Horizontal angle of view, degrees, instead.")
+    ] = None,
+    picture: Annotated[str, typer.Option(help="Size of a picture, pixels.")] = "1600x1200",
+    noise_px: Annotated[
+        float,
+        typer.Option("--noise-px", help="Error of a panel's centre in a picture, a coordinate."),
+    ] = 0.3,
+    range_min: Annotated[str, typer.Option(help="Signs are seen no nearer than this.")] = "0m",
+    lateral: Annotated[
+        str, typer.Option(help="Signs stand this far right of the camera.")
+    ] = "3.5m",
+    panel: Annotated[str, typer.Option(help="Side of a panel.")] = "30in",
+    curve_radius: Annotated[str | None, typer.Option(help="Drive a curve: 250m.")] = None,
+    hill: Annotated[str, typer.Option(help="Height of hills, 400 m long.")] = "0m",
+    jitter: Annotated[float, typer.Option(help="Scatter of the camera's pitch, degrees.")] = 0.1,
+    trigger_sigma: Annotated[str, typer.Option(help="Scatter of the spacing.")] = "2cm",
+    drop_rate: Annotated[float, typer.Option(help="Share of pictures that are missing.")] = 0.0,
+    outliers: Annotated[
+        float, typer.Option(help="Share of gross errors, in ties and panels.")
+    ] = 0.0,
+    mount_yaw: Annotated[float, typer.Option(help="Camera turned right, degrees.")] = 0.0,
+    mount_pitch: Annotated[float, typer.Option(help="Camera turned up, degrees.")] = 0.0,
+    pose_sigma: Annotated[
+        str | None,
+        typer.Option(help="Poses are given, with this error: 2cm. Else only the spacing is."),
+    ] = None,
+    signs: Annotated[int, typer.Option(help="How many signs.")] = 200,
+    seed: Annotated[int, typer.Option(help="Another seed, another drive.")] = 1,
+    target: Annotated[
+        str | None,
+        typer.Option(
+            help="Try spacings and focal lengths around these: which place 95 % of signs so well? 10cm."
+        ),
+    ] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
+) -> None:
+    """Plan a survey: say how well signs would be placed, or which spacing and focal length it takes.
+
+    Drives without pictures: panels and ties are projected with the errors asked for, the stages of `wayside run` place
+    the panels, and the errors stand beside the stated sigmas and the Cramér-Rao bound.
+    """
+    from wayside.pipeline.lengths import parse_length
+    from wayside.pipeline.simulate import (
+        focal_of_view,
+        format_simulation,
+        format_sweep,
+        simulate,
+        sweep,
+        write_simulation,
+    )
+    from wayside.pipeline.simulated_drive import Survey
+    from wayside.schemas.errors import UsageError
+
+    width, height = _size(picture)
+    if focal_px is not None and hfov is not None:
+        raise UsageError("wanted --focal-px or --hfov, found both; leave one out")
+    focal = focal_of_view(hfov, width) if hfov is not None else focal_px or 1400.0
+    survey = Survey(
+        spacing_m=parse_length(spacing),
+        focal_px=focal,
+        width=width,
+        height=height,
+        noise_px=noise_px,
+        range_min_m=parse_length(range_min),
+        lateral_m=parse_length(lateral),
+        panel_m=parse_length(panel),
+        curve_radius_m=float("inf") if curve_radius is None else parse_length(curve_radius),
+        hill_m=parse_length(hill),
+        jitter_deg=jitter,
+        trigger_m=parse_length(trigger_sigma),
+        drop_rate=drop_rate,
+        outliers=outliers,
+        mount_yaw_deg=mount_yaw,
+        mount_pitch_deg=mount_pitch,
+        pose_m=None if pose_sigma is None else parse_length(pose_sigma),
+        signs=signs,
+        seed=seed,
+    )
+    if target is None:
+        result = simulate(survey)
+        typer.echo(format_simulation(result))
+        tried = [result]
+    else:
+        wanted = parse_length(target)
+        tried = list(sweep(survey))
+        typer.echo(format_sweep(tried, wanted))
+    if json is not None:
+        write_simulation(tried, json)
+
+
+def _size(text: str) -> tuple[int, int]:
+    from wayside.schemas.errors import UsageError
+
+    width, _, height = text.lower().partition("x")
+    if not (
+        width.isdecimal() and height.isdecimal() and 64 <= min(int(width), int(height)) <= 20_000
+    ):
+        raise UsageError(
+            f"--picture: wanted width x height in pixels, found {text!r}; 1600x1200 is one"
+        )
+    return int(width), int(height)

@@ -1,0 +1,328 @@
+"""Plan a survey: drive it as geometry, place its signs by the project's own numerics, compare with truth and bound."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import atan, degrees, isfinite, radians, tan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
+from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.motion import Place
+from wayside.schemas.settings import MotionSettings, TrackSettings
+from wayside.stages.numerics.bound import point_bound, step_bound
+from wayside.stages.numerics.compiled import Array
+from wayside.stages.numerics.tie_errors import motion_slopes
+from wayside.stages.numerics.undistort import rays_of_ideal
+from wayside.stages.track import track
+
+AXES = ("along", "lateral", "up")
+_ORDER = [2, 0, 1]
+"""Right, down, ahead of the camera as along, lateral, up."""
+SWEEP_SPACING, SWEEP_FOCAL = (0.25, 0.5, 1.0, 1.5, 2.0), (0.5, 0.7, 1.0, 1.4, 2.0)
+"""What a sweep tries, as multiples of what is given."""
+UNKNOWN_LENGTH_M = 100.0
+BOUNDED = 16
+"""The bound is that of so many signs at most, evenly chosen: they are all alike."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """Errors of the signs that were found, in the camera of the closest whole view: along, lateral, up, metres.
+
+    error, sigma (n, 3): reported minus true; as stated; bound (m, 3): Cramér-Rao, of some of them; nearest (n,):
+    distance of the closest view; wanted: signs that three or more pictures show.
+    """
+
+    survey: Survey
+    wanted: int
+    error: Array
+    sigma: Array
+    bound: Array
+    nearest: Array
+
+    @property
+    def total(self) -> Array:
+        """Distance between reported and true position (n,)."""
+        return np.asarray(np.linalg.norm(self.error, axis=1))
+
+    def share_within(self, sigmas: float) -> Array:
+        """Share of errors within so many stated sigmas: (3,)."""
+        return np.asarray((np.abs(self.error) < sigmas * self.sigma).mean(axis=0))
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures, rounded to a tenth of a millimetre."""
+        survey = {name: _plain(getattr(self.survey, name)) for name in Survey.__slots__}
+        rows = {}
+        for k, axis in enumerate(AXES):
+            rows[axis] = _figures(self.error[:, k]) | {
+                "sigma_m": _median(self.sigma[:, k]),
+                "bound_m": _median(self.bound[:, k]),
+                "within_1_sigma": round(float(self.share_within(1)[k]), 3),
+                "within_2_sigma": round(float(self.share_within(2)[k]), 3),
+            }
+        return {
+            "survey": survey,
+            "signs": self.wanted,
+            "found": len(self.error),
+            "nearest_m": _median(self.nearest),
+            "error": rows | {"total": _figures(self.total)},
+        }
+
+
+def simulate(survey: Survey) -> Simulated:
+    """Drive a survey and judge what comes out.
+
+    Raises
+    ------
+    UsageError
+        The survey makes no sense, or shows no sign often enough.
+    """
+    check(survey)
+    drive = SimulatedDrive(survey)
+    settings = TrackSettings()
+    found: dict[int, tuple[Array, Array, float, int]] = {}
+    for settled in track(drive.moved(MotionSettings()), settings):
+        for place in settled.places:
+            if place.verdict != "sign":
+                continue
+            sign = _sign_of(drive, place)
+            if sign not in found or len(place.views) > found[sign][3]:
+                found[sign] = _judged(drive, place, sign)
+    shown = np.bincount(
+        np.concatenate([s.sign for s in drive.seen] + [np.zeros(0, np.int64)]),
+        minlength=survey.signs,
+    )
+    wanted = int((shown >= settings.fewest_views).sum())
+    if not found:
+        raise UsageError(
+            f"no sign was seen in {settings.fewest_views} pictures and placed: shorten --spacing, or widen the view "
+            "by a shorter focal length"
+        )
+    bounds = _bounds(drive, sorted(found)[:: -(-len(found) // BOUNDED)])
+    error, sigma = (np.array([found[i][k] for i in sorted(found)]) for k in (0, 1))
+    nearest = np.array([found[i][2] for i in sorted(found)])
+    return Simulated(survey, wanted, error, sigma, bounds, nearest)
+
+
+def check(survey: Survey) -> None:
+    """Refuse a survey that cannot be driven.
+
+    Raises
+    ------
+    UsageError
+        With the option and what it may be.
+    """
+    limits: list[tuple[str, bool, str]] = [
+        ("--spacing", 0.2 <= survey.spacing_m <= 100, "0.2 m to 100 m"),
+        ("--focal-px", 100 <= survey.focal_px <= 20_000, "100 to 20000"),
+        ("--noise-px", 0 <= survey.noise_px <= 20, "0 to 20"),
+        ("--lateral", 0.1 <= abs(survey.lateral_m) <= 50, "0.1 m to 50 m"),
+        ("--curve-radius", survey.curve_radius_m >= 30, "30 m or more"),
+        ("--hill", 0 <= survey.hill_m <= 40, "0 m to 40 m"),
+        ("--drop-rate", 0 <= survey.drop_rate <= 0.5, "0 to 0.5"),
+        ("--outliers", 0 <= survey.outliers <= 0.5, "0 to 0.5"),
+        ("--mount-yaw, --mount-pitch", _mount_fits(survey), "-10 to 10 degrees"),
+        ("--signs", 1 <= survey.signs <= 20_000, "1 to 20000"),
+    ]
+    for option, fits, words in limits:
+        if not fits:
+            raise UsageError(f"{option}: wanted {words}; see `wayside simulate --help`")
+
+
+def focal_of_view(hfov_deg: float, width: int) -> float:
+    """Focal length in pixels of a picture so wide that shows this angle from left to right.
+
+    Raises
+    ------
+    UsageError
+        For an angle that no pinhole camera has.
+    """
+    if not 1 < hfov_deg < 170:
+        raise UsageError(f"--hfov: wanted 1 to 170 degrees, found {hfov_deg:g}")
+    return width / 2 / tan(radians(hfov_deg) / 2)
+
+
+def view_of_focal(survey: Survey) -> float:
+    """Horizontal angle of view, degrees."""
+    return 2 * degrees(atan(survey.width / 2 / survey.focal_px))
+
+
+def sweep(survey: Survey) -> Iterator[Simulated]:
+    """The survey with other spacings and focal lengths around those given; those that show no sign are left out."""
+    for spacing in SWEEP_SPACING:
+        for focal in SWEEP_FOCAL:
+            tried = replace(
+                survey, spacing_m=spacing * survey.spacing_m, focal_px=focal * survey.focal_px
+            )
+            try:
+                yield simulate(tried)
+            except UsageError:
+                continue
+
+
+def reaches(one: Simulated, target_m: float) -> bool:
+    """Whether 95 % of all signs were placed within the target; a sign that was not found was not."""
+    return bool((one.total < target_m).sum() >= 0.95 * one.wanted)
+
+
+def write_simulation(tried: Sequence[Simulated], file: Path) -> None:
+    """Write the figures of one survey, or of all that a sweep tried, as JSON.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    content = {"schema_version": 1, "surveys": [one.to_json() for one in tried]}
+    try:
+        file.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
+    except OSError as error:
+        raise OutputError(f"figures could not be written to {file}: {error.strerror}") from error
+
+
+def format_simulation(one: Simulated) -> str:
+    """The figures as plain text."""
+    s = one.survey
+    given = "poses given" if s.pose_m is not None else "spacing given"
+    lines = [
+        f"pictures every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px "
+        f"({view_of_focal(s):.0f} degrees); signs {abs(s.lateral_m):.1f} m beside the camera, "
+        f"seen last from {np.median(one.nearest):.1f} m",
+        f"placed {len(one.error)} of {one.wanted} signs",
+        "",
+        f"{'error, m':<10}{'median':>9}{'68 %':>9}{'95 %':>9}"
+        f"{'sigma':>9}{'bound':>9}{'in 1 sigma':>12}{'in 2 sigma':>12}",
+    ]
+    within = 100 * np.stack([one.share_within(1), one.share_within(2)])
+    for k, axis in enumerate(AXES):
+        lines.append(
+            f"{axis:<10}{_quantiles(one.error[:, k])}{np.median(one.sigma[:, k]):9.3f}"
+            f"{np.median(one.bound[:, k]):9.3f}{within[0, k]:10.0f} %{within[1, k]:10.0f} %"
+        )
+    lines += [f"{'total':<10}{_quantiles(one.total)}", ""]
+    lines += [
+        "sigma: as stated with each sign; bound: Cramér-Rao, the least that any method could reach (both 68 %)"
+    ]
+    return "\n".join(lines)
+
+
+def format_sweep(tried: Sequence[Simulated], target_m: float) -> str:
+    """One line a combination, those that reach the target marked."""
+    lines = [
+        f"95 % of the signs within {target_m:g} m:",
+        f"{'spacing, m':>10}{'focal, px':>11}{'view':>6}{'placed':>10}{'median':>9}{'95 %':>9}{'bound':>9}",
+    ]
+    for one in tried:
+        s, bound = one.survey, float(np.median(np.linalg.norm(one.bound, axis=1)))
+        lines.append(
+            f"{s.spacing_m:>10.2f}{s.focal_px:>11.0f}{view_of_focal(s):>5.0f}°{len(one.error):>6}/{one.wanted:<3}"
+            f"{np.median(one.total):>9.3f}{np.quantile(one.total, 0.95):>9.3f}{bound:>9.3f}"
+            f"{'   reached' if reaches(one, target_m) else ''}"
+        )
+    good = [one for one in tried if reaches(one, target_m)]
+    if good:
+        widest = max(one.survey.spacing_m for one in good)
+        lines += ["", f"widest spacing that reaches it: {widest:.2f} m"]
+    else:
+        lines += [
+            "",
+            "none of these reaches it: closer signs, less noise or given poses would help",
+        ]
+    return "\n".join(lines)
+
+
+def _judged(drive: SimulatedDrive, place: Place, sign: int) -> tuple[Array, Array, float, int]:
+    true = drive.poses[place.best_frame].to_camera(drive.signs[sign])
+    error = (place.position - true)[_ORDER] * [1, 1, -1]
+    sigma = np.sqrt(np.diag(place.covariance))[_ORDER]
+    return error, sigma, float(np.linalg.norm(true)), len(place.views)
+
+
+def _sign_of(drive: SimulatedDrive, place: Place) -> int:
+    return int(np.bincount([drive.seen[v.frame].sign[v.row] for v in place.views]).argmax())
+
+
+def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:
+    """Bounds (n, 3) of signs as standard deviations along, lateral, up."""
+    survey = drive.survey
+    steps = np.full((len(drive.poses), 6, 6), np.nan)
+    shows: dict[int, list[int]] = {sign: [] for sign in signs}
+    for frame, seen in enumerate(drive.seen):
+        for sign in seen.sign:
+            if int(sign) in shows:
+                shows[int(sign)].append(frame)
+    offset = np.diag([(survey.face_share * survey.panel_m) ** 2] * 2 + [0.0])
+    given = None if survey.pose_m is None else (survey.pose_m, radians(survey.pose_deg))
+    result = np.empty((len(signs), 3))
+    for i, sign in enumerate(signs):
+        frames = np.array(shows[sign])
+        span = np.arange(frames[0], frames[-1] + 1)
+        for frame in span[1:]:
+            if np.isnan(steps[frame, 0, 0]):
+                steps[frame] = _step_bound(drive, int(frame))
+        tall = survey.panel_m / drive.depth(sign, frames)
+        covariance = point_bound(
+            np.stack([drive.poses[f].rotation for f in span]),
+            np.stack([drive.poses[f].centre for f in span]),
+            drive.signs[sign],
+            frames - span[0],
+            survey.noise_px / survey.focal_px + survey.noise_share * tall,
+            steps[span],
+            len(span) - 1,
+            given,
+        )
+        result[i] = np.sqrt(np.diag(covariance + offset))[_ORDER]
+    return result
+
+
+def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
+    survey = drive.survey
+    step = drive.poses[frame].relative_to(drive.poses[frame - 1])
+    baseline = float(np.linalg.norm(step.centre))
+    direction = np.ascontiguousarray(step.centre / baseline)
+    points = drive.tie_points(drive.common(frame - 1, frame))
+    previous, current = (drive.project(f, points) for f in (frame - 1, frame))
+    rays = rays_of_ideal(drive.camera, previous), rays_of_ideal(drive.camera, current)
+    _, slopes = motion_slopes(*rays, step.rotation, direction, survey.focal_px)
+    toward = step.rotation.T @ direction
+    outward = rays[1] - toward[:2] / toward[2]
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    apart = ((current[:, None] - current[None]) ** 2).sum(axis=2)
+    shared = np.exp(-apart / (2 * survey.tie_drift_reach_px**2)) * (outward @ outward.T)
+    # drift is in one of the two pictures that Sampson's distance is shared by
+    covariance = survey.tie_px**2 * np.eye(len(points)) + 0.5 * survey.tie_drift_px**2 * shared
+    covariance += 1e-12 * np.eye(len(points))
+    known = survey.trigger_m if survey.pose_m is None else UNKNOWN_LENGTH_M
+    return step_bound(slopes, covariance, direction, baseline, known)
+
+
+def _mount_fits(survey: Survey) -> bool:
+    return max(abs(survey.mount_yaw_deg), abs(survey.mount_pitch_deg)) <= 10
+
+
+def _figures(errors: Array) -> dict[str, float]:
+    size = np.abs(errors)
+    return {
+        "median_m": _median(size),
+        "p68_m": round(float(np.quantile(size, 0.6827)), 4),
+        "p95_m": round(float(np.quantile(size, 0.95)), 4),
+    }
+
+
+def _quantiles(errors: Array) -> str:
+    return "".join(f"{value:9.3f}" for value in np.quantile(np.abs(errors), [0.5, 0.6827, 0.95]))
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    return round(float(np.median(values)), 4)
+
+
+def _plain(value: Any) -> Any:
+    return value if not isinstance(value, float) or isfinite(value) else None

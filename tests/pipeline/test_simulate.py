@@ -1,0 +1,158 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.simulate import (
+    check,
+    focal_of_view,
+    format_simulation,
+    format_sweep,
+    reaches,
+    simulate,
+)
+from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
+from wayside.schemas.errors import UsageError, WaysideError
+from wayside.schemas.settings import MotionSettings
+
+SMALL = Survey(signs=12, seed=3)
+
+
+@pytest.fixture(scope="module")
+def many():
+    """More than 500 signs: straight and curved, with hills, dropped triggers and outliers; spacing or poses given."""
+    surveys = [
+        Survey(signs=180, seed=11),
+        Survey(
+            signs=120, seed=12, curve_radius_m=300, hill_m=6, jitter_deg=0.25, mount_yaw_deg=0.9
+        ),
+        Survey(signs=120, seed=13, pose_m=0.02),
+        Survey(signs=120, seed=14, noise_px=0.8, lateral_m=-5.0, drop_rate=0.03, outliers=0.02),
+    ]
+    return [simulate(survey) for survey in surveys]
+
+
+def test_truths_lie_within_the_stated_sigmas_as_often_as_they_should(many):
+    """Of normal errors 68 % lie within one sigma and 95 % within two."""
+    assert sum(len(one.error) for one in many) >= 500
+    pulls = np.abs(np.concatenate([one.error / one.sigma for one in many]))
+    one, two = (pulls < 1).mean(axis=0), (pulls < 2).mean(axis=0)
+    assert (one >= 0.60).all(), one
+    assert (one <= 0.76).all(), one
+    assert (two >= 0.92).all(), two
+    assert (two <= 0.98).all(), two
+
+
+def test_errors_come_near_the_bound_and_no_sigma_is_below_it(many):
+    for one in many:
+        reached = np.quantile(np.abs(one.error), 0.6827, axis=0)
+        least = np.median(one.bound, axis=0)
+        assert (reached < 1.5 * least).all(), (reached, least)
+        assert (reached > 0.7 * least).all(), (reached, least)
+        assert (np.median(one.sigma, axis=0) > 0.9 * least).all()
+
+
+def test_nearly_every_sign_is_placed(many):
+    assert sum(len(one.error) for one in many) >= 0.98 * sum(one.wanted for one in many)
+
+
+def test_without_errors_signs_stand_where_they_are():
+    exact = replace(
+        SMALL,
+        noise_px=1e-4,
+        noise_share=0,
+        face_share=0,
+        tie_px=1e-3,
+        tie_drift_px=0,
+        trigger_m=1e-5,
+    )
+    assert simulate(exact).total.max() < 0.01
+
+
+def test_a_dropped_trigger_is_seen_by_the_ties():
+    drive = SimulatedDrive(replace(SMALL, drop_rate=0.1, trigger_m=0.0))
+    baselines = np.array([m.motion.baseline_m for m in drive.moved(MotionSettings())])[1:]
+    assert baselines == pytest.approx(np.diff(drive.station), abs=1e-6)
+    assert (baselines > 15).any()
+
+
+def test_the_mount_is_learnt_from_the_drive():
+    drive = SimulatedDrive(replace(SMALL, mount_yaw_deg=2.0, mount_pitch_deg=-1.0))
+    steps = [m.motion.step for m in drive.moved(MotionSettings())][1:]
+    slopes = np.median([s.centre[:2] / s.centre[2] for s in steps], axis=0)
+    assert np.degrees(slopes) == pytest.approx([-2.0, -1.0], abs=0.05)
+
+
+def test_the_same_survey_gives_the_same_figures_and_another_seed_others():
+    first, again, other = (simulate(s) for s in (SMALL, SMALL, replace(SMALL, seed=4)))
+    np.testing.assert_array_equal(first.error, again.error)
+    assert not np.array_equal(first.error, other.error)
+
+
+def test_more_noise_and_farther_signs_are_worse():
+    fine, noisy, far = (
+        simulate(s) for s in (SMALL, replace(SMALL, noise_px=1.5), replace(SMALL, range_min_m=30.0))
+    )
+    for worse in (noisy, far):
+        assert np.median(worse.bound[:, 0]) > 1.5 * np.median(fine.bound[:, 0])
+        assert np.median(worse.sigma[:, 0]) > np.median(fine.sigma[:, 0])
+    assert far.nearest.min() > 30
+
+
+def test_a_target_counts_signs_that_were_not_found():
+    one = simulate(SMALL)
+    assert reaches(one, 1.0)
+    assert not reaches(replace(one, wanted=2 * one.wanted), 1.0)
+    assert not reaches(one, 0.001)
+    assert "reached" in format_sweep([one], 1.0)
+    assert "none of these" in format_sweep([one], 0.001)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"spacing_m": 0.0},
+        {"focal_px": 5.0},
+        {"curve_radius_m": 3.0},
+        {"drop_rate": 0.9},
+        {"signs": 0},
+        {"mount_yaw_deg": 40.0},
+        {"lateral_m": 0.0},
+    ],
+)
+def test_what_cannot_be_driven_is_refused_by_its_option(wrong):
+    with pytest.raises(UsageError, match="--"):
+        check(replace(SMALL, **wrong))
+
+
+def test_signs_that_no_picture_shows_thrice_are_an_error_with_advice():
+    with pytest.raises(WaysideError, match="shorten --spacing"):
+        simulate(replace(SMALL, spacing_m=90.0, panel_m=0.3))
+
+
+def test_an_angle_of_view_is_a_focal_length():
+    assert focal_of_view(90.0, 1600) == pytest.approx(800.0)
+    with pytest.raises(UsageError, match="--hfov"):
+        focal_of_view(180.0, 1600)
+
+
+def test_the_command_prints_a_table_and_writes_json(tmp_path):
+    file = tmp_path / "plan.json"
+    options = ["--spacing", "26.4ft", "--hfov", "60", "--signs", "8", "--json", str(file)]
+    done = CliRunner().invoke(app, ["simulate", *options])
+    assert done.exit_code == 0, done.output
+    assert "along" in done.output
+    assert "bound" in done.output
+    (survey,) = json.loads(file.read_text())["surveys"]
+    assert survey["survey"]["spacing_m"] == pytest.approx(8.04672)
+    assert survey["survey"]["focal_px"] == pytest.approx(1385.6, abs=0.1)
+    assert survey["error"]["along"]["sigma_m"] > 0
+
+
+def test_the_table_names_what_was_planned():
+    text = format_simulation(simulate(replace(SMALL, pose_m=0.02)))
+    assert "poses given" in text
+    assert "59 degrees" in text
