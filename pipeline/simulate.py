@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Place
 from wayside.schemas.settings import MotionSettings, TrackSettings
 from wayside.stages.numerics.bound import point_bound, step_bound
@@ -282,25 +283,36 @@ def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:
     return result
 
 
-def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
-    survey = drive.survey
-    step = drive.poses[frame].relative_to(drive.poses[frame - 1])
+def bound_of_step(
+    survey: Survey, camera: Camera, step: Pose, pixels: tuple[Array, Array], sigma_m: float
+) -> Array:
+    """Covariance (6, 6) that ties at these ideal pixels (n, 2), of both pictures, leave of a step at best.
+
+    Errors of the ties as in the survey; sigma_m: what is known of the step's length beforehand.
+    """
     baseline = float(np.linalg.norm(step.centre))
     direction = np.ascontiguousarray(step.centre / baseline)
-    points = drive.tie_points(drive.common(frame - 1, frame))
-    previous, current = (drive.project(f, points) for f in (frame - 1, frame))
-    rays = rays_of_ideal(drive.camera, previous), rays_of_ideal(drive.camera, current)
-    _, slopes = motion_slopes(*rays, step.rotation, direction, survey.focal_px)
+    previous, current = (rays_of_ideal(camera, uv) for uv in pixels)
+    focal = 0.5 * (camera.fx + camera.fy)
+    _, slopes = motion_slopes(previous, current, step.rotation, direction, focal)
     toward = step.rotation.T @ direction
-    outward = rays[1] - toward[:2] / toward[2]
+    outward = current - toward[:2] / toward[2]
     outward /= np.linalg.norm(outward, axis=1)[:, None]
-    apart = ((current[:, None] - current[None]) ** 2).sum(axis=2)
+    apart = ((pixels[1][:, None] - pixels[1][None]) ** 2).sum(axis=2)
     shared = np.exp(-apart / (2 * survey.tie_drift_reach_px**2)) * (outward @ outward.T)
     # drift is in one of the two pictures that Sampson's distance is shared by
-    covariance = survey.tie_px**2 * np.eye(len(points)) + 0.5 * survey.tie_drift_px**2 * shared
-    covariance += 1e-12 * np.eye(len(points))
+    covariance = survey.tie_px**2 * np.eye(len(slopes)) + 0.5 * survey.tie_drift_px**2 * shared
+    covariance += 1e-12 * np.eye(len(slopes))
+    return step_bound(slopes, covariance, direction, baseline, sigma_m)
+
+
+def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
+    survey = drive.survey
+    points = drive.tie_points(drive.common(frame - 1, frame))
+    pixels = drive.project(frame - 1, points), drive.project(frame, points)
+    step = drive.poses[frame].relative_to(drive.poses[frame - 1])
     known = survey.trigger_m if survey.pose_m is None else UNKNOWN_LENGTH_M
-    return step_bound(slopes, covariance, direction, baseline, known)
+    return bound_of_step(survey, drive.camera, step, pixels, known)
 
 
 def _mount_fits(survey: Survey) -> bool:
