@@ -8,6 +8,8 @@ from typing import TypeAlias
 import numpy as np
 
 from recordings.drives.signs.europe import (
+    eu_beacon,
+    eu_board,
     eu_crossing,
     eu_give_way,
     eu_limit,
@@ -17,6 +19,7 @@ from recordings.drives.signs.europe import (
     eu_parking,
     eu_priority,
     eu_town,
+    eu_town_end,
     eu_warning,
 )
 from recordings.drives.signs.face import Face
@@ -133,5 +136,8 @@ GROUPS: dict[str, _Group] = {
     "eu_mandatory": _stack(eu_mandatory),
     "eu_blue": _either(0.5, _stack(eu_crossing), _stack(eu_parking)),
     "eu_town": _stack(eu_town),
+    "eu_town_end": _stack(eu_town_end),
+    "eu_beacon": _either(0.5, _stack(eu_beacon), _stack(eu_warning, eu_beacon, gap=0.04)),
+    "eu_board": _stack(eu_board),
 }
 """Name of a group -> the panels of one assembly."""

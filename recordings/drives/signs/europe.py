@@ -115,3 +115,39 @@ def eu_town(rng: np.random.Generator) -> Face:
     town = pick(rng, ["NEUDORF", "ALTHEIM", "SEEBACH", "LINDAU"])
     face.lines([town, "KREIS OST"], "black", h * 0.12, h * 0.88)
     return face
+
+
+def eu_beacon(rng: np.random.Generator) -> Face:
+    """Tall white panel with one to three red stripes, rising to one side: so far to the crossing."""
+    w, h = 0.3, 1.0
+    face = Face("eu_beacon", "white", "rectangle", w, h, secondary=("red",))
+    count = int(rng.integers(1, 4))
+    rise = 0.14 if rng.random() < 0.7 else -0.14
+    for k in range(count):
+        y = h * (0.5 + 0.24 * (k - (count - 1) / 2))
+        left, right = y + rise / 2, y - rise / 2
+        face.fill([(0, left), (w, right), (w, right + 0.1), (0, left + 0.1)], "red")
+    face.legend = f"{count} stripes"
+    return face
+
+
+def eu_town_end(rng: np.random.Generator) -> Face:
+    """End of a town: next town on white above, this town on yellow crossed out in red."""
+    w, h = float(rng.uniform(1.0, 1.3)), 0.65
+    face = bordered("eu_town_end", "yellow", "rectangle", (w, h), "black", (0.018, 0.012))
+    face.secondary = ("white", "red", "black")
+    face.box(0.03, 0.03, w - 0.03, h * 0.46, "white")
+    town = pick(rng, ["NEUDORF", "ALTHEIM", "SEEBACH", "LINDAU"])
+    face.text(town, (w / 2, h * 0.25), h * 0.2, "black", w * 0.8, 0.18)
+    face.text("BERGEN", (w / 2, h * 0.72), h * 0.2, "black", w * 0.8, 0.18)
+    face.line([(0.03, h - 0.05), (w - 0.03, h * 0.5)], "red", 0.04)
+    return face
+
+
+def eu_board(rng: np.random.Generator) -> Face:
+    """White direction board."""
+    w, h = float(rng.uniform(0.9, 1.5)), float(rng.uniform(0.4, 0.7))
+    face = bordered("eu_board", "white", "rectangle", (w, h), "black", (0.015, 0.01))
+    places = ["ZENTRUM", "BAHNHOF", "MESSE", "KLINIK"]
+    face.lines([pick(rng, places), pick(rng, places)], "black", h * 0.14, h * 0.86)
+    return face
