@@ -18,10 +18,10 @@ from wayside.stages.numerics.trees import log_odds
 GATE = Boosting(trees=80, leaves=16, pace=0.12, share_of_features=0.5)
 JUDGE = Boosting()
 
-GATE_OFF_SHARE = 0.35
+GATE_OFF_SHARE = 0.2
 """Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
 
-JUDGE_OFF_SHARE = 0.5
+JUDGE_OFF_SHARE = 0.25
 """The same for the judge: one background is seen in many pictures."""
 
 REAL_WEIGHT = 3.0
@@ -115,7 +115,8 @@ def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel
     label = np.concatenate([d.views.label for d in drives])
     values = np.concatenate([d.views.glance for d in drives])
     some = np.random.default_rng(seed).random(len(label)) < GATE_OFF_SHARE
-    taught = (label == ON) | ((label == OFF) & some)
+    far = np.concatenate([d.views.overlap for d in drives]) < NEAR_FACE
+    taught = (label == ON) | ((label == OFF) & some & far)
     weight = np.concatenate([face_weights(d.views) for d in drives])
     fitted = fit_trees(values[taught], label[taught] == ON, weight[taught], GATE, seed)
     gate = exported_trees(fitted, gate_names(), 0.0, provenance)
@@ -211,10 +212,12 @@ def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
     values, positive, weight = [], [], []
     for one in passed:
         label = one.views.label
-        some = rng.random(len(label)) < JUDGE_OFF_SHARE
+        near = one.views.overlap >= NEAR_FACE
+        some = near | (rng.random(len(label)) < JUDGE_OFF_SHARE)
         taught = (label == ON) | ((label == OFF) & some)
         # the part stands for the whole, so that the log odds stay those of all candidates
-        share = np.where(label == ON, face_weights(one.views), 1 / JUDGE_OFF_SHARE)
+        share = np.where(near, 1.0, 1 / JUDGE_OFF_SHARE)
+        share = np.where(label == ON, face_weights(one.views), share)
         values.append(one.values[taught])
         positive.append(label[taught] == ON)
         weight.append(one.weight * share[taught])

@@ -83,7 +83,7 @@ def fit_network(passed: Sequence[Passed], what: str, seed: int, provenance: str)
         (HIDDEN,),
         alpha=SHRINKAGE,
         learning_rate_init=PACE,
-        batch_size=64,
+        batch_size=min(64, len(drawn)),
         max_iter=ROUNDS // 2,
         random_state=seed,
     )

@@ -17,7 +17,7 @@ from wayside.schemas.frame import Picture
 from wayside.schemas.regions import COLORS, SHAPES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
 from wayside.stages.judge import gate_features, picture_levels, view_features
-from wayside.stages.numerics.boxes import overlap_of
+from wayside.stages.numerics.boxes import overlap_of, shared_of
 from wayside.stages.numerics.outline import region_sequences
 from wayside.stages.propose import propose
 from wayside.stages.segment import segment
@@ -30,6 +30,10 @@ FACE_SHARE, FACE_PX = 0.4, 8
 
 ON_FACE, NEAR_FACE = 0.5, 0.3
 """Overlap (IoU) from which a box is on a face, and below which it is off it; between them it counts as neither."""
+
+TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
+"""Overlap (IoU) from which a box is tight on a face; share of a box from which it lies inside one; overlap from which
+a box that shows a second face as well is no example rather than a bad one."""
 
 WHOLE = 0.75
 """An outline teaches a shape where its box overlaps the face's by this much (IoU)."""
@@ -358,8 +362,7 @@ def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], f
         best = gaps.argmax(axis=1)
         overlap = gaps.max(axis=1).astype(np.float32)
         teaches = np.array([_share(v) >= FACE_SHARE and _height(v) >= FACE_PX for _, v in here])
-        label[overlap >= NEAR_FACE] = NEITHER
-        label[(overlap >= ON_FACE) & teaches[best]] = ON
+        label = face_labels(regions.box, np.array([v["box"] for _, v in here]), teaches)
         nearest = np.where(overlap > 0, best + first, -1).astype(np.int32)
     return Views(
         regions,
@@ -369,6 +372,35 @@ def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], f
         overlap,
         nearest,
     )
+
+
+def face_labels(
+    box: NDArray[np.floating[Any]], faces: NDArray[np.floating[Any]], teaches: NDArray[np.bool_]
+) -> NDArray[np.int8]:
+    """What each box (n, 4) teaches the judge, (n,): `ON` a face (m, 4), `OFF` all, or `NEITHER`.
+
+    A face is its whole panel. Where a tight box is on it, a looser one is no example, and what shows only a part of it
+    or a second face as well is none: a judge that takes both for a face loses the plaque below a sign. Faces that do
+    not teach (m,) bool make no examples of the boxes near them.
+    """
+    overlap = overlap_of(box, faces)
+    shared = shared_of(box, faces)
+    best = overlap.argmax(axis=1)
+    rows = np.arange(len(box))
+    nearest = overlap[rows, best]
+    tight = overlap.max(axis=0)[best] >= TIGHT
+    label = np.where(nearest >= NEAR_FACE, NEITHER, OFF).astype(np.int8)
+    label[(nearest >= np.where(tight, TIGHT, ON_FACE)) & teaches[best]] = ON
+    own = np.prod(box[:, 2:] - box[:, :2], axis=1)
+    part = (shared[rows, best] > INSIDE * own) & (nearest < ON_FACE)
+    label[part & tight & teaches[best]] = OFF
+    # a second face in the box, that does not itself lie on the first
+    area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
+    apart = shared_of(faces, faces) < 0.3 * np.minimum(area[:, None], area[None])
+    second = ((shared > 0.5 * area) & apart[best] & teaches).any(axis=1)
+    label[second & (nearest < UNION) & tight] = OFF
+    label[second & (nearest >= UNION)] = NEITHER
+    return label
 
 
 def _joined(parts: list[Views]) -> Views:

@@ -37,12 +37,17 @@ def suppressed_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.bool_]
 
 def overlap_of(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """IoU of each box a (n, 4) with each box b (m, 4): (n, m)."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    shared = np.prod(np.clip(high - low, 0, None), axis=2, dtype=np.float64)
+    shared = shared_of(a, b)
     own = np.prod(a[:, 2:] - a[:, :2], axis=1, dtype=np.float64)
     other = np.prod(b[:, 2:] - b[:, :2], axis=1, dtype=np.float64)
     return np.asarray(shared / np.maximum(own[:, None] + other[None] - shared, 1e-9))
+
+
+def shared_of(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Area that each box a (n, 4) shares with each box b (m, 4): (n, m), square pixels."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    return np.asarray(np.prod(np.clip(high - low, 0, None), axis=2, dtype=np.float64))
 
 
 def patch_means(
