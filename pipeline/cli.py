@@ -228,17 +228,18 @@ def _process(
 
     from wayside.pipeline.model_files import load_models
     from wayside.pipeline.progress import FrameProgress
+    from wayside.pipeline.reading.frames import ReadReport
     from wayside.pipeline.run import RunObserver, run_log
     from wayside.pipeline.summary import print_summary
 
     models = load_models(settings)
 
-    def open_observer() -> RunObserver | None:
+    def open_observer(report: ReadReport) -> RunObserver | None:
         if viewing is None:
             return None
         from wayside.pipeline.view.sinks import open_observer
 
-        return open_observer(viewing, folder, log.stem, models.location)
+        return open_observer(viewing, folder, log.stem, models.location, report)
 
     size = log.stat().st_size if log.exists() else 0
     with FrameProgress(log.name, size) as progress:

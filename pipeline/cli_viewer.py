@@ -53,6 +53,14 @@ ViewDetail = Annotated[
     bool, typer.Option("--view-detail", help="Also record the label images of both passes.")
 ]
 SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
+OverOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--over",
+        metavar="LOG",
+        help="Lay a recording without pictures over those of its log, which is imported once into OUT.",
+    ),
+]
 FrameOption = Annotated[int | None, typer.Option("--frame", help="A picture of the log.")]
 
 
@@ -84,13 +92,14 @@ def view(
     out: Out,
     sign: SignOption = None,
     frame: FrameOption = None,
+    over: OverOption = None,
     serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
 ) -> None:
     """Open the recording of a run, at a sign or a picture."""
     from wayside.pipeline.view.results import find_target, open_result
 
     target = find_target(out, sign, frame)
-    address = open_result(out, target, serve=serve)
+    address = open_result(out, target, over, serve=serve)
     typer.echo(f"picture {target.frame} of {out}; the viewer listens at {address}")
 
 
@@ -99,12 +108,13 @@ def picture(
     png: Annotated[Path, typer.Option("-o", "--out", help="The PNG to write.")],
     sign: SignOption = None,
     frame: FrameOption = None,
+    over: OverOption = None,
     size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
 ) -> None:
     """Draw the viewer to a PNG without a display, at a sign or a picture."""
     from wayside.pipeline.view.results import find_target, save_picture
 
-    save_picture(out, find_target(out, sign, frame), png, _parse_size(size))
+    save_picture(out, find_target(out, sign, frame), over, png, _parse_size(size))
     typer.echo(f"{png}")
 
 

@@ -38,6 +38,10 @@ Watcher = Callable[[Settled, ReadReport], None]
 class RunObserver(Observer, Protocol):
     """Sees a run from the first frame to the inventory; its own faults are words, never exceptions."""
 
+    @property
+    def images(self) -> str:
+        """Which pictures it records: `all`, those with `signs`, `none`."""
+
     def finish(self, inventory: Inventory) -> None:
         """Take note of what only the end tells."""
 
@@ -57,6 +61,7 @@ class RunResult:
     stage_seconds: dict[str, float]
     wall_seconds: float
     view_faults: tuple[str, ...] = ()
+    view_images: str | None = None
 
     @property
     def lost(self) -> list[str]:
@@ -75,7 +80,7 @@ def run_log(
     arguments: list[str],
     every_region: bool = False,
     watch: Watcher = lambda settled, report: None,
-    open_observer: Callable[[], RunObserver | None] = lambda: None,
+    open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
     rate: float | None = None,
 ) -> RunResult:
     """Process one log and write its tables and `run.json` into `folder`.
@@ -93,7 +98,8 @@ def run_log(
     watch
         Called with every settled frame on its way to the tables.
     open_observer
-        Called when the folder is there and the log can be read; what it gives sees every item of every stage.
+        Called with what reading chose, when the folder is there and the log can be read; what it gives sees every
+        item of every stage.
     rate
         Read at so many times the recorded speed; None: as fast as the work goes.
 
@@ -116,7 +122,7 @@ def run_log(
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
-    observer = open_observer()
+    observer = open_observer(report)
     flow = Flow(settings, models, clock, observer)
     writer = InventoryWriter(
         folder, log.stem, confidence=settings.locate.confidence, every_region=every_region
@@ -141,7 +147,15 @@ def run_log(
         faults = observer.close()
     wall = time.perf_counter() - started
     result = RunResult(
-        log, folder, inventory, report, dict(statuses), clock.seconds(), wall, tuple(faults)
+        log,
+        folder,
+        inventory,
+        report,
+        dict(statuses),
+        clock.seconds(),
+        wall,
+        tuple(faults),
+        None if observer is None else observer.images,
     )
     _write_run(result, settings, models, arguments)
     return result
@@ -193,6 +207,8 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "arguments": arguments,
         "log": result.log.name,
         "log_path": str(result.log.absolute()),
+        "camera_topic": result.report.camera_topic,
+        "view_images": result.view_images,
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": models.digests(),

@@ -54,6 +54,7 @@ class ReadReport(ScanReport):
     with_fix: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
     camera_topic: str = ""
+    camera_frame: str = ""
     calibration_source: str = ""
     motion_source: str = ""
     motion_topic: str = ""
@@ -99,6 +100,7 @@ def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Itera
     """
     plan = plan_reading(path, settings)
     report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
+    report.camera_frame = plan.camera_frame
     report.motion_source = plan.motion_source
     report.motion_topic = "" if plan.motion is None else plan.motion.name
     report.fix_topic = "" if plan.fixes is None else plan.fixes.name

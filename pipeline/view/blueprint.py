@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -18,14 +16,18 @@ FLAT = f"- /{at.CAMERA}/**"
 NO_RAYS = f"- /{at.SIGN_RAYS}/**"
 
 
-def drive_layout() -> rrb.Blueprint:
-    """The whole drive: picture with layers, 3-D behind the vehicle, from above, across the road, plots, table."""
+def drive_layout(pictures: str | None = None, *, live: bool = False) -> rrb.Blueprint:
+    """The whole drive: picture with layers, 3-D behind the vehicle, from above, across the road, plots, table.
+
+    pictures: entity of the pictures of an imported log, where the recording has none of its own; live: the time
+    follows what comes in.
+    """
     hidden = [f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET]
     hidden += [at.KEYPOINTS, at.SIFT_POINTS, at.MATCHES, *at.PASSES]
     camera = rrb.Spatial2DView(
-        origin=at.CAMERA,
+        origin=pictures or at.CAMERA,
         name="camera",
-        contents=["$origin/**", f"- /{at.CHAINS}/**"],
+        contents=["$origin/**", f"+ /{at.CAMERA}/**", f"- /{at.CHAINS}/**"],
         overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
     )
     chased = rrb.Spatial3DView(
@@ -61,6 +63,7 @@ def drive_layout() -> rrb.Blueprint:
         rrb.MapView(origin=at.MAP, name="map"),
     )
     return _laid_out(
+        at.FRAME if pictures is None else at.LOG,
         rrb.Vertical(camera, rrb.Tabs(*words, active_tab=1), row_shares=[3, 1.3]),
         rrb.Vertical(
             chased,
@@ -68,20 +71,24 @@ def drive_layout() -> rrb.Blueprint:
             rrb.Horizontal(residuals, rrb.Tabs(iterations, gates, signs)),
             row_shares=[1.6, 1.2, 1],
         ),
+        follow=live,
     )
 
 
 def sign_layout(
-    sign_id: str, best_range_m: float, best_box: tuple[float, float, float, float]
+    sign_id: str,
+    best_range_m: float,
+    best_box: tuple[float, float, float, float],
+    pictures: str | None = None,
 ) -> rrb.Blueprint:
     """One sign: only its own chain of boxes, rays and residuals, and the camera's path; the picture is near its box."""
     x, y = (best_box[0] + best_box[2]) / 2, (best_box[1] + best_box[3]) / 2
     reach = AROUND * max(best_box[2] - best_box[0], best_box[3] - best_box[1])
     part = rr.escape_entity_path_part(sign_id)
     camera = rrb.Spatial2DView(
-        origin=at.CAMERA,
+        origin=pictures or at.CAMERA,
         name=f"{sign_id}: measured and, white, reprojected",
-        contents=[f"+ /{at.IMAGE}", f"+ /{at.CHAINS}/{part}/**"],
+        contents=[f"+ {pictures or '/' + at.IMAGE}", f"+ /{at.CHAINS}/{part}/**"],
         visual_bounds=rrb.VisualBounds2D(
             x_range=[x - reach, x + reach], y_range=[y - reach, y + reach]
         ),
@@ -110,14 +117,22 @@ def sign_layout(
         origin=f"{at.SIGN_RESIDUALS}/{part}", name="reprojection residual, px"
     )
     words = rrb.TextDocumentView(origin=f"{at.SIGN_FIGURES}/{part}", name="figures")
-    return _laid_out(camera, rrb.Vertical(space, residuals, words, row_shares=[2, 1, 1]))
+    timeline = at.FRAME if pictures is None else at.LOG
+    return _laid_out(timeline, camera, rrb.Vertical(space, residuals, words, row_shares=[2, 1, 1]))
 
 
-def _laid_out(left: rrb.Container | rrb.View, right: rrb.Container | rrb.View) -> rrb.Blueprint:
-    parts: Sequence[rrb.Container | rrb.View] = (left, right)
+def _laid_out(
+    timeline: str,
+    left: rrb.Container | rrb.View,
+    right: rrb.Container | rrb.View,
+    *,
+    follow: bool = False,
+) -> rrb.Blueprint:
     return rrb.Blueprint(
-        rrb.Horizontal(*parts, column_shares=[1.25, 1]),
-        rrb.TimePanel(state="collapsed", timeline=at.FRAME),
+        rrb.Horizontal(left, right, column_shares=[1.25, 1]),
+        rrb.TimePanel(
+            state="collapsed", timeline=timeline, play_state="following" if follow else "paused"
+        ),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
     )

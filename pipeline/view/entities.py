@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -85,6 +86,10 @@ class Batch:
         for entity in self.entities:
             stream.log(entity.path, *entity.parts, static=entity.static or self.times is None)
 
+    def paths(self) -> Iterator[str]:
+        """Where its entities stand."""
+        return (entity.path for entity in self.entities)
+
 
 @dataclass(frozen=True, slots=True)
 class Columns:
@@ -113,12 +118,22 @@ class Columns:
 class Bundle:
     """Several things sent as one: none of them can be left out alone."""
 
-    parts: tuple[Batch | Columns, ...]
+    parts: tuple[Batch | Columns | Bundle, ...]
 
     def send(self, stream: rr.RecordingStream) -> None:
         """Send all of it."""
         for part in self.parts:
             part.send(stream)
+
+    def paths(self) -> Iterator[str]:
+        """Where its entities stand."""
+        for part in self.parts:
+            yield from (part.path,) if isinstance(part, Columns) else part.paths()
+
+
+def image_plane(frame_id: str) -> str:
+    """Coordinate frame that Rerun's importer gives to the pictures of a camera frame."""
+    return f"{frame_id}_image_plane"
 
 
 def _nanoseconds(values: Any) -> Any:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
+
+import rerun as rr
 
 from wayside.pipeline.inventory import Inventory
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.chains import closing, opening
 from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
-from wayside.pipeline.view.recorder import Recorder, Sendable
+from wayside.pipeline.view.recorder import Recorder
 from wayside.pipeline.view.views import LAST_STAGE, Scene, entities_of, seen_places
 from wayside.schemas.frame import Frame
 from wayside.schemas.models import GaussianModel
@@ -33,6 +35,7 @@ class RerunObserver:
         *,
         images: str = "all",
         detail: bool = False,
+        plane: str | None = None,
     ) -> None:
         self._recorders = tuple(recorders)
         self._scene = Scene(images, detail)
@@ -40,8 +43,15 @@ class RerunObserver:
         self._waiting: dict[int, list[Entity]] = defaultdict(list)
         self._pictures: dict[int, list[Entity]] = {}
         self._times: dict[int, Times] = {}
+        self._plane = plane
+        self._planed: set[str] = set()
         self._fault: str | None = None
         self._guarded(lambda: self._send(opening(location)))
+
+    @property
+    def images(self) -> str:
+        """Which pictures are recorded."""
+        return self._scene.images
 
     def see(self, stage: str, frame: Frame, item: Any) -> None:
         """Take note of what a stage made of a frame."""
@@ -107,6 +117,15 @@ class RerunObserver:
                 picture = []
         self._send(Batch(self._times[frame.index], (*picture, *found)))
 
-    def _send(self, item: Sendable) -> None:
+    def _send(self, item: Batch | Bundle) -> None:
+        if self._plane is not None:
+            item = Bundle((Batch(None, tuple(self._on_plane(item, self._plane))), item))
         for recorder in self._recorders:
             recorder.put(item)
+
+    def _on_plane(self, item: Batch | Bundle, plane: str) -> Iterator[Entity]:
+        """Once for each layer of the picture: the coordinate frame that it lies in."""
+        for path in item.paths():
+            if path.startswith(f"{at.CAMERA}/") and path not in self._planed:
+                self._planed.add(path)
+                yield Entity(path, (rr.CoordinateFrame(plane),))

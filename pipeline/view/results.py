@@ -10,13 +10,14 @@ from typing import Any
 
 from rerun.experimental import ViewerClient
 
-from wayside.pipeline.result import read_rows
+from wayside.pipeline.result import read_rows, read_run
 from wayside.pipeline.run import RECORDING
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
-from wayside.pipeline.view.entities import APPLICATION, FRAME
+from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.pipeline.view.viewer import (
     headless,
-    show_frame,
+    import_log,
+    show_time,
     start_viewer,
     view_errors,
     wait_until_loaded,
@@ -24,13 +25,30 @@ from wayside.pipeline.view.viewer import (
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 
+IMPORTED = "log.rrd"
+"""The log itself as a recording, beside the run's own, where that holds no pictures."""
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
     """What to look at: a frame of the drive, or one sign in the frame where it is largest."""
 
     frame: int
+    log_time_ns: int
     sign: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Recordings:
+    """Files that make one recording; `pictures`: entity of the pictures where they come from the imported log."""
+
+    own: Path
+    imported: Path | None = None
+    pictures: str | None = None
+
+    def files(self, layout: Path) -> list[Path]:
+        """All of them in the order in which the viewer keeps the layout: it takes that of the file before."""
+        return [self.own, layout, *([] if self.imported is None else [self.imported])]
 
 
 def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
@@ -45,45 +63,70 @@ def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
     """
     if sign_id is not None and frame is not None:
         raise UsageError("wanted --sign or --frame, found both; a sign has its own best frame")
+    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    times = {row["frame"]: row["log_time_ns"] for row in rows}
     if sign_id is None:
-        frames = [row["frame"] for row in read_rows(out, FRAMES, ["frame"])]
-        if frame is not None and frame not in frames:
-            known = f"{min(frames)} to {max(frames)}" if frames else "none"
+        chosen = min(times, default=0) if frame is None else frame
+        if chosen not in times:
+            known = f"{min(times)} to {max(times)}" if times else "none"
             raise UsageError(f"--frame {frame}: wanted a frame of {out}, which holds {known}")
-        return Target(frame if frame is not None else min(frames, default=0))
-    rows = read_rows(out, SIGNS, ["sign_id", "best_frame", "best_box", "ahead_m"])
-    by_id = {row["sign_id"]: row for row in rows}
+        return Target(chosen, times[chosen])
+    signs = read_rows(out, SIGNS, ["sign_id", "best_frame", "best_box", "ahead_m"])
+    by_id = {row["sign_id"]: row for row in signs}
     if sign_id not in by_id:
         near = get_close_matches(sign_id, by_id, n=1, cutoff=0.0)
         offered = f"; did you mean {near[0]}?" if near else ""
         raise UsageError(f"--sign {sign_id}: {out} has no such sign among {len(by_id)}{offered}")
-    return Target(by_id[sign_id]["best_frame"], by_id[sign_id])
+    best = by_id[sign_id]["best_frame"]
+    return Target(best, times[best], by_id[sign_id])
 
 
-def recording_of(out: Path) -> Path:
-    """The recording of a result; raises InputError where it was made without."""
+def recordings_of(out: Path, log: Path | None) -> Recordings:
+    """The recording of a result, over its log where one is given, which is imported once and kept.
+
+    Raises
+    ------
+    InputError
+        The run was made without a recording, or Rerun cannot import the log.
+    UsageError
+        The recording holds pictures of its own, and a log is given.
+    """
     path = out / RECORDING
     if not path.is_file():
         raise InputError(
             f"{path}: wanted the recording of a run, found none; "
             f"run the log again with `wayside run LOG --view file -o {out}`"
         )
-    return path
+    if log is None:
+        return Recordings(path)
+    run = read_run(out)
+    if run.get("view_images") != "none":
+        raise UsageError(
+            f"--over {log}: {path} holds pictures of its own and lies over no others; leave --over out, "
+            "or run the log again with --view-images none"
+        )
+    imported = out / IMPORTED
+    if not imported.is_file():
+        import_log(log, Path(run["log"]).stem, imported)
+    return Recordings(path, imported, run["camera_topic"])
 
 
-def open_result(out: Path, target: Target, *, serve: bool) -> str:
+def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> str:
     """Open the recording in a viewer at a target; the viewer's address. It stays open when this program ends."""
+    found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
-        files = [recording_of(out), _layout(target, Path(scratch))]
-        _, address = start_viewer(files, serve=serve)
+        layout = _layout(target, found.pictures, Path(scratch))
+        _, address = start_viewer(found.files(layout), serve=serve)
+        client = ViewerClient.connect(address)
+        wait_until_loaded(client, needs_views=not serve)
         if not serve:
-            client = ViewerClient.connect(address)
-            wait_until_loaded(client)
-            show_frame(client, FRAME, target.frame)
+            _show(client, target, found)
     return address
 
 
-def save_picture(out: Path, target: Target, png: Path, size: tuple[int, int]) -> None:
+def save_picture(
+    out: Path, target: Target, log: Path | None, png: Path, size: tuple[int, int]
+) -> None:
     """Draw the viewer with a target to a PNG, without a display.
 
     Raises
@@ -93,23 +136,30 @@ def save_picture(out: Path, target: Target, png: Path, size: tuple[int, int]) ->
     """
     if not png.parent.is_dir():
         raise OutputError(f"{png}: wanted a folder that is there, found none; make {png.parent}")
+    found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
-        files = [recording_of(out), _layout(target, Path(scratch))]
-        with headless(files, size) as client:
-            show_frame(client, FRAME, target.frame)
+        layout = _layout(target, found.pictures, Path(scratch))
+        with headless(found.files(layout), size) as client:
+            _show(client, target, found)
             faults = view_errors(client)
             client.save_screenshot(str(png.resolve()))
     if faults:
         raise OutputError(f"{png}: drawn, but the viewer reports {'; '.join(faults)}")
 
 
-def _layout(target: Target, folder: Path) -> Path:
-    path = folder / "layout.rbl"
-    row = target.sign
+def _show(client: ViewerClient, target: Target, found: Recordings) -> None:
+    if found.pictures is None:
+        show_time(client, FRAME, target.frame)
+    else:  # the imported log knows no numbers of pictures
+        show_time(client, LOG, target.log_time_ns)
+
+
+def _layout(target: Target, pictures: str | None, folder: Path) -> Path:
+    path, row = folder / "layout.rbl", target.sign
     layout = (
-        drive_layout()
+        drive_layout(pictures)
         if row is None
-        else sign_layout(row["sign_id"], row["ahead_m"], tuple(row["best_box"]))
+        else sign_layout(row["sign_id"], row["ahead_m"], tuple(row["best_box"]), pictures)
     )
     layout.save(APPLICATION, str(path))
     return path

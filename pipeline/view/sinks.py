@@ -8,9 +8,10 @@ from pathlib import Path
 
 import rerun as rr
 
+from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.run import RECORDING
 from wayside.pipeline.view.blueprint import drive_layout
-from wayside.pipeline.view.entities import APPLICATION
+from wayside.pipeline.view.entities import APPLICATION, image_plane
 from wayside.pipeline.view.observer import RerunObserver
 from wayside.pipeline.view.recorder import Recorder
 from wayside.schemas.models import GaussianModel
@@ -38,16 +39,23 @@ class Viewing:
 
 
 def open_observer(
-    viewing: Viewing, folder: Path, log: str, location: GaussianModel
+    viewing: Viewing, folder: Path, log: str, location: GaussianModel, report: ReadReport
 ) -> RerunObserver:
-    """Start the recordings of a run; `folder` exists, `log` is the name of the recording."""
+    """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
+
+    Without pictures of its own a recording lies over those of the log: in the coordinate frame that Rerun's importer
+    gives them.
+    """
+    plane = image_plane(report.camera_frame) if viewing.images == "none" else None
     recorders = []
     if viewing.file:
         path = folder / RECORDING
         recorders.append(Recorder(RECORDING, _file_stream(log, path), FILE_PATIENCE_S))
     if viewing.address is not None:
         recorders.append(Recorder(viewing.address, _live_stream(log, viewing.address), 0.0))
-    return RerunObserver(recorders, location, images=viewing.images, detail=viewing.detail)
+    return RerunObserver(
+        recorders, location, images=viewing.images, detail=viewing.detail, plane=plane
+    )
 
 
 def _file_stream(log: str, path: Path) -> Callable[[], rr.RecordingStream]:
@@ -62,7 +70,7 @@ def _file_stream(log: str, path: Path) -> Callable[[], rr.RecordingStream]:
 def _live_stream(log: str, address: str) -> Callable[[], rr.RecordingStream]:
     def open_stream() -> rr.RecordingStream:
         stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.connect_grpc(address, default_blueprint=drive_layout())
+        stream.connect_grpc(address, default_blueprint=drive_layout(live=True))
         return stream
 
     return open_stream

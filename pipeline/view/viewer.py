@@ -14,14 +14,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import rerun
 from rerun.experimental import ViewerClient
 
+from wayside.pipeline.view.entities import APPLICATION, FRAME
 from wayside.schemas.errors import InputError, OutputError, UsageError
 
 LOOPBACK = "127.0.0.1"
 """The viewer's own default listens to the whole network."""
-PROBE_S, START_S, LOAD_S = 0.5, 20.0, 60.0
+PROBE_S, START_S, LOAD_S, DRAW_S = 0.5, 20.0, 60.0, 1.0
 STEADY_POLLS, POLL_S = 3, 0.3
 VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
 SOFTWARE = ("lvp_icd.x86_64.json", "lvp_icd.aarch64.json", "lvp_icd.json")
@@ -137,10 +139,22 @@ def software_vulkan() -> Path:
     )
 
 
-def show_frame(client: ViewerClient, timeline: str, frame: int) -> None:
-    """Move the time panel to a frame, and wait until the views have followed."""
-    client.set_time(timeline, sequence=frame)
-    time.sleep(4 * POLL_S)
+def show_time(client: ViewerClient, timeline: str, value: int) -> None:
+    """Move the time panel to a frame, or to nanoseconds on a timeline of times, and wait until the views have followed.
+
+    A recording that is still loading moves the time on by itself, so it is set until it stays.
+    """
+    late, steady = time.monotonic() + LOAD_S, 0
+    while time.monotonic() < late and steady < STEADY_POLLS:
+        recordings = client.get_state().recordings
+        there = any(r.current_timeline == timeline and r.current_time == value for r in recordings)
+        steady = steady + 1 if there else 0
+        if not there and timeline == FRAME:
+            client.set_time(timeline, sequence=value)
+        elif not there:
+            client.set_time(timeline, timestamp=np.datetime64(value, "ns"))
+        time.sleep(POLL_S)
+    time.sleep(DRAW_S)
 
 
 def view_errors(client: ViewerClient) -> list[str]:
@@ -158,6 +172,25 @@ def free_port() -> int:
     with socket.socket() as one:
         one.bind((LOOPBACK, 0))
         return int(one.getsockname()[1])
+
+
+def import_log(log: Path, recording_id: str, target: Path) -> None:
+    """Let Rerun convert a log to a recording of the given id, so that it joins that of a run.
+
+    Raises
+    ------
+    InputError
+        Rerun cannot convert it.
+    """
+    command = [str(viewer_program()), "mcap", "convert", str(log), "-o", str(target)]
+    command += ["--application-id", APPLICATION, "--recording-id", recording_id]
+    environment = dict(os.environ, NO_COLOR="1")
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    faults = [line for line in done.stderr.splitlines() if "ERROR" in line]  # with exit status 0
+    if done.returncode != 0 or faults or not target.is_file():
+        target.unlink(missing_ok=True)
+        found = (faults or done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise InputError(f"{log}: wanted a log that Rerun can import, found: {found}")
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
@@ -196,13 +229,13 @@ def _wait_for_port(process: subprocess.Popen[bytes], port: int) -> None:
     )
 
 
-def wait_until_loaded(client: ViewerClient) -> None:
-    """Return when the loaded recordings have stopped to grow."""
+def wait_until_loaded(client: ViewerClient, *, needs_views: bool = True) -> None:
+    """Return when the loaded recordings have stopped to grow, and, in a viewer that draws, have views."""
     late, steady, before = time.monotonic() + LOAD_S, 0, ""
     while time.monotonic() < late and steady < STEADY_POLLS:
         state = client.get_state()
         now = str([(r.store_id, r.timelines) for r in state.recordings])
-        loaded = bool(state.recordings) and bool(state.views)
+        loaded = bool(state.recordings) and (bool(state.views) or not needs_views)
         steady = steady + 1 if loaded and now == before else 0
         before = now
         time.sleep(POLL_S)

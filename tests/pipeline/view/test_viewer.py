@@ -12,7 +12,7 @@ import pytest
 from wayside.pipeline.cli_viewer import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
-from wayside.pipeline.view.viewer import probe, require_display, software_vulkan
+from wayside.pipeline.view.viewer import import_log, probe, require_display, software_vulkan
 from wayside.schemas.errors import InputError, OutputError, UsageError
 
 WAYSIDE = (sys.executable, "-c", "from wayside.pipeline.cli import main; main()")
@@ -86,17 +86,29 @@ def has_vulkan():
     return True
 
 
+def recorded(folder, *options):
+    command = [*WAYSIDE, "run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "4s"]
+    subprocess.run([*command, *options], check=True, capture_output=True)
+    return folder
+
+
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("drawn")
-    command = [*WAYSIDE, "run", str(DEMO), "-o", str(folder)]
-    subprocess.run([*command, "--view", "file", "--until", "4s"], check=True, capture_output=True)
-    return folder
+    return recorded(tmp_path_factory.mktemp("drawn"))
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("bare"), "--view-images", "none")
 
 
 @pytest.mark.skipif(not has_vulkan(), reason="no software Vulkan: install mesa-vulkan-drivers")
 @pytest.mark.parametrize("asked", [["--frame", "6"], ["--sign", "demo-0001"]])
-def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(result, tmp_path, asked):
+@pytest.mark.parametrize("over", [False, True])
+def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
+    result, bare, tmp_path, asked, over
+):
+    result, asked = (bare, [*asked, "--over", str(DEMO)]) if over else (result, asked)
     png = tmp_path / "drawn.png"
     command = [*WAYSIDE, "picture", str(result), "-o", str(png)]
     done = subprocess.run(
@@ -114,10 +126,17 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(result, tm
         (["--sign", "demo-9999"], "did you mean demo-"),
         (["--frame", "999"], "which holds 0 to"),
         (["--frame", "1", "--sign", "demo-0001"], "found both"),
+        (["--over", str(DEMO)], "holds pictures of its own"),
     ],
 )
 def test_a_sign_or_frame_that_is_not_there_is_named(result, asked, words):
-    command = [*WAYSIDE, "view", str(result), *asked]
+    command = [*WAYSIDE, "view", str(result), "--serve", *asked]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 2
     assert words in done.stderr
+
+
+def test_what_rerun_cannot_import_is_refused(tmp_path):
+    (tmp_path / "log.mcap").write_bytes(b"no log")
+    with pytest.raises(InputError, match="wanted a log that Rerun can import"):
+        import_log(tmp_path / "log.mcap", "demo", tmp_path / "log.rrd")

@@ -18,7 +18,7 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.view.sinks import Viewing, open_observer
-from wayside.pipeline.view.viewer import viewer_program
+from wayside.pipeline.view.viewer import import_log, viewer_program
 from wayside.pipeline.view.views import VIEWS, NoViewError, Scene, entities_of
 from wayside.schemas.frame import Frame
 
@@ -52,8 +52,12 @@ def run(folder, viewing=None, workers=2, until_s=None):
     settings, _ = load_settings(options=options)
     models = load_models(settings)
 
-    def observer():
-        return None if viewing is None else open_observer(viewing, folder, "demo", models.location)
+    def observer(report):
+        return (
+            None
+            if viewing is None
+            else open_observer(viewing, folder, "demo", models.location, report)
+        )
 
     return run_log(DEMO, folder, settings, models, arguments=[], open_observer=observer)
 
@@ -200,6 +204,23 @@ def test_pictures_are_recorded_as_asked(tmp_path, images, fewest, most):
     )
     assert result.view_faults == ()
     assert fewest <= found <= most
+
+
+def test_without_pictures_all_layers_lie_on_those_of_the_imported_log(tmp_path):
+    run(tmp_path, Viewing(file=True, images="none"), until_s=SHORT_S)
+    import_log(DEMO, "demo", tmp_path / "log.rrd")
+    planes, layers = {}, set()
+    for name in (RECORDING, "log.rrd"):
+        reader = rr.chunk.RrdReader(str(tmp_path / name))
+        assert [r.recording_id for r in reader.recordings()] == ["demo"]
+        for chunk in reader.stream():
+            layers.add(chunk.entity_path)
+            batch = chunk.to_record_batch()
+            if "CoordinateFrame:frame" in batch.schema.names:
+                planes[chunk.entity_path] = batch.column("CoordinateFrame:frame")[0].as_py()
+    flat = {path for path in layers if path.startswith("/world/vehicle/camera/")}
+    assert flat
+    assert {planes.get(path, ["none"])[0] for path in flat} == {planes["/camera/image"][0]}
 
 
 def test_a_picture_not_used_clears_what_was_shown():
