@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.frame import Picture
 from wayside.schemas.regions import Candidates, Features, Judged, Look
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.numerics.undistort import ideal_points
@@ -31,7 +30,7 @@ MARGIN_PX = 3
 def extract_features(judged: Iterator[Judged], settings: FeatureSettings) -> Iterator[Look]:
     """Find key points and undistort the candidates' centres; the end of what one picture shows by itself.
 
-    Colours are dropped here to save memory, grey stays for registration.
+    Grey stays for the registration of points, colours for the measuring of panels.
     """
     sift = cv2.SIFT.create()
     for item in judged:
@@ -45,7 +44,7 @@ def extract_features(judged: Iterator[Judged], settings: FeatureSettings) -> Ite
             ideal = ideal_points(picture.frame.camera, candidates.center)
             candidates = replace(candidates, ideal=ideal)
         yield Look(
-            Picture(picture.frame, None, grey),
+            picture,
             candidates,
             features,
             item.segmented.region_count,

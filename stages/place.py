@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit
 from wayside.stages.numerics.trees import log_odds
 from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
+from wayside.stages.panel import Panel
 from wayside.stages.window import Held
 
 FACING_SIGMA_DEG = 20.0
@@ -111,31 +113,34 @@ def build_place(
     score: float,
     verdict: str,
     evidence: NDArray[np.float64] | None = None,
+    panel: Panel | None = None,
 ) -> Place:
-    """The place in the frame where it is largest and whole."""
+    """The place in the frame where it is largest and whole; by its panel where that is measured, else by its boxes."""
     best = best_view(fit, held)
     home = held[fit.frames[best]]
     pose = home.motion.pose
-    covariance = covariance_at(fit, held, int(fit.frames[best]))
+    frame = int(fit.frames[best])
+    found = by_boxes(fit, held, frame) if panel is None else by_panel(panel, held, frame)
     color, color_distance = winner(*votes(fit, held, "color"), COLORS)
     shape, shape_distance = winner(*votes(fit, held, "shape"), SHAPES)
     return Place(
         track_id=track_id,
         views=tuple(view_of(fit, held, i) for i in range(len(fit.rows))),
-        position=pose.to_camera(fit.point),
-        covariance=pose.rotation.T @ covariance @ pose.rotation + face_bias(fit.metric),
+        position=pose.to_camera(found.point),
+        covariance=pose.rotation.T @ found.covariance @ pose.rotation
+        + np.diag([*found.centre_sigma**2, 0.0]),
         offset=np.array([beside.right, beside.above, beside.station - home.motion.station_m]),
         station_m=beside.station,
         best_frame=home.frame.index,
         best_time_ns=home.frame.time_ns,
         best_box=view_of(fit, held, best).box,
         best_pose=pose,
-        width_m=float(BORDER * fit.metric[0]),
-        height_m=float(BORDER * fit.metric[1]),
-        sigma_width_m=float(np.hypot(fit.spread[0], SIZE_SIGMA * fit.metric[0])),
-        sigma_height_m=float(np.hypot(fit.spread[1], SIZE_SIGMA * fit.metric[1])),
-        facing_deg=0.0,
-        sigma_facing_deg=FACING_SIGMA_DEG,
+        width_m=float(found.size[0]),
+        height_m=float(found.size[1]),
+        sigma_width_m=float(found.sigma_size[0]),
+        sigma_height_m=float(found.sigma_size[1]),
+        facing_deg=found.facing_deg,
+        sigma_facing_deg=found.sigma_facing_deg,
         color=color,
         color_distance=color_distance,
         shape=shape,
@@ -147,9 +152,49 @@ def build_place(
     )
 
 
-def face_bias(metric: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance (3, 3) of what all views have wrong alike: part of a face taken for it."""
-    return np.diag([*(BIAS_SHARE * metric) ** 2, 0.0])
+class Measured(NamedTuple):
+    """A place with all its scatter, metres and degrees.
+
+    point (3,) and covariance (3, 3): world axes; centre_sigma (2,): what all views of the centre have wrong alike,
+    right and down; size, sigma_size (2,): width and height.
+    """
+
+    point: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    centre_sigma: NDArray[np.float64]
+    size: NDArray[np.float64]
+    sigma_size: NDArray[np.float64]
+    facing_deg: float
+    sigma_facing_deg: float
+
+
+def by_boxes(fit: Fit, held: Sequence[Held], frame: int) -> Measured:
+    """The place as its boxes have it, relative to the camera of a frame of the window."""
+    used = fit.used
+    return Measured(
+        fit.point,
+        covariance_at(
+            fit.point, fit.frames[used], fit.weight_sigma[used], fit.ray_sigma[used], held, frame
+        ),
+        BIAS_SHARE * fit.metric,
+        BORDER * fit.metric,
+        np.hypot(fit.spread, SIZE_SIGMA * fit.metric),
+        0.0,
+        FACING_SIGMA_DEG,
+    )
+
+
+def by_panel(panel: Panel, held: Sequence[Held], frame: int) -> Measured:
+    """The place as its panel has it, relative to the camera of a frame of the window."""
+    return Measured(
+        panel.point,
+        covariance_at(panel.point, panel.frames, panel.weight_sigma, panel.ray_sigma, held, frame),
+        panel.centre_sigma,
+        panel.size,
+        panel.sigma_size,
+        panel.facing_deg,
+        panel.sigma_facing_deg,
+    )
 
 
 def best_view(fit: Fit, held: Sequence[Held]) -> int:
@@ -161,18 +206,24 @@ def best_view(fit: Fit, held: Sequence[Held]) -> int:
     return max(range(len(rank)), key=lambda i: rank[i])
 
 
-def covariance_at(fit: Fit, held: Sequence[Held], best: int) -> NDArray[np.float64]:
-    """Covariance (3, 3) relative to the camera of frame `best`, world axes: rays and motion."""
+def covariance_at(
+    point: NDArray[np.float64],
+    frames: NDArray[np.int64],
+    weight_sigma: NDArray[np.float64],
+    ray_sigma: NDArray[np.float64],
+    held: Sequence[Held],
+    best: int,
+) -> NDArray[np.float64]:
+    """Covariance (3, 3) of a point relative to the camera of frame `best`, world axes: rays and motion."""
     default = np.diag(STEP_SIGMA**2)
     steps = [default if h.motion.covariance is None else h.motion.covariance for h in held]
-    used = fit.used
     return point_covariance(
         np.stack([h.motion.pose.rotation for h in held]),
         np.stack([h.motion.pose.centre for h in held]),
-        fit.point,
-        fit.frames[used],
-        fit.weight_sigma[used],
-        fit.ray_sigma[used],
+        point,
+        frames,
+        weight_sigma,
+        ray_sigma,
         np.stack(steps),
         best,
     )

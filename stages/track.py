@@ -22,6 +22,7 @@ from wayside.stages.numerics.association import Gates, Sightings, link
 from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit, overlap_share, solve_places
 from wayside.stages.numerics.scatter import Scatter
+from wayside.stages.panel import measure_panel
 from wayside.stages.place import (
     build_place,
     frames_of,
@@ -149,14 +150,16 @@ class _Tracker:
             if verdict == "sign":
                 self._known.append(fit)
                 self._scatter.learn(fit.chi, fit.freedom)
+            panel = measure_panel(fit, self._held, beside) if verdict == "sign" else None
             place = build_place(
                 replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor)),
                 self._held,
-                beside,
+                beside if panel is None else self._path.beside(panel.point),
                 track_id=self._next_id,
                 score=score,
                 verdict=verdict,
                 evidence=evidence,
+                panel=panel,
             )
             self._held[fit.frames[0]].places.append(place)
             self._claim(fit, verdict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -24,12 +24,12 @@ WEAKEST = -7.0
 
 @dataclass(slots=True)
 class Held:
-    """One frame in the window, without pixels; the last five fields change until it is released.
+    """One frame in the window; the last six fields change until it is released.
 
     open (k,): candidate rows that are followed; leads (k,): those that may propose a place; ray, size (k, 2): ideal
     image coordinates of centre and extent; whole (k,): the box does not touch the edge of the picture; taken (k,):
     belongs to a finished place; linked (k, 2): fits something in an earlier, in a later frame; verdict, track,
-    residual: of all rows.
+    residual: of all rows; rgb: the picture, None where it is gone.
     """
 
     frame: Frame
@@ -51,10 +51,11 @@ class Held:
     track: NDArray[np.int32]
     residual: NDArray[np.float32]
     places: list[Place]
+    rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, moved: Moved, motion: Motion, camera: Camera) -> Held:
-        """Take what tracking needs of a frame; the pixels stay behind."""
+        """Take what tracking needs of a frame."""
         look = moved.look
         table = look.candidates
         rows = followed_rows(table)
@@ -83,6 +84,7 @@ class Held:
             track=np.full(len(table), NO_TRACK, np.int32),
             residual=np.full(len(table), np.nan, np.float32),
             places=[],
+            rgb=look.picture.rgb,
         )
 
     def claim(self, local: int, track: int, verdict: str, residual: float) -> None:

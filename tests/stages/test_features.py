@@ -89,11 +89,10 @@ def test_candidates_get_their_centres_without_distortion():
     assert np.abs(look.candidates.ideal - look.candidates.center).max() > 1
 
 
-def test_colour_is_dropped_and_grey_kept():
+def test_the_picture_travels_on():
     item = judged(texture())
     look = look_of(item)
-    assert look.picture.rgb is None
-    assert look.picture.grey is item.segmented.picture.grey
+    assert look.picture is item.segmented.picture
     assert look.rows == (100, 300)
 
 
