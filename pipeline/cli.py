@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from wayside.pipeline import cli_planning as planning
-from wayside.pipeline import cli_viewer as viewer
-from wayside.pipeline.cli_viewing import evidence
+from wayside.pipeline import cli_viewing as viewer
 from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
 
 if TYPE_CHECKING:
@@ -321,7 +320,7 @@ def settings(
 app.command(
     epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
     "`wayside evidence out --log /archive/drive.mcap`"
-)(evidence)
+)(viewer.evidence)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 
 

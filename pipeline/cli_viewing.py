@@ -1,13 +1,121 @@
-"""Commands that show what a result rests on. Heavy imports stand inside, so that --help answers at once."""
+"""Commands that show what a result rests on; registered by `wayside.pipeline.cli`. Heavy imports stand inside."""
 
 from __future__ import annotations
 
+import os
+import sys
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wayside.schemas.errors import PARTS_LOST
+from wayside.schemas.errors import PARTS_LOST, UsageError
+
+if TYPE_CHECKING:
+    from wayside.pipeline.view.sinks import Viewing
+
+
+class View(StrEnum):
+    """Where a run's recording goes."""
+
+    none = "none"
+    file = "file"
+    live = "live"
+    serve = "serve"
+
+
+class Images(StrEnum):
+    """Which pictures a recording holds."""
+
+    all = "all"
+    signs = "signs"
+    none = "none"
+
+
+Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")]
+ViewOption = Annotated[
+    View,
+    typer.Option(
+        "--view",
+        help="Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, "
+        "`serve` a viewer in the browser.",
+    ),
+]
+Connect = Annotated[
+    str | None,
+    typer.Option(metavar="URL", help="Also send to a viewer that runs already: 127.0.0.1:9876."),
+]
+ViewImages = Annotated[
+    Images, typer.Option("--view-images", help="Pictures to record: all, those with signs, none.")
+]
+ViewDetail = Annotated[
+    bool, typer.Option("--view-detail", help="Also record the label images of both passes.")
+]
+SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
+OverOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--over",
+        metavar="LOG",
+        help="Lay a recording without pictures over those of its log, which is imported once into OUT.",
+    ),
+]
+FrameOption = Annotated[int | None, typer.Option("--frame", help="A picture of the log.")]
+
+
+def viewing_of(view: View, connect: str | None, images: Images, detail: bool) -> Viewing | None:
+    """Start or probe the viewer that is asked for; None where nothing is to be recorded."""
+    if view is View.none and connect is None:
+        return None
+    from wayside.pipeline.view.sinks import Viewing
+    from wayside.pipeline.view.viewer import probe, start_viewer
+
+    if connect is not None and view in (View.live, View.serve):
+        raise UsageError(f"wanted one viewer, found --connect and --view {view}; leave one out")
+    address = None if connect is None else probe(connect)
+    if view in (View.live, View.serve):
+        _, address = start_viewer((), serve=view is View.serve)
+    return Viewing(view is View.file, address, images.value, detail)
+
+
+def leave_stuck_viewer(status: int) -> None:
+    """End the program at once where a viewer that does not answer would hold the interpreter's own end for ever."""
+    recorder = sys.modules.get("wayside.pipeline.view.recorder")
+    if recorder is not None and recorder.any_alive():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def view(
+    out: Out,
+    sign: SignOption = None,
+    frame: FrameOption = None,
+    over: OverOption = None,
+    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
+) -> None:
+    """Open the recording of a run, at a sign or a picture."""
+    from wayside.pipeline.view.results import find_target, open_result
+
+    target = find_target(out, sign, frame)
+    address = open_result(out, target, over, serve=serve)
+    typer.echo(f"picture {target.frame} of {out}; the viewer listens at {address}")
+
+
+def picture(
+    out: Out,
+    png: Annotated[Path, typer.Option("-o", "--out", help="The PNG to write.")],
+    sign: SignOption = None,
+    frame: FrameOption = None,
+    over: OverOption = None,
+    size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
+) -> None:
+    """Draw the viewer to a PNG without a display, at a sign or a picture."""
+    from wayside.pipeline.view.results import find_target, save_picture
+
+    save_picture(out, find_target(out, sign, frame), over, png, _parse_size(size))
+    typer.echo(f"{png}")
 
 
 def evidence(
@@ -49,3 +157,31 @@ def evidence(
             err=True,
         )
         raise typer.Exit(PARTS_LOST)
+
+
+def _parse_size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (
+        width.isdigit() and height.isdigit() and 200 <= int(width) <= 8000 >= int(height) >= 200
+    ):
+        raise UsageError(f"--size {text}: wanted WIDTHxHEIGHT of 200 to 8000 pixels, as 1600x1000")
+    return int(width), int(height)
+
+
+def parse_rate(text: str) -> float | None:
+    """`1x`, `0.5x` or a plain number as times the recorded speed; `max` as None.
+
+    Raises
+    ------
+    UsageError
+        For anything else.
+    """
+    if text == "max":
+        return None
+    try:
+        rate = float(text.removesuffix("x"))
+    except ValueError:
+        rate = 0.0
+    if not 0 < rate <= 1000:
+        raise UsageError(f"--rate {text}: wanted 1x, 0.5x, 4x or max")
+    return rate

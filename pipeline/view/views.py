@@ -47,6 +47,8 @@ BEFORE, AFTER = (245, 150, 60), GOOD
 JPEG_QUALITY = 85
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
+TELLING = ("location", "panel_size")
+"""Verdicts on what looks like a sign in every view: few, and worth their words in the picture."""
 MANY, MOST_WORDS = ("glance", "size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 
@@ -321,8 +323,8 @@ def _boxes(candidates: Candidates, rows: NDArray[np.int64], verdict: str) -> tup
         array_format=rr.Box2DFormat.XYXY,
         colors=[color_of(int(c)) for c in candidates.color[rows]] if sign else [GREY],
         labels=labels,
-        show_labels=False,
-        radii=rr.Radius.ui_points(1.5 if sign else 0.7),
+        show_labels=verdict in TELLING,
+        radii=rr.Radius.ui_points(1.5 if sign or verdict in TELLING else 0.7),
     )
     return (boxes, rr.AnyValues(score=candidates.score[rows])) if many else (boxes,)
 

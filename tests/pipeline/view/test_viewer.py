@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from wayside.pipeline.cli_viewer import parse_rate
+from wayside.pipeline.cli_viewing import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.viewer import import_log, probe, require_display, software_vulkan

@@ -4,6 +4,8 @@ import importlib
 import inspect
 import pkgutil
 import subprocess
+import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -228,3 +230,30 @@ def test_a_picture_not_used_clears_what_was_shown():
     words, cleared = entities_of(frame, "read", Scene())
     assert isinstance(words.parts[0], rr.TextLog)
     assert isinstance(cleared.parts[0], rr.Clear)
+
+
+def test_a_killed_run_leaves_a_recording_that_can_be_repaired(tmp_path):
+    recording = tmp_path / RECORDING
+    command = "from wayside.pipeline.cli import main; main()"
+    started = subprocess.Popen(
+        [sys.executable, "-c", command, "run", str(DEMO), "-o", str(tmp_path), "--view", "file"],
+        stdout=subprocess.DEVNULL,
+    )
+    until = time.monotonic() + 120
+    while time.monotonic() < until and started.poll() is None:
+        if recording.exists() and recording.stat().st_size > 500_000:
+            break
+        time.sleep(0.02)
+    assert started.poll() is None, "the run ended before it could be killed"
+    started.kill()
+    started.wait()
+    repaired = tmp_path / "repaired.rrd"
+    verify = [viewer_program(), "rrd", "verify"]
+    assert subprocess.run([*verify, recording], capture_output=True, check=False).returncode == 1
+    merge = [viewer_program(), "rrd", "merge", recording, "-o", repaired]
+    subprocess.run(merge, capture_output=True, check=True)
+    assert subprocess.run([*verify, repaired], capture_output=True, check=False).returncode == 0
+    assert any(
+        chunk.entity_path == "/world/vehicle/camera/image"
+        for chunk in rr.chunk.RrdReader(str(repaired)).stream()
+    )
