@@ -75,7 +75,7 @@ def viewing_of(view: View, connect: str | None, images: Images, detail: bool) ->
         raise UsageError(f"wanted one viewer, found --connect and --view {view}; leave one out")
     address = None if connect is None else probe(connect)
     if view in (View.live, View.serve):
-        _, address = start_viewer((), serve=view is View.serve)
+        address = start_viewer((), serve=view is View.serve)
     return Viewing(view is View.file, address, images.value, detail)
 
 
@@ -99,8 +99,8 @@ def view(
     from wayside.pipeline.view.results import find_target, open_result
 
     target = find_target(out, sign, frame)
-    address = open_result(out, target, over, serve=serve)
-    typer.echo(f"picture {target.frame} of {out}; the viewer listens at {address}")
+    open_result(out, target, over, serve=serve)
+    typer.echo(f"{out}: picture {target.frame}")
 
 
 def picture(

@@ -111,17 +111,17 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     return Recordings(path, imported, run["camera_topic"])
 
 
-def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> str:
-    """Open the recording in a viewer at a target; the viewer's address. It stays open when this program ends."""
+def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> None:
+    """Open the recording in a viewer; in a window at the target. It stays open when this program ends."""
     found = recordings_of(out, log)
-    with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
-        layout = _layout(target, found.pictures, Path(scratch))
-        _, address = start_viewer(found.files(layout), serve=serve)
-        client = ViewerClient.connect(address)
-        wait_until_loaded(client, needs_views=not serve)
-        if not serve:
-            _show(client, target, found)
-    return address
+    # The viewer outlives this program and may read the layout later: the small file stays.
+    layout = _layout(target, found.pictures, Path(tempfile.mkdtemp(prefix="wayside-")))
+    address = start_viewer(found.files(layout), serve=serve)
+    if serve:  # a server takes no orders about what its browsers show
+        return
+    client = ViewerClient.connect(address)
+    wait_until_loaded(client)
+    _show(client, target, found)
 
 
 def save_picture(

@@ -71,12 +71,10 @@ def probe(address: str) -> str:
     return full
 
 
-def start_viewer(
-    files: Sequence[Path], *, serve: bool = False
-) -> tuple[subprocess.Popen[bytes], str]:
-    """Start a viewer with a window, or with `serve` one for the browser; the process and its address.
+def start_viewer(files: Sequence[Path], *, serve: bool = False) -> str:
+    """Start a viewer with a window, or with `serve` one for the browser; its address.
 
-    It listens on loopback only and lives on when this program ends.
+    It listens on loopback only and lives on when this program ends; stderr says how to reach and how to end it.
 
     Raises
     ------
@@ -90,9 +88,11 @@ def start_viewer(
     process = _start(files, port, options, dict(os.environ))
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
     _wait_for_port(process, port)
-    if serve:
-        print(f"in a browser: http://{LOOPBACK}:{web}/?url={address}", file=sys.stderr)
-    return process, address
+    where = (
+        f"in a browser: http://{LOOPBACK}:{web}/?url={address}" if serve else "the viewer is open"
+    )
+    print(f"{where}; to end it: kill {process.pid}", file=sys.stderr)
+    return address
 
 
 def require_display() -> None:
@@ -229,13 +229,13 @@ def _wait_for_port(process: subprocess.Popen[bytes], port: int) -> None:
     )
 
 
-def wait_until_loaded(client: ViewerClient, *, needs_views: bool = True) -> None:
-    """Return when the loaded recordings have stopped to grow, and, in a viewer that draws, have views."""
+def wait_until_loaded(client: ViewerClient) -> None:
+    """Return when the loaded recordings have stopped to grow."""
     late, steady, before = time.monotonic() + LOAD_S, 0, ""
     while time.monotonic() < late and steady < STEADY_POLLS:
         state = client.get_state()
         now = str([(r.store_id, r.timelines) for r in state.recordings])
-        loaded = bool(state.recordings) and (bool(state.views) or not needs_views)
+        loaded = bool(state.recordings) and bool(state.views)
         steady = steady + 1 if loaded and now == before else 0
         before = now
         time.sleep(POLL_S)

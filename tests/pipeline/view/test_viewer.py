@@ -1,9 +1,13 @@
 """The viewer as a program: absent, headless, and what the commands say."""
 
+import os
+import re
+import signal
 import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import cv2
@@ -140,3 +144,16 @@ def test_what_rerun_cannot_import_is_refused(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"no log")
     with pytest.raises(InputError, match="wanted a log that Rerun can import"):
         import_log(tmp_path / "log.mcap", "demo", tmp_path / "log.rrd")
+
+
+def test_a_result_is_served_to_browsers_on_loopback(result):
+    command = [*WAYSIDE, "view", str(result), "--serve", "--sign", "demo-0001"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    address, pid = re.search(
+        r"(http://127\.0\.0\.1:\d+/)\S*; to end it: kill (\d+)", done.stderr
+    ).groups()
+    try:
+        with urllib.request.urlopen(address, timeout=10) as answer:
+            assert b"rerun" in answer.read().lower()
+    finally:
+        os.kill(int(pid), signal.SIGKILL)
