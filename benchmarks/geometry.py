@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/geometry.py [--frames 24] [--no-peer]
 
 Runs wayside on the rendered drives `straight` and `curve` three ways: as recorded (poses given), with pictures and the
-known spacing alone, and with satellite fixes alone; compares the signs found with the truth and with the Cramér-Rao
+known spacing alone, and with satellite fixes; compares the signs found with the truth and with the Cramér-Rao
 bound of the same scene. Then reconstructs the first pictures of both with pycolmap (extra `benchmark`), same
 calibration, one thread. Writes benchmarks/geometry.md; with --no-peer it only prints.
 """
@@ -14,6 +14,7 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.metadata import version
 from itertools import pairwise
 from typing import Any
@@ -40,7 +41,7 @@ from geometry_runs import (
 from pyproj import Geod
 
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.pipeline.simulate import UNKNOWN_LENGTH_M, bound_of_step
+from wayside.pipeline.simulate import UNKNOWN_LENGTH_M, bound_of_step, simulate
 from wayside.pipeline.simulated_drive import Survey
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.settings import MotionSettings
@@ -48,6 +49,17 @@ from wayside.stages.numerics.bound import point_bound
 
 CENTRE_PX, POSE_M, POSE_DEG = 0.2, 0.02, 0.04
 """For the bound: noise of a face's centre in a picture, and the scatter of the poses in the logs."""
+SIMULATED = 300
+SIMULATIONS: dict[str, dict[str, float]] = {
+    "straight, spacing given": {},
+    "curve of 430 m radius": {"curve_radius_m": 430.0},
+    "curve of 250 m radius": {"curve_radius_m": 250.0},
+    "hills of 6 m, camera turned 1 degree": {"hill_m": 6.0, "mount_yaw_deg": 1.0},
+    "straight, poses given to 2 cm": {"pose_m": POSE_M},
+    "3 % of triggers dropped, 3 % outliers": {"drop_rate": 0.03, "outliers": 0.03},
+    "1 px noise": {"noise_px": 1.0},
+    "spacing 16 m": {"spacing_m": 16.0},
+}
 
 
 def main() -> int:
@@ -62,7 +74,7 @@ def main() -> int:
     RESULTS.mkdir(parents=True, exist_ok=True)
     render()
     runs = [run(name, way) for name in NAMES for way in WAYS]
-    lines = [*title(), *sign_table(runs), *relation_table(runs)]
+    lines = [*title(), *sign_table(runs), *relation_table(runs), *simulated_table()]
     if not args.no_peer:
         lines += peer_table([r for r in runs if r.way == SPACING_ONLY], args.frames)
     text = "\n".join(lines) + "\n"
@@ -223,6 +235,31 @@ def globe_errors(one: Run) -> list[float]:
         place = length * np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
         found.append(float(np.linalg.norm(place - panel["centre"][:2])))
     return found
+
+
+def simulated_table() -> Iterator[str]:
+    """Drives without pictures, where thousands of signs cost little."""
+    yield "## Simulated drives"
+    yield ""
+    survey = Survey(signs=SIMULATED, seed=5)
+    yield (
+        f"`wayside simulate`, {survey.signs} signs each: {survey.noise_px} px and {100 * survey.noise_share} % of a "
+        f"panel's height for its centre in each picture, {100 * survey.face_share:.0f} % of its size common to all of "
+        "them. Errors median / 95 %, cm; sigma as stated and bound: medians; share within one and two sigma."
+    )
+    yield ""
+    head = [f"{axis}|sigma|bound|within" for axis in ("along", "lateral", "up")]
+    yield from heading("drive|placed|" + "|".join(head))
+    for name, changed in SIMULATIONS.items():
+        one = simulate(replace(survey, **changed))
+        cells = [name, f"{len(one.error)} of {one.wanted}"]
+        for k in range(3):
+            cells.append(pair(*np.quantile(np.abs(one.error[:, k]), [0.5, 0.95]), 100))
+            cells += [f"{100 * np.median(v[:, k]):.1f}" for v in (one.sigma, one.bound)]
+            one_sigma, two_sigma = (100 * one.share_within(n)[k] for n in (1, 2))
+            cells.append(f"{one_sigma:.0f} / {two_sigma:.0f} %")
+        yield row(cells)
+    yield ""
 
 
 def title() -> list[str]:
