@@ -26,15 +26,17 @@ from wayside.stages.numerics.triangulate import triangulate_views
 from wayside.stages.numerics.undistort import distort_points, ideal_of_rays
 from wayside.stages.window import Held
 
-MOST_VIEWS, FEWEST_PX = 8, 9.0
+MOST_VIEWS, FEWEST_PX = 6, 9.0
 NEAREST_M, FARTHEST_M = 4.0, 90.0
 """Views of use: how many, how small the face may be, how far."""
 FINEST = 150
 """Samples across a panel at most."""
 MARGIN = 0.35
 """What is drawn around the box, as a share of the panel's size."""
-COARSER, OUTLINE_COARSER, OUTLINE_VIEWS = 3.2, 2.3, 4
+COARSER, OUTLINE_COARSER, OUTLINE_VIEWS = 3.2, 2.3, 3
 """Views up to so many times farther than the template are registered; of them the outline is seen."""
+ENOUGH_VIEWS = 2
+"""With fewer in register the next view becomes the template: the nearest may be half hidden."""
 ALIKE = 0.8
 """Likeness from which a view counts as registered."""
 ALIGN_SIDE = 90
@@ -153,7 +155,7 @@ def register_views(
     """Bring the views into register with the nearest that enough others look like."""
     best = _registered_with(plane, metric, seen, held)
     for first in range(1, min(3, len(seen) - 1)):
-        if len(best.views) >= min(3, len(seen) - first + 1):
+        if len(best.views) >= ENOUGH_VIEWS:
             break
         group = _registered_with(plane, metric, seen[first:], held)
         if len(group.views) > len(best.views):

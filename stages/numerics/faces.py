@@ -19,6 +19,8 @@ EDGE = 12.0
 """Slope of an edge that counts half, grey levels a sample."""
 SEGMENTS = 3
 """Parts of each side of a shape with few sides: their offsets tell its turn and its proportions."""
+MOST_SAMPLES = 16
+"""Points at which a segment is compared with the picture, at most."""
 STEP = 0.25
 """Samples between the offsets at which edges are looked for."""
 SHAPES = (
@@ -206,7 +208,7 @@ def _profiles(
     views, rows, columns = right.shape
     for k in range(begin.shape[0]):
         du, dv = end[k, 0] - begin[k, 0], end[k, 1] - begin[k, 1]
-        samples = max(4, int(np.sqrt(du * du + dv * dv)))
+        samples = min(max(4, int(np.sqrt(du * du + dv * dv))), MOST_SAMPLES)
         for m in range(profiles.shape[1]):
             offset = low + m * STEP
             total, seen = 0.0, 0
