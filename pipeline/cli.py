@@ -167,7 +167,7 @@ def replay(
     )
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out
-        lost = _process(log, folder, chosen, viewing, rate=times)
+        lost = _process(log, folder, chosen, viewing, rate=times, kept=out is not None)
     if lost:
         raise typer.Exit(PARTS_LOST)
 
@@ -221,6 +221,7 @@ def _process(
     *,
     every_region: bool = False,
     rate: float | None = None,
+    kept: bool = True,
 ) -> bool:
     """Run one log with progress and a closing summary; whether parts of it were lost."""
     from rich.console import Console
@@ -254,7 +255,7 @@ def _process(
             rate=rate,
         )
     console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
-    print_summary(result, console)
+    print_summary(result, console, kept=kept)
     return bool(result.lost)
 
 

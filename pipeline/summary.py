@@ -14,8 +14,8 @@ from wayside.schemas.frame import USED
 _MOST_SIGNS = 40
 
 
-def print_summary(result: RunResult, console: Console) -> None:
-    """Signs found, pictures used and not used, time by stage, files, and what to type next."""
+def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> None:
+    """Signs found, pictures used and not used, time by stage; where the files are `kept`, and what to type next."""
     signs = [row for row in result.inventory.signs if row["status"] == "sign"]
     if result.inventory.signs:
         console.print(sign_table(result.inventory.signs[:_MOST_SIGNS]))
@@ -31,6 +31,8 @@ def print_summary(result: RunResult, console: Console) -> None:
         console.print(f"[yellow]lost:[/yellow] {part}")
     for fault in result.view_faults:
         console.print(f"[yellow]viewer:[/yellow] {fault}")
+    if not kept:
+        return
     recorded = (result.folder / RECORDING).is_file()
     console.print(
         f"written to {result.folder}: {_files(result.inventory.rows)}, run.json"
