@@ -38,9 +38,11 @@ SHARPEST_VIEWS = 2
 CLOSE, DRIFT = 1.5, 1.0
 """Samples around an outline where its edge is sought, and scatter of its sides about the whole."""
 TURN_SIGMA = float(np.radians(1.5))
+ALIKE_REACH = 4.0
+"""Samples by which sides are shifted to agree, and on either side of which they are compared."""
 EDGE_SIGMA = 0.35
 """Scatter of the edge of one segment, samples."""
-WEIGHTS = np.array([-6.0, 4.3, 13.2, -4.0, 2.8, 4.9, 4.6, -16.6, -1.9, -3.4, 3.2, 2.9])
+WEIGHTS = np.array([-6.3, 4.2, 14.5, -3.4, 4.6, 4.8, 4.8, -12.4, -5.0, -2.2, 3.0, 2.9])
 """What speaks for an outline, learned on rendered drives: share of the strongest edge, its logarithm, strength of the
 inner outline, unevenness of the strip within (30 grey levels) alone and times the edge, growth of width and of height
 (logarithms), their squares, their difference, whether the edge is a peak or a shoulder, whether a rectangle."""
@@ -172,7 +174,29 @@ def strongest(edges: Slopes, box: Array) -> list[_Outline]:
     found.sort(key=lambda outline: -outline.strength)
     better = [refined(edges, o.shape, o.box, 0.0, drift=None) for o in found[:3]]
     better.sort(key=lambda outline: -outline.strength)
-    return better[:2]
+    return [_agreed(edges, outline) for outline in better[:2]]
+
+
+def _agreed(edges: Slopes, outline: _Outline) -> _Outline:
+    """The outline with all its sides on the same one of several lines that run beside each other.
+
+    Rim and border line look alike on all sides: each side is shifted to where its profile is most like the mean.
+    """
+    x = np.array([*outline.box, outline.turn])
+    for _ in range(2):
+        segments = segments_of(outline.shape, x[:4], x[4])
+        profiles = edge_profiles(*edges, segments, -2 * ALIKE_REACH, 2 * ALIKE_REACH)
+        half = round(ALIKE_REACH / STEP)
+        mean = profiles.mean(axis=0)[half:-half]
+        windows = np.lib.stride_tricks.sliding_window_view(profiles, len(mean), axis=1)
+        norm = np.sqrt((windows**2).sum(axis=2) * (mean**2).sum()) + 1e-9
+        away = (np.arange(windows.shape[1]) - half) * STEP
+        alike = (windows @ mean) / norm - 0.01 * np.abs(away)
+        best = alike.argmax(axis=1)
+        weight = np.maximum(alike.max(axis=1), 0.0) ** 2
+        normal, right = _priors(outline.shape, x, x, None)
+        x = x + _least_squares(segments, away[best], weight, normal, right)
+    return outline._replace(box=x[:4], turn=float(x[4]))
 
 
 def _starts(shape: str, box: Array) -> list[Array]:
