@@ -22,7 +22,7 @@ from wayside.pipeline.parquet import (
     known,
     record_batch,
 )
-from wayside.pipeline.world import PathPoint, World, place_in_world
+from wayside.pipeline.world import PathPoint, World, beside_in_world, place_in_world
 from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import Motion, Place, Settled
@@ -209,8 +209,9 @@ class InventoryWriter:
     ) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
         assemblies: dict[int, str] = {}
+        frames = sorted(world.poses)
         for number, place in enumerate(places, 1):
-            row = _sign_row(place, world.poses[place.best_frame], camera_height_m)
+            row = _sign_row(place, world, frames, camera_height_m)
             key = place.assembly if place.assembly >= 0 else -1 - place.track_id
             assembly = assemblies.setdefault(key, f"{self._log}-a{len(assemblies) + 1:04d}")
             row |= {
@@ -272,12 +273,17 @@ def _step(motion: Motion) -> tuple[Any, ...]:
     return (motion.baseline_m, ties, *residuals, motion.adjusted, motion.iterations)
 
 
-def _sign_row(place: Place, pose: Pose, camera_height_m: float | None) -> dict[str, Any]:
+def _sign_row(
+    place: Place, world: World, frames: Sequence[int], camera_height_m: float | None
+) -> dict[str, Any]:
     """All columns of a sign that need neither its number nor the earth."""
+    pose = world.poses[place.best_frame]
     centre = pose.to_world(place.position)
+    beside = beside_in_world(world, frames, place.best_frame, centre)
+    right, above = place.offset[:2] if beside is None else (beside.right, beside.above)
     spread = pose.rotation @ place.covariance @ pose.rotation.T
     sigma = np.sqrt(np.diag(place.covariance))
-    up = None if camera_height_m is None else float(place.offset[1]) + camera_height_m
+    up = None if camera_height_m is None else float(above) + camera_height_m
     return {
         "status": "back" if place.back else "sign",
         "confidence": 1 / (1 + math.exp(-min(max(place.score, -50.0), 50.0))),
@@ -291,7 +297,7 @@ def _sign_row(place: Place, pose: Pose, camera_height_m: float | None) -> dict[s
         "sigma_lateral_m": float(sigma[0]),
         "sigma_up_m": float(sigma[1]),
         "station_m": place.station_m,
-        "lateral_m": float(place.offset[0]),
+        "lateral_m": float(right),
         "up_m": up,
         "bottom_m": None if up is None else up - place.height_m / 2,
         "panel_width_m": _finite(place.width_m),

@@ -5,7 +5,7 @@ import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.world import PathPoint, place_in_world
+from wayside.pipeline.world import PathPoint, beside_in_world, place_in_world
 from wayside.schemas.frame import Fix, Pose
 
 LEVEL_CAMERA = np.array(
@@ -88,3 +88,24 @@ def test_poses_and_fixes_together_place_the_log_world_on_the_earth():
 
 def test_no_used_picture_is_an_empty_world():
     assert place_in_world([]).poses == {}
+
+
+def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_camera():
+    roll = Rotation.from_euler("z", 2.0, degrees=True).as_matrix()
+    poses = [camera_at(8.0 * n, z=0.16 * n) for n in range(6)]
+    rolled = [Pose(pose.rotation @ roll, pose.centre) for pose in poses]
+    path = [
+        PathPoint(n, c, g, None) for n, (c, g) in enumerate(zip(chain(rolled), rolled, strict=True))
+    ]
+    world = place_in_world(path)
+    slope = np.arctan(0.02)
+    found = beside_in_world(world, range(6), 2, np.array([30.0, -8.0, 0.6 + 2.5]))
+    assert found.right == pytest.approx(8.0)
+    assert found.above == pytest.approx(2.5 * np.cos(slope))
+
+
+def test_without_given_poses_the_camera_is_all_that_knows_up():
+    path = [
+        PathPoint(n, pose, None, None) for n, pose in enumerate(chain([camera_at(0), camera_at(8)]))
+    ]
+    assert beside_in_world(place_in_world(path), range(2), 0, np.zeros(3)) is None
