@@ -43,7 +43,7 @@ ALIGN_SIDE = 90
 """Longer patches are registered at half size."""
 LEAST_STRENGTH = 0.4
 """Edge strength all round below which an outline is not believed."""
-CENTRE_SIGMA_PX, STRETCH_SIGMA, BLUR_SIGMA = 0.15, 0.003, 0.04
+CENTRE_SIGMA_PX, STRETCH_SIGMA, BLUR_SIGMA = 0.15, 0.003, 0.025
 """Scatter of a registered centre and stretch beyond their own: motion from view to view; blur of views twice as far."""
 OVERCONFIDENT = 2.0
 """Registration is so much less exact than its residuals say: they do not know of moving backgrounds (measured)."""
