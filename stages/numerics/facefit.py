@@ -31,6 +31,8 @@ INWARD, OUTWARD, REACH = 0.12, 0.28, 0.3
 """Shares of a box's smaller side by which the strongest outline may lie within or outside it; further ones outside."""
 BACK = 3.0
 """Samples within the strongest outline from which on others are looked for."""
+MOST_TRIED = 6
+"""Outlines looked at again, of all shapes and proportions."""
 FAINTEST = 0.15
 """Share of the strongest edge below which an outline is not considered."""
 SHARPEST_VIEWS = 2
@@ -167,12 +169,15 @@ def _evidence(
 
 def strongest(edges: Slopes, box: Array) -> list[_Outline]:
     """The two likeliest shapes near a box, each with its strongest outline, best first."""
-    found = []
-    for shape in SHAPES:
-        tries = [_strongest(edges, shape, start) for start in _starts(shape, box)]
-        found.append(max(tries, key=lambda outline: outline.strength))
+    starts = [(shape, start) for shape in SHAPES for start in _starts(shape, box)]
+    found = [_strongest(edges, shape, start, INWARD, OUTWARD) for shape, start in starts]
     found.sort(key=lambda outline: -outline.strength)
-    better = [refined(edges, o.shape, o.box, 0.0, drift=None) for o in found[:3]]
+    # sides turn as the proportions change: once more, near by
+    found = [_strongest(edges, o.shape, o.box, 0.0, 0.0) for o in found[:MOST_TRIED]]
+    found.sort(key=lambda outline: -outline.strength)
+    best = {outline.shape: outline for outline in reversed(found)}
+    likely = sorted(best.values(), key=lambda outline: -outline.strength)[:3]
+    better = [refined(edges, o.shape, o.box, 0.0, drift=None) for o in likely]
     better.sort(key=lambda outline: -outline.strength)
     return [_agreed(edges, outline) for outline in better[:2]]
 
@@ -209,21 +214,17 @@ def _starts(shape: str, box: Array) -> list[Array]:
     return [*own, box] if shape in ("triangle", "triangle_up", "pennant") else own[:1]
 
 
-def _strongest(edges: Slopes, shape: str, box: Array) -> _Outline:
+def _strongest(edges: Slopes, shape: str, box: Array, inward: float, outward: float) -> _Outline:
+    """The strongest outline of a shape within shares of a box's smaller side, and three samples at least."""
     side = float(_size(box).min())
-    low = -STEP * np.ceil((INWARD * side + 1) / STEP)
-    high = STEP * np.ceil((OUTWARD * side + 1) / STEP)
-    strength = 0.0
-    for _ in range(2):
-        segments = segments_of(shape, box)
-        profiles = edge_profiles(*edges, segments, low, high)
-        limit = max(-low, high)
-        change, strength = strongest_box(
-            profiles, segments.jacobian, low, _DIRECTIONS[shape in ASPECT], limit
-        )
-        box = box + change
-        low, high = -3.0, 3.0
-    return _Outline(shape, box, 0.0, strength)
+    low = -STEP * np.ceil(max(inward * side + 1, 3.0) / STEP)
+    high = STEP * np.ceil(max(outward * side + 1, 3.0) / STEP)
+    segments = segments_of(shape, box)
+    profiles = edge_profiles(*edges, segments, low, high)
+    change, strength = strongest_box(
+        profiles, segments.jacobian, low, _DIRECTIONS[shape in ASPECT], max(-low, high)
+    )
+    return _Outline(shape, box + change, 0.0, strength)
 
 
 _DIRECTIONS = {
