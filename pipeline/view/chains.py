@@ -13,14 +13,13 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.inventory import Inventory
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
-from wayside.pipeline.view.views import (
-    AFTER,
-    BEFORE,
-    ITERATIONS_SHOWN,
+from wayside.pipeline.view.places import (
+    cross_section,
     place_color,
     place_words,
     reprojected_box,
 )
+from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.motion import Place
@@ -172,14 +171,8 @@ def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
     document = rr.TextDocument(inventory_table(inventory.signs), media_type="text/markdown")
     yield Entity(at.INVENTORY, (document,))
     signs = inventory.signs
-    cross = rr.Points2D(
-        np.array([(p.offset[0], -p.offset[1]) for p in inventory.places]).reshape(-1, 2),
-        colors=[place_color(p) for p in inventory.places] or None,
-        labels=[row["sign_id"] for row in signs] or None,
-        show_labels=False,
-        radii=rr.Radius.ui_points(4),
-    )
-    yield Entity(f"{at.LOCATION}/signs", (cross,))
+    names = [row["sign_id"] for row in signs]
+    yield Entity(f"{at.LOCATION}/signs", (cross_section(inventory.places, names),))
     if inventory.world.earth is None:
         return
     centres = np.array([pose.centre for _, pose in sorted(inventory.world.poses.items())])

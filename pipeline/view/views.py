@@ -18,10 +18,19 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity
+from wayside.pipeline.view.places import (
+    GREY,
+    color_of,
+    cross_section,
+    place_color,
+    place_points,
+    place_words,
+    rejection,
+    reprojected_box,
+)
 from wayside.schemas.frame import Camera, Frame, Picture, Pose
 from wayside.schemas.motion import Motion, Moved, Place, Settled, Ties
 from wayside.schemas.regions import (
-    COLOR_RGB,
     COLORS,
     SHAPES,
     SOURCES,
@@ -41,7 +50,7 @@ RECENT = 60
 ITERATIONS_SHOWN = 4
 """The adjustment converges in fewer, as a rule."""
 IMAGE_PLANE_M, REACH_M = 3.0, 150.0
-GREY, GOOD, BAD = (150, 150, 150), (90, 220, 120), (240, 90, 90)
+GOOD, BAD = (90, 220, 120), (240, 90, 90)
 BEFORE, AFTER = (245, 150, 60), GOOD
 """The straight motion, and the adjusted one."""
 JPEG_QUALITY = 85
@@ -286,8 +295,8 @@ def view_settled(item: Settled, stage: str, scene: Scene) -> list[Entity]:
         signs,
         *_view_verdicts(item.candidates, scene),
         *_view_tracks(active, frame.index, motion, frame.camera, scene),
-        Entity(at.PLACES, (_places(recent),)),
-        Entity(f"{at.LOCATION}/places", (_cross_section(recent),)),
+        Entity(at.PLACES, (place_points(recent),)),
+        Entity(f"{at.LOCATION}/places", (cross_section(recent),)),
         *(
             Entity(at.REJECTIONS, (rr.TextLog(rejection(place), level="INFO"),))
             for place in item.places
@@ -343,16 +352,6 @@ def candidate_words(candidates: Candidates, row: int) -> str:
     return ", ".join(parts)
 
 
-def color_of(code: int) -> tuple[int, int, int]:
-    """Colour to draw a class in; grey for none."""
-    return COLOR_RGB[COLORS[code]] if code >= 0 else GREY
-
-
-def place_color(place: Place) -> tuple[int, int, int]:
-    """Colour to draw a place in: its own where it is a sign."""
-    return COLOR_RGB.get(place.color or "", GREY) if place.verdict == "sign" else GREY
-
-
 def _view_tracks(
     active: list[Place], index: int, motion: Motion, camera: Camera, scene: Scene
 ) -> list[Entity]:
@@ -378,57 +377,6 @@ def _view_tracks(
         Entity(at.REPROJECTED, (signs,)),
         Entity(at.RAYS, (rr.LineStrips3D(rays, colors=inks or None, radii=0.02),)),
     ]
-
-
-def reprojected_box(place: Place, pose: Pose, camera: Camera) -> tuple[float, float, float, float]:
-    """Where a place's panel must appear in a picture, recorded pixels; nan behind the camera."""
-    x, y, z = pose.to_camera(place.best_pose.to_world(place.position))
-    if z < 0.5:
-        return (np.nan,) * 4
-    half = np.array([place.width_m, place.height_m]) / 2
-    corners = np.array([[x - half[0], y - half[1]], [x + half[0], y + half[1]]]) / z
-    ideal = corners * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    (x0, y0), (x1, y1) = distort_points(camera, ideal)
-    return float(x0), float(y0), float(x1), float(y1)
-
-
-def place_words(place: Place) -> str:
-    """A place in a few words."""
-    return (
-        f"{place.color or '?'} {place.shape or '?'} {place.width_m:.2f} x {place.height_m:.2f} m, "
-        f"{place.verdict}, track {place.track_id}"
-    )
-
-
-def rejection(place: Place) -> str:
-    """Why a place is no sign, in words with the numbers that decided."""
-    right, above, _ = place.offset
-    return (
-        f"{place.verdict}: {place_words(place)}; {right:+.1f} m right, {above:+.1f} m above the camera, "
-        f"station {place.station_m:.1f} m, {len(place.views)} views, score {place.score:.1f}, "
-        f"residual {place.residual_px:.2f} px"
-    )
-
-
-def _places(places: list[Place]) -> rr.Points3D:
-    return rr.Points3D(
-        np.array([p.best_pose.to_world(p.position) for p in places]).reshape(-1, 3),
-        colors=[place_color(p) for p in places] or None,
-        labels=[place_words(p) for p in places] or None,
-        show_labels=False,
-        radii=0.25,
-    )
-
-
-def _cross_section(places: list[Place]) -> rr.Points2D:
-    # The plane across the road as a picture: right is right, up is up (pictures count downwards).
-    return rr.Points2D(
-        np.array([(p.offset[0], -p.offset[1]) for p in places]).reshape(-1, 2),
-        colors=[place_color(p) for p in places] or None,
-        labels=[place_words(p) for p in places] or None,
-        show_labels=False,
-        radii=rr.Radius.ui_points(4),
-    )
 
 
 VIEWS: dict[type, Callable[[Any, str, Scene], list[Entity]]] = {
