@@ -301,7 +301,8 @@ def bound_of_step(
     apart = ((pixels[1][:, None] - pixels[1][None]) ** 2).sum(axis=2)
     shared = np.exp(-apart / (2 * survey.tie_drift_reach_px**2)) * (outward @ outward.T)
     # drift is in one of the two pictures that Sampson's distance is shared by
-    covariance = survey.tie_px**2 * np.eye(len(slopes)) + 0.5 * survey.tie_drift_px**2 * shared
+    drift = survey.drift_of(camera, step, *pixels)
+    covariance = survey.tie_px**2 * np.eye(len(slopes)) + 0.5 * shared * np.outer(drift, drift)
     covariance += 1e-12 * np.eye(len(slopes))
     return step_bound(slopes, covariance, direction, baseline, sigma_m)
 

@@ -21,7 +21,7 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.expectation import Expectation
 from wayside.stages.motion import Drive, Step, fit_ties
 from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.undistort import rays_of_ideal
+from wayside.stages.numerics.undistort import ideal_of_rays, rays_of_ideal
 from wayside.stages.ties import Tied, View, fit_coarse_motion
 from wayside.stages.vehicle import Vehicle
 
@@ -44,7 +44,8 @@ class Survey:
 
     noise_px, noise_share: of a panel's centre in each picture, and what its height there adds; face_share: offset
     common to all views of a panel, as a share of its size; tie_px: of a tie in each picture; tie_drift_px,
-    tie_drift_reach_px: error that a tie shares with the ties around it, and how far; trigger_m: scatter of the spacing;
+    tie_drift_share, tie_drift_reach_px: error that a tie shares with the ties around it, what its way through the
+    picture adds, and how far it reaches; trigger_m: scatter of the spacing;
     jitter_deg: of the pitch (half as much roll, a quarter yaw); outliers: share of gross errors among ties and panels;
     pose_m, pose_deg: scatter of given poses (None: the spacing is all that is given).
     """
@@ -57,7 +58,8 @@ class Survey:
     noise_share: float = 0.005
     face_share: float = 0.02
     tie_px: float = 0.08
-    tie_drift_px: float = 0.07
+    tie_drift_px: float = 0.05
+    tie_drift_share: float = 0.004
     tie_drift_reach_px: float = 60.0
     ties: int = 200
     trigger_m: float = 0.02
@@ -84,6 +86,12 @@ class Survey:
         """The camera, without distortion: only undistorted points enter the geometry."""
         middle = (self.width - 1) / 2, (self.height - 1) / 2
         return Camera(self.width, self.height, self.focal_px, self.focal_px, *middle)
+
+    def drift_of(self, camera: Camera, step: Pose, previous: Array, current: Array) -> Array:
+        """Scatter (n,) of the shared error of ties at ideal pixels (n, 2) of both pictures."""
+        far = rays_of_ideal(camera, previous) @ step.rotation[:2] + step.rotation[2]
+        way = current - ideal_of_rays(camera, far[:, :2] / far[:, 2:])
+        return np.asarray(self.tie_drift_px + self.tie_drift_share * np.linalg.norm(way, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +263,9 @@ class SimulatedDrive:
             0, self.survey.tie_px, (len(rows), 2)
         )
         current = now.ideal[rows[:, 1]] + self._rng.normal(0, self.survey.tie_px, (len(rows), 2))
-        current += self._drift(current)
+        true = self.poses[int(second)].relative_to(self.poses[int(first)])
+        size = self.survey.drift_of(self.camera, true, previous, current)
+        current += size[:, None] * self._drift(current)
         gross = self._rng.random(len(rows)) < self.survey.outliers
         current[gross] += self._rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
@@ -265,12 +275,12 @@ class SimulatedDrive:
         return step if step.inlier.sum() >= fewest else None
 
     def _drift(self, uv: Array) -> Array:
-        """A smooth random field of errors at pixels (n, 2): Gaussian in its values and in its correlation."""
+        """A smooth random field at pixels (n, 2): Gaussian in its values, of unit scatter, and in its correlation."""
         s, rng = self.survey, self._rng
         wave = rng.normal(0, 1 / s.tie_drift_reach_px, (2, DRIFT_WAVES, 2))
         phase = rng.uniform(0, 2 * np.pi, (2, DRIFT_WAVES))
         waves = np.cos(np.einsum("nk,cwk->ncw", uv, wave) + phase).sum(axis=2)
-        return np.asarray(s.tie_drift_px * np.sqrt(2 / DRIFT_WAVES) * waves)
+        return np.asarray(np.sqrt(2 / DRIFT_WAVES) * waves)
 
     def _observe(self, index: int, pose: Pose) -> Seen:
         """Panels as boxes, square and upright, with noise of centre and size."""

@@ -47,11 +47,10 @@ AGAIN_RAD, ROUNDS = np.radians(0.1), 3
 """Ties are chosen again while that moves the direction by more, so often at most."""
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 """Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
-SHARED_SIGMA_PX, SHARED_REACH_PX = 0.07, 60.0
-"""Error that neighbouring ties have in common, and how far: rotations scatter by it (measured)."""
-DIRECTION_INFLATION = 1.25
-"""Directions scatter by this much more, the more so the worse the ties fit: they are chosen by the motion that they
-then confirm (measured)."""
+SHARED_SIGMA_PX, SHARED_SHARE, SHARED_REACH_PX = 0.05, 0.004, 60.0
+"""Error that neighbouring ties have in common, what their way through the picture adds, and how far it reaches: so far
+do rotations and directions scatter (measured). Directions hang on a few near ties, mostly on the road, that slide along
+markings or confirm the motion they were sought by."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
@@ -207,10 +206,8 @@ class Drive:
             return nan, nan
         rows = step.tied.rows[step.inlier, 0]
         known = np.where(rows >= 0, self.depths[rows], nan)
-        rays, nearness = adjusted.point[:, :2], adjusted.point[:, 2]
-        epipole = adjusted.direction[:2] / adjusted.direction[2]
-        parallax_px = focal_px * nearness * np.linalg.norm(rays - epipole, axis=1)
-        lengths = (known * nearness)[parallax_px > SMALLEST_PARALLAX_PX]
+        lengths = known * adjusted.point[:, 2]
+        lengths = lengths[parallax_px(adjusted, focal_px) > SMALLEST_PARALLAX_PX]
         common = lengths[np.isfinite(lengths)]
         if len(common) < RATIO_TIES:
             return nan, nan
@@ -307,6 +304,12 @@ def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) ->
     return points
 
 
+def parallax_px(adjusted: Adjusted, focal_px: float) -> Array:
+    """Way of each tie (n,) through the picture by the travel alone, pixels."""
+    away = adjusted.point[:, :2] - adjusted.direction[:2] / adjusted.direction[2]
+    return np.asarray(focal_px * np.maximum(adjusted.point[:, 2], 0) * np.linalg.norm(away, axis=1))
+
+
 def _covariance(
     adjusted: Adjusted,
     rays: tuple[Array, Array],
@@ -316,8 +319,6 @@ def _covariance(
 ) -> Array:
     """Covariance (6, 6) of rotation vector and translation in the previous camera's axes."""
     scale_px = FINE_SCALES_PX[-1]
-    freedom = max(1, len(adjusted.squares) - 5)
-    chi = max(1.0, float(adjusted.squares.sum()) / (REGISTERED_SIGMA_PX**2 * freedom))
     focal = 0.5 * (focal_px[0] + focal_px[1])
     gaps, slopes = motion_slopes(*rays, adjusted.rotation, adjusted.direction, focal)
     weight = 1 / (REGISTERED_SIGMA_PX**2 * (1 + (gaps / scale_px) ** 2))
@@ -326,14 +327,14 @@ def _covariance(
         adjusted.rotation.T @ adjusted.direction,
         adjusted.covariance @ (slopes * weight[:, None]).T,
         focal_px=focal,
-        sigma_px=SHARED_SIGMA_PX,
+        sigma_px=SHARED_SIGMA_PX + SHARED_SHARE * parallax_px(adjusted, focal),
         reach_px=SHARED_REACH_PX,
     )
     basis = across(adjusted.direction)
     spread = np.zeros((6, 5))
     spread[:3, :3] = np.eye(3)
-    spread[3:, 3:] = baseline_m * basis.T * DIRECTION_INFLATION * chi
-    covariance = spread @ (adjusted.covariance + shared) @ spread.T * chi
+    spread[3:, 3:] = baseline_m * basis.T
+    covariance = spread @ (adjusted.covariance + shared) @ spread.T
     covariance[3:, 3:] += sigma_m**2 * np.outer(adjusted.direction, adjusted.direction)
     return np.asarray(covariance)
 

@@ -34,12 +34,13 @@ def motion_slopes(
 
 
 def shared_error(
-    current: Array, toward: Array, gain: Array, *, focal_px: float, sigma_px: float, reach_px: float
+    current: Array, toward: Array, gain: Array, *, focal_px: float, sigma_px: Array, reach_px: float
 ) -> Array:
     """Covariance (5, 5) of the motion by a smooth random field of errors in the second picture.
 
-    The field is Gaussian: sigma_px a coordinate, correlation exp(-d^2 / (2 reach_px^2)) at a distance d. A tie feels
-    its part across the epipolar line, and Sampson's distance, which both pictures share, half of its variance.
+    The field is Gaussian: a coordinate scatters by sigma_px (n,) at each tie, with correlation
+    exp(-d^2 / (2 reach_px^2)) at a distance d. A tie feels its part across the epipolar line, and Sampson's distance,
+    which both pictures share, half of its variance.
 
     Parameters
     ----------
@@ -52,15 +53,15 @@ def shared_error(
     """
     outward = current - toward[:2] / toward[2]
     outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-9)[:, None]
-    result = np.zeros((5, 5))
+    result, felt = np.zeros((5, 5)), np.ascontiguousarray((gain * sigma_px).T)
     _shared_error(
         np.ascontiguousarray(current * focal_px),
         np.ascontiguousarray(outward),
-        np.ascontiguousarray(gain.T),
+        felt,
         0.5 / reach_px**2,
         result,
     )
-    return np.asarray(0.5 * sigma_px**2 * result)
+    return np.asarray(0.5 * result)
 
 
 @compiled

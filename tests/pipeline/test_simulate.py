@@ -67,6 +67,7 @@ def test_without_errors_signs_stand_where_they_are():
         face_share=0,
         tie_px=1e-3,
         tie_drift_px=0,
+        tie_drift_share=0,
         trigger_m=1e-5,
     )
     assert simulate(exact).total.max() < 0.01

@@ -40,7 +40,9 @@ def test_the_covariance_is_that_of_simulated_fields():
         found.append(np.concatenate([turn, across(AHEAD) @ result.direction]))
     _, slopes = motion_slopes(previous, current, np.eye(3), AHEAD, FOCAL)
     gain = result.covariance @ slopes.T / 0.1**2
-    stated = shared_error(current, AHEAD, gain, focal_px=FOCAL, sigma_px=SIGMA, reach_px=REACH)
+    stated = shared_error(
+        current, AHEAD, gain, focal_px=FOCAL, sigma_px=np.full(len(current), SIGMA), reach_px=REACH
+    )
     np.testing.assert_allclose(np.sqrt(np.diag(stated)), np.std(np.array(found), axis=0), rtol=0.25)
 
 
@@ -50,7 +52,16 @@ def test_errors_that_hang_together_harm_more_than_single_ones():
     _, slopes = motion_slopes(previous, current, np.eye(3), AHEAD, FOCAL)
     gain = np.linalg.inv(slopes.T @ slopes) @ slopes.T
     alone, together = (
-        np.diag(shared_error(current, AHEAD, gain, focal_px=FOCAL, sigma_px=0.1, reach_px=reach))
+        np.diag(
+            shared_error(
+                current,
+                AHEAD,
+                gain,
+                focal_px=FOCAL,
+                sigma_px=np.full(len(current), 0.1),
+                reach_px=reach,
+            )
+        )
         for reach in (0.01, 100.0)
     )
     assert (together > 2 * alone).all()
