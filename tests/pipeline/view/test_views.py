@@ -21,8 +21,10 @@ from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.view.sinks import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
-from wayside.pipeline.view.views import VIEWS, NoViewError, Scene, entities_of
-from wayside.schemas.frame import Frame
+from wayside.pipeline.view.views import LAST_STAGE, VIEWS, NoViewError, Scene, entities_of
+from wayside.schemas.frame import Camera, Frame, Pose
+from wayside.schemas.motion import Motion, Place, Settled, View
+from wayside.schemas.regions import Candidates, Regions
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 FRAMES, SHORT_S = 24, 2.0
@@ -174,9 +176,51 @@ def test_each_sign_has_its_chain(rows, recorded):
         assert rows[f"/world/vehicle/camera/chains/{name}/measured"] >= len(place.views)
 
 
-def test_refused_places_are_listed_with_their_reason(chunks, recorded):
-    texts = [row[0] for row in column(chunks, "/rejections", "TextLog:text")]
-    assert any(text.startswith("location: ") for text in texts)
+def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided():
+    camera = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+    frame = Frame(4, 10, None, "used", "jpeg", b"", camera)
+    pose = Pose(np.eye(3), np.zeros(3))
+    place = Place(
+        track_id=7,
+        views=(View(4, 0, 900.0, 500.0, (890.0, 490.0, 910.0, 510.0), 0.3),),
+        position=np.array([24.2, -1.6, 40.0]),
+        covariance=np.eye(3),
+        offset=np.array([24.2, 1.6, 40.0]),
+        station_m=198.1,
+        best_frame=4,
+        best_time_ns=10,
+        best_box=(890.0, 490.0, 910.0, 510.0),
+        best_pose=pose,
+        width_m=5.1,
+        height_m=1.9,
+        sigma_width_m=0.1,
+        sigma_height_m=0.1,
+        facing_deg=0.0,
+        sigma_facing_deg=20.0,
+        color="blue",
+        color_distance=0.5,
+        shape="rectangle",
+        shape_distance=0.5,
+        score=1.5,
+        residual_px=0.6,
+        verdict="location",
+    )
+    motion = Motion(pose, None, None, "start", 0.0, 0.0, None, 0.1, 0.1, False, 0, 2.0)
+    settled = Settled(
+        frame,
+        motion,
+        Candidates.of(Regions.empty()),
+        np.zeros(0, np.int32),
+        np.zeros(0, np.float32),
+        0,
+        (0, 1200),
+        (place,),
+    )
+    logged = [e for e in entities_of(settled, LAST_STAGE, Scene()) if e.path == "rejections"]
+    assert len(logged) == 1
+    text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
+    assert text.startswith("location: blue rectangle 5.10 x 1.90 m")
+    assert "+24.2 m right, +1.6 m above the camera, station 198.1 m" in text
 
 
 def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(tmp_path):
