@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,13 +107,19 @@ def face_chances(
     network: NetworkModel, names: tuple[str, ...], values: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """Logarithm of the chance of each of `names` for rows of `view_features`: (n, names); -inf where never learned."""
-    known = view_names()
-    columns = [known.index(feature) for feature in network.features]
+    columns = _columns(network.features)
     chances = np.full((len(values), len(names)), -np.inf, np.float32)
     chances[:, [names.index(name) for name in network.classes]] = log_chances(
         network, np.ascontiguousarray(values[:, columns])
     )
     return chances
+
+
+@cache
+def _columns(features: tuple[str, ...]) -> NDArray[np.int64]:
+    """Where a network's features stand among those of a view."""
+    place = {name: k for k, name in enumerate(view_names())}
+    return np.array([place[feature] for feature in features], np.int64)
 
 
 def gate_names() -> tuple[str, ...]:
