@@ -185,7 +185,8 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
     lines = [
         "# Accuracy on rendered drives",
         "",
-        "Made by `make accept`; exact truth, drives that no model was learned from. "
+        "Made by `make accept`; exact truth. No model was learned from these drives, but rules were chosen "
+        "with their misses in view. "
         "A panel is wanted where its front is at least 10 px tall and half visible in three or more pictures. "
         "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth.",
         "",
