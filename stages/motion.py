@@ -25,9 +25,9 @@ from wayside.stages.numerics.epipolar import (
     half_turn,
     sampson_px,
 )
+from wayside.stages.numerics.midpoint import midpoint, pair_residual
 from wayside.stages.numerics.rotation import across
 from wayside.stages.numerics.tie_errors import motion_slopes, shared_error
-from wayside.stages.numerics.triangulate import midpoint, pair_residual
 from wayside.stages.numerics.undistort import rays_of_ideal
 from wayside.stages.ties import (
     HELD_SIGMA,

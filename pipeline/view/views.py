@@ -41,7 +41,7 @@ from wayside.schemas.regions import (
     Segmented,
     verdict_code,
 )
-from wayside.stages.numerics.triangulate import midpoint, pair_residual
+from wayside.stages.numerics.midpoint import midpoint, pair_residual
 from wayside.stages.numerics.undistort import distort_points, rays_of_ideal
 
 IMAGES = ("all", "signs", "none")

@@ -37,3 +37,20 @@ def require_array(
 def require_picture(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
     """Refuse anything but a C-contiguous (height, width, 3) uint8 picture."""
     require_array(rgb, name, np.uint8, (None, None, 3))
+
+
+def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """The array as C-contiguous float64, refused unless it has the shape (-1: any length).
+
+    Raises
+    ------
+    ValueError
+        Naming the shape that was wanted and the one found.
+    """
+    result = np.ascontiguousarray(array, np.float64)
+    fits = result.ndim == len(shape) and all(
+        want in (-1, have) for want, have in zip(shape, result.shape, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"wanted an array of shape {shape} (-1: any), found {result.shape}")
+    return result

@@ -1,115 +1,19 @@
-"""Points in space from rays: the report's midpoint (chapter 7) and all views together (chapter 8)."""
+"""Points in space from all their views together (report chapter 8), started from the midpoint of two (chapter 7)."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.numerics.compiled import Array, compiled
+from wayside.stages.numerics.guards import shaped
+from wayside.stages.numerics.midpoint import meet_rays
 from wayside.stages.numerics.rotation import cholesky_solve
 
-SMALLEST_SINE = 1e-6
-"""Rays that meet at a smaller angle (as sine) count as parallel."""
 CAUCHY = 2.385
 """Gaps beyond this many sigmas lose most of their weight (95 % efficiency on clean data)."""
-
-
-class Midpoints(NamedTuple):
-    """Midpoints of ray pairs.
-
-    point (n, 3), nan where the rays are parallel; gap (n,): length of the shortest join, same unit; along (n, 2):
-    distance of its ends along the two rays (times the ray's length), not positive where the point lies behind.
-    """
-
-    point: Array
-    gap: Array
-    along: Array
-
-    @property
-    def ahead(self) -> NDArray[np.bool_]:
-        """Points (n,) that exist and lie ahead of both cameras."""
-        return np.asarray((self.along > 0).all(axis=1))
-
-
-def midpoint(
-    c0: NDArray[np.floating[Any]],
-    c1: NDArray[np.floating[Any]],
-    d0: NDArray[np.floating[Any]],
-    d1: NDArray[np.floating[Any]],
-) -> Midpoints:
-    """Middle of the shortest segment between two rays (report eqs. 7.1 to 7.4).
-
-    Parameters
-    ----------
-    c0, c1
-        Camera centres, (3,).
-    d0, d1
-        Directions of the rays in the same frame, (n, 3), of any length.
-
-    Returns
-    -------
-    Midpoints
-        nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
-        the common centre).
-
-    Raises
-    ------
-    ValueError
-        Where the shapes do not fit.
-    """
-    first, second = _shaped(d0, (-1, 3)), _shaped(d1, (-1, 3))
-    if len(first) != len(second):
-        raise ValueError(f"wanted as many rays of both views, found {len(first)} and {len(second)}")
-    point, along = np.empty_like(first), np.empty((len(first), 2))
-    gap = np.empty(len(first))
-    _midpoint(_shaped(c0, (3,)), _shaped(c1, (3,)), first, second, point, gap, along)
-    return Midpoints(point, gap, along)
-
-
-def pair_residual(
-    previous: NDArray[np.floating[Any]],
-    current: NDArray[np.floating[Any]],
-    rotation: NDArray[np.floating[Any]],
-    direction: NDArray[np.floating[Any]],
-    focal_px: tuple[float, float],
-) -> Array:
-    """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
-
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z) of both pictures.
-    rotation, direction
-        Current camera in the previous one's frame: axes (3, 3) and centre (3,), of any length.
-    focal_px
-        fx, fy. The report's single f takes centred, undistorted pixels for granted.
-
-    Returns
-    -------
-    Array
-        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the best place
-        that is left, with its gap shared by both pictures.
-    """
-    first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
-    ones, turn = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
-    rays = np.hstack([first, ones]), np.hstack([second, ones]) @ turn.T
-    found = midpoint(np.zeros(3), direction, *rays)
-    local = (found.point - direction) @ turn
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gaps = np.hstack(
-            [
-                found.point[:, :2] / found.point[:, 2:] - first,
-                local[:, :2] / local[:, 2:] - second,
-            ]
-        )
-        far = rays[0] @ turn
-        apart = far[:, :2] / far[:, 2:] - second
-    near = found.ahead & (found.point[:, 2] > 0) & (local[:, 2] > 0)
-    squares = ((gaps * (*focal_px, *focal_px)) ** 2).sum(axis=1)
-    distant = 0.5 * ((apart * focal_px) ** 2).sum(axis=1)
-    return np.asarray(np.where(near, squares, distant))
 
 
 def triangulate_views(
@@ -144,8 +48,8 @@ def triangulate_views(
         (n,) length of the gap between ray and point in each picture, unit of the rays; inf where the point lies
         behind the camera.
     """
-    turns, origins = _shaped(rotations, (-1, 3, 3)), _shaped(centres, (-1, 3))
-    seen, spread = _shaped(rays, (-1, 2)), _shaped(sigma, (-1,))
+    turns, origins = shaped(rotations, (-1, 3, 3)), shaped(centres, (-1, 3))
+    seen, spread = shaped(rays, (-1, 2)), shaped(sigma, (-1,))
     if not len(turns) == len(origins) == len(seen) == len(spread):
         raise ValueError(
             "wanted as many rotations, centres, rays and sigmas, "
@@ -170,8 +74,8 @@ def triangulate_many(
     Returns points (p, 3), covariances (p, 3, 3) and residuals (views,).
     """
     start = np.ascontiguousarray(first, np.int64)
-    turns, origins = _shaped(rotations, (-1, 3, 3)), _shaped(centres, (-1, 3))
-    seen, spread = _shaped(rays, (-1, 2)), _shaped(sigma, (-1,))
+    turns, origins = shaped(rotations, (-1, 3, 3)), shaped(centres, (-1, 3))
+    seen, spread = shaped(rays, (-1, 2)), shaped(sigma, (-1,))
     if not len(turns) == len(origins) == len(seen) == len(spread):
         raise ValueError("wanted as many rotations, centres, rays and sigmas")
     if start.ndim != 1 or len(start) == 0 or start[0] != 0 or start[-1] != len(turns):
@@ -186,60 +90,9 @@ def triangulate_many(
     return points, covariances, residuals
 
 
-def _shaped(array: NDArray[Any], shape: tuple[int, ...]) -> Array:
-    # The kernels do not check bounds: every array passes here first.
-    result = np.ascontiguousarray(array, np.float64)
-    fits = result.ndim == len(shape) and all(
-        want in (-1, have) for want, have in zip(shape, result.shape, strict=True)
-    )
-    if not fits:
-        raise ValueError(f"wanted an array of shape {shape} (-1: any), found {result.shape}")
-    return result
-
-
 def _refuse_idle_sigma(sigma: Array) -> None:
     if not (sigma > 0).all():
         raise ValueError(f"wanted positive sigmas, found {sigma.min()}")
-
-
-@compiled
-def _midpoint(
-    c0: Array, c1: Array, d0: Array, d1: Array, point: Array, gap: Array, along: Array
-) -> None:
-    b = c1 - c0
-    for i in range(d0.shape[0]):
-        p, q = d0[i], d1[i]
-        # (7.1) q3 = q1 x q2, at right angles to both rays
-        n0 = p[1] * q[2] - p[2] * q[1]
-        n1 = p[2] * q[0] - p[0] * q[2]
-        n2 = p[0] * q[1] - p[1] * q[0]
-        square = n0 * n0 + n1 * n1 + n2 * n2
-        pp = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
-        qq = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
-        if not square > SMALLEST_SINE * SMALLEST_SINE * pp * qq:
-            point[i] = np.nan
-            along[i] = np.nan
-            gap[i] = np.nan
-            continue
-        # (7.2), (7.3) C1 + g1 q1 + g3 q3 = C2 + g2 q2, solved by Cramer's rule
-        g1 = (
-            (b[1] * q[2] - b[2] * q[1]) * n0
-            + (b[2] * q[0] - b[0] * q[2]) * n1
-            + (b[0] * q[1] - b[1] * q[0]) * n2
-        ) / square
-        g2 = (
-            (b[1] * p[2] - b[2] * p[1]) * n0
-            + (b[2] * p[0] - b[0] * p[2]) * n1
-            + (b[0] * p[1] - b[1] * p[0]) * n2
-        ) / square
-        g3 = (b[0] * n0 + b[1] * n1 + b[2] * n2) / square
-        # (7.4) f = C1 + g1 q1 + (g3 / 2) q3
-        point[i, 0] = c0[0] + g1 * p[0] + 0.5 * g3 * n0
-        point[i, 1] = c0[1] + g1 * p[1] + 0.5 * g3 * n1
-        point[i, 2] = c0[2] + g1 * p[2] + 0.5 * g3 * n2
-        gap[i] = abs(g3) * np.sqrt(square)
-        along[i, 0] = g1 * np.sqrt(pp)
-        along[i, 1] = g2 * np.sqrt(qq)
 
 
 @compiled
@@ -281,7 +134,7 @@ def _start(
     lowest, found = np.inf, False
     for i in range(n):
         for j in range(i + 1, n):
-            _midpoint(
+            meet_rays(
                 centres[i],
                 centres[j],
                 directions[i : i + 1],

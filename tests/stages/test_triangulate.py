@@ -5,12 +5,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.numerics.triangulate import (
-    midpoint,
-    pair_residual,
-    triangulate_many,
-    triangulate_views,
-)
+from wayside.stages.numerics.midpoint import midpoint, pair_residual
+from wayside.stages.numerics.triangulate import triangulate_many, triangulate_views
 
 SIGMA = 0.25 / 1400
 small = st.floats(-0.1, 0.1)
