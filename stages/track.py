@@ -40,8 +40,8 @@ LEAST_TOTAL = -1.0
 """Sum of values over the views from which a place is looked at at all."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
 """What the vehicle sweeps beside its path, and above its camera."""
-ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_COVER = 0.12, 2.5, 0.4
-"""Two places are one face where their depths differ less (share or metres) and the smaller is covered more."""
+ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_SIGMAS, ALIKE_COVER = 0.12, 2.5, 4.0, 0.4
+"""Two places are one face where their depths differ less (share, metres or sigmas) and the smaller is covered more."""
 
 
 def track(
@@ -196,10 +196,16 @@ def behind(sightings: Sightings, fit: Fit) -> bool:
 
 
 def same_face(sightings: Sightings, one: Fit, other: Fit) -> bool:
-    """Whether a place of this window is one face with another: at like depth, in front of each other."""
+    """Whether a place of this window is one face with another: at like depth, in front of each other.
+
+    A depth that is hardly known (a few far views) is like any depth within its error.
+    """
     frame = int(one.frames[-1])
     axis = sightings.rotation[frame][:, 2]
     near, far = sorted(float((f.point - sightings.centre[frame]) @ axis) for f in (one, other))
-    if near <= 0 or far - near > max(ALIKE_DEPTH * near, ALIKE_DEPTH_M):
+    alike = max(
+        ALIKE_DEPTH * near, ALIKE_DEPTH_M, ALIKE_SIGMAS * np.sqrt(axis @ one.covariance @ axis)
+    )
+    if near <= 0 or far - near > alike:
         return False
     return max(overlap_share(sightings, one, other, frame)) > ALIKE_COVER

@@ -6,8 +6,10 @@ import pytest
 from wayside.schemas.models import TreeModel
 from wayside.schemas.regions import VERDICTS
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.numerics.association import Sightings
+from wayside.stages.numerics.places import fit_views
 from wayside.stages.place import BORDER, FEATURES
-from wayside.stages.track import HOP, track
+from wayside.stages.track import HOP, same_face, track
 
 SETTINGS = TrackSettings()
 
@@ -174,6 +176,33 @@ def test_a_place_below_the_judges_bar_is_refused_with_its_candidates(panel, driv
     assert place.score == pytest.approx(-3.0)
     assert "place_score" in verdicts_of(settled)
     assert "sign" not in verdicts_of(settled)
+
+
+def fit_at(ahead, sigma_ahead):
+    """A place 6 m to the right, 1.7 x 0.8 m, seen from two cameras at the origin and 8 m on."""
+    cameras = Sightings(
+        rotation=np.repeat(np.eye(3)[None], 2, axis=0),
+        centre=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 8.0]]),
+        focal=np.full(2, 1400.0),
+        bounds=np.repeat([[-0.57, -0.43, 0.57, 0.43]], 2, axis=0),
+        first=np.array([0, 1, 2]),
+        ray=np.array([[6.0, -1.0] / np.float64(ahead), [6.0, -1.0] / np.float64(ahead - 8.0)]),
+        size=np.array([[1.7, 0.8] / np.float64(ahead), [1.7, 0.8] / np.float64(ahead - 8.0)]),
+        score=np.ones(2),
+        whole=np.ones(2, bool),
+        leads=np.ones(2, bool),
+    )
+    fit = fit_views(cameras, np.arange(2), np.arange(2))
+    return cameras, replace(fit, covariance=np.diag([0.01, 0.01, sigma_ahead**2]))
+
+
+@pytest.mark.parametrize(("sigma_ahead", "same"), [(0.5, False), (6.0, True)])
+def test_a_place_of_unsure_depth_is_the_face_that_hides_it(sigma_ahead, same):
+    cameras, known = fit_at(130.0, 0.3)
+    _, unsure = fit_at(110.0, sigma_ahead)
+    # On the rays of the known face, nearer.
+    unsure = replace(unsure, point=known.point * (110.0 / 130.0))
+    assert bool(same_face(cameras, unsure, known)) == same
 
 
 def constant_judge(value):
