@@ -112,7 +112,7 @@ def run(
     observations: Annotated[
         Listed,
         typer.Option(
-            help="Regions to list: those past the colour gate, or all past the size gate."
+            help="Regions to list: those past the first judgement of colour, or all past the size gate."
         ),
     ] = Listed.passed,
     view: viewer.ViewOption = viewer.View.none,

@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 from types import TracebackType
+from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.schemas.motion import Settled
 
 
-class FrameProgress:
-    """Shows pictures done, their rate and the time left, estimated from the bytes read."""
+class _Shown:
+    """A bar on stderr while its block runs; `what` says how far the work is."""
 
-    def __init__(self, label: str, total_bytes: int) -> None:
+    def __init__(self, *what: ProgressColumn) -> None:
         console = Console(stderr=True)
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.fields[frames]} pictures, {task.fields[rate]:.1f}/s"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
+            *what,
             console=console,
             disable=not console.is_terminal,
             transient=True,
         )
-        self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
-        self._frames = 0
 
-    def __enter__(self) -> FrameProgress:
+    def __enter__(self) -> Self:
         self._bar.start()
         return self
 
@@ -41,6 +44,20 @@ class FrameProgress:
         trace: TracebackType | None,
     ) -> None:
         self._bar.stop()
+
+
+class FrameProgress(_Shown):
+    """Shows pictures done, their rate and the time left, estimated from the bytes read."""
+
+    def __init__(self, label: str, total_bytes: int) -> None:
+        super().__init__(
+            TextColumn("{task.fields[frames]} pictures, {task.fields[rate]:.1f}/s"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
+        self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
+        self._frames = 0
 
     def watch(self, settled: Settled, report: ReadReport) -> None:
         """One more picture is done; what was read of the log so far tells how much is left."""
@@ -50,33 +67,12 @@ class FrameProgress:
         self._bar.update(self._task, completed=report.bytes_read, frames=self._frames, rate=rate)
 
 
-class SheetProgress:
+class SheetProgress(_Shown):
     """Shows how many of a known number of sheets are done."""
 
     def __init__(self, label: str) -> None:
-        console = Console(stderr=True)
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.completed} of {task.total} sheets"),
-            TimeElapsedColumn(),
-            console=console,
-            disable=not console.is_terminal,
-            transient=True,
-        )
+        super().__init__(TextColumn("{task.completed} of {task.total} sheets"), TimeElapsedColumn())
         self._task = self._bar.add_task(label, total=None)
-
-    def __enter__(self) -> SheetProgress:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._bar.stop()
 
     def watch(self, done: int, total: int) -> None:
         """So many are done."""

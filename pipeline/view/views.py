@@ -44,7 +44,6 @@ from wayside.schemas.regions import (
 from wayside.stages.numerics.midpoint import midpoint, pair_residual
 from wayside.stages.numerics.undistort import distort_points, rays_of_ideal
 
-IMAGES = ("all", "signs", "none")
 RECENT = 60
 """Frames whose path and places stay in view behind the vehicle."""
 ITERATIONS_SHOWN = 4
