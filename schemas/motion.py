@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ class Motion:
     "poses" or "fixes" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line and adjusted motion.
     expected: the step by the prior alone, that the adjustment began from (None where there was no adjustment);
     history_px: RMS of eq. 7.5 per coordinate over all ties at the start of the adjustment and after each iteration.
+    length_ratio: length of the step over that of the step before by points common to both alone, and its scatter.
     """
 
     pose: Pose
@@ -51,6 +53,7 @@ class Motion:
     camera_height_m: float  # above the road below, nan where unknown
     expected: Pose | None = None
     history_px: tuple[float, ...] = ()
+    length_ratio: tuple[float, float] = (nan, nan)
 
 
 @dataclass(frozen=True, slots=True)

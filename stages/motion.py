@@ -145,7 +145,8 @@ class Drive:
             sigma_px=REGISTERED_SIGMA_PX,
             scale_px=FINE_SCALES_PX[-1],
         )
-        baseline, sigma_m = self._length(step, adjusted, expected, view.focal_px)
+        carried = self._carried_length(step, adjusted, view.focal_px)
+        baseline, sigma_m = self._length(carried, expected)
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
@@ -173,26 +174,25 @@ class Drive:
             self.vehicle.height_m,
             Pose(expected.straight[0], baseline * expected.straight[1]),
             tuple(np.sqrt(adjusted.history / 4).tolist()),
+            _ratio(carried, last.baseline_m),
         )
 
-    def _length(
-        self, step: Step, adjusted: Adjusted, expected: Expectation, focal_px: float
-    ) -> tuple[float, float]:
-        """The step's length and its sigma, metres.
+    def _length(self, by_points: tuple[float, float], expected: Expectation) -> tuple[float, float]:
+        """The step's length and its sigma, metres, from what the points carry over and what is expected.
 
         Points that were measured over the last step too say how long this one is against it; none of them was found by
         its depth. A known spacing is held, or a multiple of it where triggers were dropped; distances between poses or
         fixes are noisy, so they are averaged with what the points carry over from the steps before.
         """
         given, sigma = expected.baseline_m, expected.sigma_m
-        carried, scatter = self._carried_length(step, adjusted, focal_px)
+        carried, scatter = by_points
         if not np.isfinite(carried):
             return given, sigma
         if expected.source == "straight":
             steps = round(carried / given)
             dropped = steps > 1 and abs(carried / given - steps) < RATIO_SLACK * steps
             return (steps * given if dropped else given), sigma
-        carried_sigma = hypot(self.sigma_m, scatter)
+        carried_sigma = hypot(self.sigma_m, max(scatter, RATIO_SIGMA * carried))
         if abs(carried - given) > 3 * hypot(sigma, carried_sigma):
             return given, sigma
         share = sigma**2 / (sigma**2 + carried_sigma**2)
@@ -214,7 +214,7 @@ class Drive:
         length = float(np.median(common))
         # a median's sigma is 1.25 times a mean's, a normal law's 1.48 times its median deviation
         scatter = 1.86 * float(np.median(np.abs(common - length))) / sqrt(len(common))
-        return length, max(scatter, RATIO_SIGMA * length)
+        return length, scatter
 
 
 def measure_step(
@@ -308,6 +308,11 @@ def parallax_px(adjusted: Adjusted, focal_px: float) -> Array:
     """Way of each tie (n,) through the picture by the travel alone, pixels."""
     away = adjusted.point[:, :2] - adjusted.direction[:2] / adjusted.direction[2]
     return np.asarray(focal_px * np.maximum(adjusted.point[:, 2], 0) * np.linalg.norm(away, axis=1))
+
+
+def _ratio(carried: tuple[float, float], last_m: float) -> tuple[float, float]:
+    """Length against that of the step before, and its scatter."""
+    return (carried[0] / last_m, carried[1] / last_m) if last_m > 0 else (nan, nan)
 
 
 def _covariance(
