@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.parquet import (
     ParquetFile,
@@ -22,10 +20,10 @@ from wayside.pipeline.parquet import (
     known,
     record_batch,
 )
-from wayside.pipeline.world import PathPoint, World, beside_in_world, place_in_world
+from wayside.pipeline.rows import FRAME_COLUMNS, SignRows, frame_row, pose_numbers, stretched_frames
+from wayside.pipeline.world import PathPoint, World, place_in_world
 from wayside.schemas.errors import OutputError
-from wayside.schemas.frame import Pose
-from wayside.schemas.motion import Motion, Place, Settled
+from wayside.schemas.motion import Place, Settled
 from wayside.schemas.regions import VERDICTS
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
@@ -61,6 +59,8 @@ class InventoryWriter:
         Signs below get status `uncertain`.
     every_region
         Also list regions that the colour gate refused.
+    antenna_m
+        Where the antenna of the fixes is: right, down, ahead of the camera.
 
     Raises
     ------
@@ -69,10 +69,17 @@ class InventoryWriter:
     """
 
     def __init__(
-        self, folder: Path, log: str, *, confidence: float, every_region: bool = False
+        self,
+        folder: Path,
+        log: str,
+        *,
+        confidence: float,
+        every_region: bool = False,
+        antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
         self._folder, self._log = folder, log
         self._confidence, self._every_region = confidence, every_region
+        self._antenna_m = antenna_m
         self._places: list[Place] = []
         self._path: list[PathPoint] = []
         self._heights: list[float] = []
@@ -88,14 +95,14 @@ class InventoryWriter:
 
     def append(self, settled: Settled) -> None:
         """Take one frame with its candidates and the places that ended with it."""
-        frame, motion = settled.frame, settled.motion
         self._places += [place for place in settled.places if place.verdict == "sign"]
-        if motion is not None:
-            given = frame.pose.pose if frame.pose is not None else None
-            self._path.append(PathPoint(frame.index, motion.pose, given, frame.fix))
-            if math.isfinite(motion.camera_height_m):
-                self._heights.append(motion.camera_height_m)
-        self._frames.append(_frame_row(settled))
+        point = PathPoint.of(settled)
+        if point is not None:
+            self._path.append(point)
+        motion = settled.motion
+        if motion is not None and math.isfinite(motion.camera_height_m):
+            self._heights.append(motion.camera_height_m)
+        self._frames.append(frame_row(settled))
         batch = self._observations(settled)
         if batch.num_rows:
             try:
@@ -113,8 +120,8 @@ class InventoryWriter:
         """Number the signs and write the tables."""
         self._stream.close()
         self._scratch.close()
-        world = place_in_world(self._path)
-        height = float(np.median(self._heights)) if self._heights else None
+        world = place_in_world(self._path, self._antenna_m)
+        height = float(np.median(self._heights)) * world.stretch if self._heights else None
         ordered = sorted(self._places, key=lambda p: (p.station_m, p.offset[0], p.track_id))
         signs = self._sign_rows(ordered, world, height)
         names = {p.track_id: row["sign_id"] for p, row in zip(ordered, signs, strict=True)}
@@ -187,11 +194,12 @@ class InventoryWriter:
             sink.write(waiting)
 
     def _write_frames(self, world: World) -> None:
-        columns = list(zip(*self._frames, strict=True)) or [()] * len(_FRAME_COLUMNS)
-        values = dict(zip(_FRAME_COLUMNS, columns, strict=True))
+        rows = stretched_frames(self._frames, world)
+        columns = list(zip(*rows, strict=True)) or [()] * len(FRAME_COLUMNS)
+        values = dict(zip(FRAME_COLUMNS, columns, strict=True))
         poses = [world.poses.get(int(row[0])) for row in self._frames]
         blank = (None,) * 7
-        placed = list(zip(*(blank if p is None else _numbers(p) for p in poses), strict=True))
+        placed = list(zip(*(blank if p is None else pose_numbers(p) for p in poses), strict=True))
         values |= dict(
             zip(("x", "y", "z", "qx", "qy", "qz", "qw"), placed or [()] * 7, strict=True)
         )
@@ -209,9 +217,9 @@ class InventoryWriter:
     ) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
         assemblies: dict[int, str] = {}
-        frames = sorted(world.poses)
+        made = SignRows(world, self._frames, camera_height_m)
         for number, place in enumerate(places, 1):
-            row = _sign_row(place, world, frames, camera_height_m)
+            row = made.row(place)
             key = place.assembly if place.assembly >= 0 else -1 - place.track_id
             assembly = assemblies.setdefault(key, f"{self._log}-a{len(assemblies) + 1:04d}")
             row |= {
@@ -222,108 +230,7 @@ class InventoryWriter:
             if not place.back and row["confidence"] < self._confidence:
                 row["status"] = "uncertain"
             rows.append(row)
-        blank = dict.fromkeys(("lon_deg", "lat_deg", "alt_m", "geometry"))
-        if world.earth is None or not rows:
-            return [row | blank for row in rows]
-        points = world.earth.geodetic(np.array([[r["x"], r["y"], r["z"]] for r in rows]))
-        return [
-            row
-            | {"lon_deg": lon, "lat_deg": lat, "alt_m": alt}
-            | {"geometry": struct.pack("<BIddd", 1, 1001, lon, lat, alt)}
-            for row, (lon, lat, alt) in zip(rows, points.tolist(), strict=True)
-        ]
-
-
-_FRAME_COLUMNS = (
-    *(
-        "frame",
-        "log_time_ns",
-        "header_time_ns",
-        "status",
-        "station_m",
-        "motion_source",
-        "baseline_m",
-        "ties",
-    ),
-    *("residual_straight_px", "residual_px", "adjusted", "iterations", "regions", "candidates"),
-)
-
-
-def _frame_row(settled: Settled) -> tuple[Any, ...]:
-    frame, motion = settled.frame, settled.motion
-    head = (frame.index, frame.log_time_ns, frame.header_time_ns, frame.status)
-    if motion is None:
-        return (*head, *(None,) * 10)
-    return (
-        *head,
-        motion.station_m,
-        motion.source,
-        *_step(motion),
-        settled.region_count,
-        len(settled.candidates),
-    )
-
-
-def _step(motion: Motion) -> tuple[Any, ...]:
-    """Columns of the step to a frame; unknown at the first used one."""
-    if motion.step is None:
-        return (None,) * 6
-    ties = 0 if motion.ties is None else len(motion.ties.inlier)
-    residuals = (_finite(motion.residual_straight_px), _finite(motion.residual_px))
-    return (motion.baseline_m, ties, *residuals, motion.adjusted, motion.iterations)
-
-
-def _sign_row(
-    place: Place, world: World, frames: Sequence[int], camera_height_m: float | None
-) -> dict[str, Any]:
-    """All columns of a sign that need neither its number nor the earth."""
-    pose = world.poses[place.best_frame]
-    centre = pose.to_world(place.position)
-    beside = beside_in_world(world, frames, place.best_frame, centre)
-    right, above = place.offset[:2] if beside is None else (beside.right, beside.above)
-    spread = pose.rotation @ place.covariance @ pose.rotation.T
-    sigma = np.sqrt(np.diag(place.covariance))
-    up = None if camera_height_m is None else float(above) + camera_height_m
-    return {
-        "status": "back" if place.back else "sign",
-        "confidence": 1 / (1 + math.exp(-min(max(place.score, -50.0), 50.0))),
-        "color": place.color,
-        "color_distance": _finite(place.color_distance),
-        "shape": place.shape,
-        "shape_distance": _finite(place.shape_distance),
-        **dict(zip(("x", "y", "z"), centre.tolist(), strict=True)),
-        "covariance": [spread[i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))],
-        "sigma_along_m": float(sigma[2]),
-        "sigma_lateral_m": float(sigma[0]),
-        "sigma_up_m": float(sigma[1]),
-        "station_m": place.station_m,
-        "lateral_m": float(right),
-        "up_m": up,
-        "bottom_m": None if up is None else up - place.height_m / 2,
-        "panel_width_m": _finite(place.width_m),
-        "panel_height_m": _finite(place.height_m),
-        "sigma_width_m": _finite(place.sigma_width_m),
-        "sigma_height_m": _finite(place.sigma_height_m),
-        "facing_deg": _finite(place.facing_deg),
-        "sigma_facing_deg": _finite(place.sigma_facing_deg),
-        "best_frame": place.best_frame,
-        "best_time_ns": place.best_time_ns,
-        "best_box": list(place.best_box),
-        **dict(zip(("right_m", "down_m", "ahead_m"), place.position.tolist(), strict=True)),
-        "first_frame": min(view.frame for view in place.views),
-        "last_frame": max(view.frame for view in place.views),
-        "views": len(place.views),
-        "residual_px": _finite(place.residual_px),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _numbers(pose: Pose) -> tuple[float, ...]:
-    quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
-    return (*pose.centre.tolist(), *quaternion.tolist())
+        return rows
 
 
 def _unwritable(folder: Path, error: OSError) -> OutputError:

@@ -64,6 +64,11 @@ class RunResult:
     view_images: str | None = None
 
     @property
+    def notes(self) -> list[str]:
+        """What was found amiss in the log and made good, or has to be known to trust the result; in words."""
+        return [*self.report.notes, *self.inventory.world.notes]
+
+    @property
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
         undecodable = self.frames.get(UNDECODABLE, 0)
@@ -125,7 +130,11 @@ def run_log(
     observer = open_observer(report)
     flow = Flow(settings, models, clock, observer)
     writer = InventoryWriter(
-        folder, log.stem, confidence=settings.locate.confidence, every_region=every_region
+        folder,
+        log.stem,
+        confidence=settings.locate.confidence,
+        every_region=every_region,
+        antenna_m=settings.motion.antenna_m,
     )
     statuses: Counter[str] = Counter()
     try:
@@ -214,6 +223,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "models": models.digests(),
         "world": result.inventory.world.name,
         "camera_height_m": result.inventory.camera_height_m,
+        "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),
             "used": used,

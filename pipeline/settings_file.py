@@ -196,7 +196,7 @@ def _from_text(text: str, leaf: Field[Any]) -> Any:
             raise ValueError(text)
         return _SPOKEN_FLAGS[text.lower()]
     if kind is float and unit == "m" and not _is_number(text):
-        return parse_length(text)
+        return -parse_length(text[1:]) if text.startswith("-") else parse_length(text)
     if kind in (int, float):
         return kind(text.removesuffix(unit))
     return text

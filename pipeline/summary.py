@@ -27,6 +27,8 @@ def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> 
     console.print(_pictures(result))
     console.print(_regions(result.inventory.verdicts))
     console.print(_times(result))
+    for note in result.notes:
+        console.print(f"[yellow]note:[/yellow] {note}", highlight=False)
     for part in result.lost:
         console.print(f"[yellow]lost:[/yellow] {part}")
     for fault in result.view_faults:

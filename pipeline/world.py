@@ -1,6 +1,7 @@
 """Which world the results stand in: the log's poses, the fixes' east-north-up, or the drive's own start.
 
-World axes: x, y level, z up, metres. The chain of camera motions is exact between neighbours but drifts; a world pose
+World axes: x, y level, z up, metres. The chain of camera motions is exact between neighbours but drifts; poses and
+fixes, which scatter but do not drift, hold it in place over the whole drive (`numerics.trajectory`). A world pose
 places one camera, and everything near it is placed relative to that camera.
 """
 
@@ -8,56 +9,96 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import nan, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import Transformer
 
-from wayside.schemas.frame import Fix, Pose
+from wayside.pipeline.earth import Earth, align_level, origin_of
+from wayside.schemas.frame import Fix, Pose, PosePrior
+from wayside.schemas.motion import Settled
+from wayside.stages.expectation import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
+from wayside.stages.numerics.compiled import Array
 from wayside.stages.numerics.path import Beside, beside_path
+from wayside.stages.numerics.path_data import Chain, Seen
+from wayside.stages.numerics.trajectory import Trajectory, smooth
+from wayside.stages.numerics.uncertainty import STEP_SIGMA
 
 BEFORE, AFTER = 3, 20
 """Used frames around the best view of a sign among which the camera passes it."""
+FIX_MEMORY_S, FIX_NEW_SHARE, FIX_NEW_M, FIX_UP = 60.0, 0.1, 0.02, 1.6
+"""The error of fixes fades over minutes (atmosphere, orbits, reflections); this share of it is new with each fix, at
+least so much. Heights err by this factor more, where the log does not say."""
+DRIFT = {"poses": (0.02, radians(0.002)), "odometry": (0.1, radians(0.02))}
+"""How far the log's own poses may drift against the earth: metres and radians after a metre, growing with its root."""
+CHAIN_TILT, POSES_TILT, LEVEL, ANY_TURN = radians(5.0), radians(0.5), radians(10.0), radians(180.0)
+"""How level cameras are at first, and worlds of given poses; each camera again, the mount's own roll in it; unknown."""
+LONG_GAP_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class PathPoint:
-    """What one used frame knows of its place: chained pose, the log's own pose and fix where given."""
+    """What one used frame knows of its place: chained pose, the log's own pose and fix where given.
+
+    covariance (6, 6), source, ratio: of the step to it, as in `Motion`.
+    """
 
     frame: int
     chained: Pose
-    given: Pose | None
+    given: PosePrior | None
     fix: Fix | None
+    time_ns: int = 0
+    covariance: Array | None = field(default=None, repr=False)
+    source: str = ""
+    ratio: tuple[float, float] = (nan, nan)
+
+    @classmethod
+    def of(cls, settled: Settled) -> PathPoint | None:
+        """What a frame knows; None where it is not used."""
+        frame, motion = settled.frame, settled.motion
+        if motion is None:
+            return None
+        return cls(
+            frame.index,
+            motion.pose,
+            frame.pose,
+            frame.fix,
+            frame.time_ns,
+            motion.covariance,
+            motion.source,
+            motion.length_ratio,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """A step's length over the one first taken for it, and the relative scatter of both, metres per metre."""
+
+    stretch: float
+    sigma: float
+    sigma_before: float
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """World poses of the used frames by index; `earth` maps world metres to WGS 84 where fixes exist."""
+    """World poses of the used frames by index; `earth` knows their places on WGS 84 where fixes exist.
+
+    lengths: of the steps to frames whose length was first taken from fixes; notes: what was found wrong with poses and
+    fixes, in words.
+    """
 
     name: str  # "log", "enu" or "drive_start"
     poses: dict[int, Pose]
     earth: Earth | None
+    lengths: dict[int, Length] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
-
-@dataclass(frozen=True, slots=True)
-class Earth:
-    """East-north-up frame at an origin on WGS 84, turned and shifted from the world frame."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
-    rotation: NDArray[np.float64]  # (3, 3) east-north-up from world
-    shift: NDArray[np.float64]  # (3,) metres
-
-    def geodetic(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Longitude, latitude (deg) and ellipsoidal height (m) of world points (n, 3)."""
-        local = points @ self.rotation.T + self.shift
-        pipeline = _topocentric(self.latitude_deg, self.longitude_deg, self.altitude_m)
-        lon, lat, height = pipeline.transform(
-            local[:, 0], local[:, 1], local[:, 2], direction="INVERSE"
-        )
-        return np.stack([np.asarray(lon), np.asarray(lat), np.asarray(height)], axis=1)
+    @property
+    def stretch(self) -> float:
+        """Mean of all lengths over those first taken."""
+        every = self.lengths.values()
+        return sum(one.stretch for one in every) / len(every) if every else 1.0
 
 
 def beside_in_world(
@@ -81,41 +122,193 @@ def beside_in_world(
     return beside_path(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
 
 
-def place_in_world(path: Sequence[PathPoint]) -> World:
+def place_in_world(
+    path: Sequence[PathPoint], antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> World:
     """Choose the world frame of a drive and give every used camera its pose in it.
 
-    With poses in the log, theirs; frames that lack one follow the chain from the last that has one. With fixes only,
-    east-north-up at the first fix, the chain laid over all fixes as a rigid body. Else `drive_start`: origin at the
-    first used camera, x along the first step, y left, z the camera's own up.
+    With poses in the log, theirs, smoothed by the steps between the pictures. With fixes only, east-north-up at the
+    first fix, the chain of steps held by all fixes. Else `drive_start`: origin at the first used camera, x along the
+    first step, y left, z the camera's own up.
+
+    Parameters
+    ----------
+    antenna_m
+        Where the fixes' antenna is: right, down, ahead of the camera.
     """
     if not path:
         return World("drive_start", {}, None)
-    fixed = [p for p in path if p.fix is not None]
+    rows = {p.frame: row for row, p in enumerate(path)}
     if any(p.given is not None for p in path):
-        poses = _follow_given(path)
-        return World("log", poses, _fit_earth(fixed, [poses[p.frame].centre for p in fixed]))
-    start = _drive_start(path)
-    poses = {p.frame: start.compose(p.chained) for p in path}
-    if len(fixed) < 2:
-        return World("drive_start", poses, None)
-    earth = _fit_earth(fixed, [poses[p.frame].centre for p in fixed])
-    if earth is None:
-        return World("drive_start", poses, None)
-    turn = Pose(earth.rotation, earth.shift)
-    level = Earth(earth.latitude_deg, earth.longitude_deg, earth.altitude_m, np.eye(3), np.zeros(3))
-    return World("enu", {frame: turn.compose(pose) for frame, pose in poses.items()}, level)
+        chain = _chain(path)
+        inside = _hold_by_poses(path, chain)
+        notes = _notes(path, inside, [p.given is not None for p in path], "poses")
+        earth = None
+        if any(p.fix is not None for p in path):
+            drifting = _drifting_chain(path, inside)
+            start = inside.rotation, inside.centre
+            earth = _hold_by_fixes(path, drifting, start, antenna_m, POSES_TILT, np.inf)
+            notes += _notes(path, earth.path, [p.fix is not None for p in path], "fixes")
+        return World("log", _poses(rows, inside), earth, _lengths(path, chain, inside), notes)
+    start_pose = _drive_start(path)
+    poses = [start_pose.compose(p.chained) for p in path]
+    if sum(p.fix is not None for p in path) < 2:
+        return World("drive_start", {p.frame: q for p, q in zip(path, poses, strict=True)}, None)
+    chain = _chain(path)
+    start = np.stack([q.rotation for q in poses]), np.stack([q.centre for q in poses])
+    earth = _hold_by_fixes(path, chain, start, antenna_m, CHAIN_TILT, LEVEL)
+    notes = _notes(path, earth.path, [p.fix is not None for p in path], "fixes")
+    lengths = _lengths(path, chain, earth.path)
+    return World("enu", _poses(rows, earth.path), earth, lengths, notes)
 
 
-def _follow_given(path: Sequence[PathPoint]) -> dict[int, Pose]:
+def _poses(rows: dict[int, int], path: Trajectory) -> dict[int, Pose]:
+    return {frame: Pose(path.rotation[row], path.centre[row]) for frame, row in rows.items()}
+
+
+def _chain(path: Sequence[PathPoint]) -> Chain:
+    """The steps as measured; lengths that came from fixes are left to these."""
+    count = len(path)
+    rotation, step = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    covariance = np.tile(np.diag(STEP_SIGMA**2), (count, 1, 1))
+    for row in range(1, count):
+        one = path[row].chained.relative_to(path[row - 1].chained)
+        rotation[row], step[row] = one.rotation, one.centre
+        if (known := path[row].covariance) is not None:
+            covariance[row] = known
+    free = np.array([p.source == "fixes" for p in path])
+    free[0] = False
+    return Chain(_times(path), rotation, step, covariance, free, np.array([p.ratio for p in path]))
+
+
+def _drifting_chain(path: Sequence[PathPoint], inside: Trajectory) -> Chain:
+    """Smoothed poses as steps whose sum drifts against the earth as the log's source does."""
+    back = inside.rotation[:-1].transpose(0, 2, 1)
+    rotation, step = np.tile(np.eye(3), (len(path), 1, 1)), np.zeros((len(path), 3))
+    rotation[1:] = back @ inside.rotation[1:]
+    step[1:] = np.einsum("nij,nj->ni", back, np.diff(inside.centre, axis=0))
+    source = next(p.given.source for p in path if p.given is not None)
+    metres, turn = DRIFT.get(source, DRIFT["odometry"])
+    length = np.linalg.norm(step, axis=1)
+    covariance = length[:, None, None] * np.diag([turn**2] * 3 + [metres**2] * 3)
+    free, ratio = np.zeros(len(path), bool), np.full((len(path), 2), nan)
+    return Chain(_times(path), rotation, step, covariance, free, ratio)
+
+
+def _times(path: Sequence[PathPoint]) -> Array:
+    return np.array([(p.time_ns - path[0].time_ns) * 1e-9 for p in path])
+
+
+def _hold_by_poses(path: Sequence[PathPoint], chain: Chain) -> Trajectory:
+    """The chain of steps held by the log's own poses."""
+    given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
+    sigma = np.array([_or(g.sigma_m, POSE_SIGMA_M) for _, g in given])
+    seen = Seen(
+        np.array([row for row, _ in given]),
+        np.stack([g.pose.centre for _, g in given]),
+        np.tile(sigma[:, None], (1, 3)),
+        np.zeros((len(path), 3)),
+        FIX_MEMORY_S,
+        np.zeros(3),
+        np.stack([g.pose.rotation for _, g in given]),
+        np.array([_or(g.sigma_rad, POSE_SIGMA_RAD) for _, g in given]),
+        np.full(3, ANY_TURN),
+        np.inf,
+    )
+    start = _follow_given(path)
+    rotation, centre = (np.stack([getattr(q, n) for q in start]) for n in ("rotation", "centre"))
+    return smooth(chain, seen, rotation, centre)
+
+
+def _hold_by_fixes(
+    path: Sequence[PathPoint],
+    chain: Chain,
+    start: tuple[Array, Array],
+    antenna_m: tuple[float, float, float],
+    tilt: float,
+    level: float,
+) -> Earth:
+    """Steps held by the fixes, in east, north, up; start: rotations and centres in a level world."""
+    fixed = [(row, p.fix) for row, p in enumerate(path) if p.fix is not None]
+    rows = np.array([row for row, _ in fixed])
+    fixes = [fix for _, fix in fixed]
+    origin = origin_of(fixes)
+    place = origin.local(fixes)
+    unknown = (FIX_SIGMA_M, FIX_SIGMA_M, FIX_UP * FIX_SIGMA_M)
+    sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
+    latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
+    arm = np.array(antenna_m)
+    seen = Seen(
+        rows,
+        place,
+        np.hypot(FIX_NEW_SHARE * sigma, FIX_NEW_M),
+        sigma[latest],
+        FIX_MEMORY_S,
+        arm,
+        None,
+        None,
+        np.array([tilt, tilt, ANY_TURN]),
+        level,
+    )
+    rotation, centre = start
+    turn, shift = align_level(centre[rows] + rotation[rows] @ arm, place)
+    found = smooth(chain, seen, turn @ rotation, centre @ turn.T + shift)
+    return Earth(origin, {p.frame: row for row, p in enumerate(path)}, found)
+
+
+def _lengths(path: Sequence[PathPoint], chain: Chain, found: Trajectory) -> dict[int, Length]:
+    """What became of lengths that were first taken from fixes."""
+    ahead = chain.step / chain.length[:, None]
+    before = np.einsum("ni,nij,nj->n", ahead, chain.covariance[:, 3:, 3:], ahead)
+    relative = np.sqrt(before) / chain.length
+    sigma = np.sqrt(found.covariance[:, 6, 6])
+    return {
+        p.frame: Length(float(found.stretch[row]), float(sigma[row]), float(relative[row]))
+        for row, p in enumerate(path)
+        if p.source == "fixes"
+    }
+
+
+def _notes(
+    path: Sequence[PathPoint], found: Trajectory, there: Sequence[bool], what: str
+) -> tuple[str, ...]:
+    """What poses or fixes have wrong, in words."""
+    notes = []
+    if found.lag_s:
+        late = "behind" if found.lag_s > 0 else "ahead of"
+        notes.append(
+            f"the {what} are {abs(found.lag_s):.3f} s {late} the pictures "
+            f"(± {found.lag_sigma_s:.3f} s): corrected"
+        )
+    if found.outliers:
+        notes.append(
+            f"{found.outliers} of {sum(there)} {what} do not fit the way between the pictures: left out"
+        )
+    times = _times(path)
+    rows = np.flatnonzero(there)
+    held = np.unique(np.concatenate([[0], rows, [len(path) - 1]]))
+    longest = int(np.argmax(np.diff(times[held]))) if len(held) > 1 else 0
+    gap = float(np.diff(times[held])[longest]) if len(held) > 1 else 0.0
+    if gap > LONG_GAP_S:
+        first, last = int(held[longest]), int(held[longest + 1])
+        spread = found.covariance[first : last + 1, :2, :2].trace(axis1=1, axis2=2)
+        notes.append(
+            f"no {what} for {gap:.0f} s (pictures {path[first].frame} to {path[last].frame}): places there are "
+            f"known to {np.sqrt(spread.max()):.1f} m"
+        )
+    return tuple(notes)
+
+
+def _follow_given(path: Sequence[PathPoint]) -> list[Pose]:
     """Given poses; before the first and between them the chain, hung on the nearest given one before (or the first)."""
-    first = next(p for p in path if p.given is not None)
-    anchor, result = first, {}
+    anchor = next(p for p in path if p.given is not None)
+    result = []
     for point in path:
         if point.given is not None:
             anchor = point
         if anchor.given is None:  # narrows the type: every anchor has a pose
             continue
-        result[point.frame] = anchor.given.compose(point.chained.relative_to(anchor.chained))
+        result.append(anchor.given.pose.compose(point.chained.relative_to(anchor.chained)))
     return result
 
 
@@ -137,32 +330,5 @@ def _drive_start(path: Sequence[PathPoint]) -> Pose:
     return Pose(turn, -turn @ first.centre)
 
 
-def _fit_earth(fixed: Sequence[PathPoint], centres: Sequence[NDArray[np.float64]]) -> Earth | None:
-    """Yaw and shift that lay world positions over the fixes in the least-squares sense; None without fixes."""
-    fixes = [p.fix for p in fixed if p.fix is not None]
-    if not fixes:
-        return None
-    origin = fixes[0]
-    pipeline = _topocentric(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
-    east, north, up = pipeline.transform(
-        [f.longitude_deg for f in fixes],
-        [f.latitude_deg for f in fixes],
-        [f.altitude_m for f in fixes],
-    )
-    targets = np.stack([np.asarray(east), np.asarray(north), np.asarray(up)], axis=1)
-    sources = np.asarray(centres)
-    a, b = sources - sources.mean(axis=0), targets - targets.mean(axis=0)
-    cosine = float((a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]).sum())
-    sine = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-    size = float(np.hypot(cosine, sine))
-    c, s = (cosine / size, sine / size) if size > 0 else (1.0, 0.0)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    shift = targets.mean(axis=0) - rotation @ sources.mean(axis=0)
-    return Earth(origin.latitude_deg, origin.longitude_deg, origin.altitude_m, rotation, shift)
-
-
-def _topocentric(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Transformer:
-    return Transformer.from_pipeline(
-        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
-        f"+step +proj=topocentric +ellps=WGS84 +lon_0={longitude_deg!r} +lat_0={latitude_deg!r} +h_0={altitude_m!r}"
-    )
+def _or(value: float | None, default: float) -> float:
+    return default if value is None or not value > 0 else value

@@ -108,6 +108,20 @@ class MotionSettings:
     spacing_sigma_m: float = setting(
         0.02, "m", "scatter of the distance between triggers", low=0.001
     )
+    antenna_right_m: float = setting(
+        0.0, "m", "antenna of the fixes to the right of the camera, in its axes", low=-30, high=30
+    )
+    antenna_down_m: float = setting(
+        0.0, "m", "antenna below the camera; above it is negative", low=-30, high=30
+    )
+    antenna_ahead_m: float = setting(
+        0.0, "m", "antenna ahead of the camera; behind it is negative", low=-30, high=30
+    )
+
+    @property
+    def antenna_m(self) -> tuple[float, float, float]:
+        """The antenna in the camera's axes: right, down, ahead."""
+        return self.antenna_right_m, self.antenna_down_m, self.antenna_ahead_m
 
 
 @dataclass(frozen=True, slots=True)

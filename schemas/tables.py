@@ -135,6 +135,13 @@ SIGNS = Table(
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),
         Column("lat_deg", _DOUBLE, "deg", "WGS 84 latitude; null without fixes"),
         Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+        Column(
+            "sigma_east_m", _SINGLE, "m", "standard deviation of the longitude; null without fixes"
+        ),
+        Column(
+            "sigma_north_m", _SINGLE, "m", "standard deviation of the latitude; null without fixes"
+        ),
+        Column("sigma_alt_m", _SINGLE, "m", "standard deviation of the height; null without fixes"),
         Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt; null without fixes"),
         Column("best_frame", _WHOLE, "", "picture in which it is largest and whole", _SURE),
         Column("best_time_ns", _LONG, "ns", "capture time of that picture", _SURE),

@@ -175,8 +175,7 @@ def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
     yield Entity(f"{at.LOCATION}/signs", (cross_section(inventory.places, names),))
     if inventory.world.earth is None:
         return
-    centres = np.array([pose.centre for _, pose in sorted(inventory.world.poses.items())])
-    route = inventory.world.earth.geodetic(centres)[:, [1, 0]]
+    route = inventory.world.earth.route()[:, [1, 0]]
     yield Entity(f"{at.MAP}/route", (rr.GeoLineStrings(lat_lon=[route]),))
     if signs:
         places = rr.GeoPoints(

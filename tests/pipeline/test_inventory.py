@@ -125,6 +125,7 @@ def test_signs_are_numbered_by_station_and_rejected_places_get_no_row(tmp_path):
     assert rows[0]["shape_distance"] is None
     assert rows[0]["views"] == 2
     assert rows[0]["lon_deg"] is None
+    assert rows[0]["sigma_east_m"] is None
 
 
 def test_every_file_has_the_schema_that_is_documented(tmp_path):
@@ -176,6 +177,40 @@ def test_fixes_add_wgs84_and_geoparquet_metadata(tmp_path):
     row = table.to_pylist()[0]
     assert row["lat_deg"] == pytest.approx(38.0, abs=1e-3)
     assert len(row["geometry"]) == 29
+    for name in ("sigma_east_m", "sigma_north_m", "sigma_alt_m"):
+        assert 0.8 < row[name] < 4.0  # fixes of unknown error
+
+
+def test_signs_grow_with_the_lengths_that_the_whole_drive_gives(tmp_path):
+    steps, fixed_m = 30, 8.2  # the pictures were first taken for 8 m apart
+    sigma = (0.02, 0.02, 0.03)
+    frames = []
+    for n in range(steps):
+        fix = Fix(
+            38.0,
+            -98.0 + np.degrees(n * fixed_m / 6_378_137.0 / np.cos(np.radians(38.0))),
+            500.0,
+            sigma,
+        )
+        frame = settled(n, *([place(4, n, 8.0 * n + 12, 4.0)] if n == 20 else []), fix=fix)
+        motion = dataclasses.replace(
+            frame.motion,
+            source="fixes" if n else "start",
+            length_ratio=(1.0, 0.001) if n > 1 else (np.nan,) * 2,
+        )
+        frames.append(dataclasses.replace(frame, motion=motion))
+    found = write(tmp_path, frames)
+    row = pq.read_table(tmp_path / SIGNS.file).to_pylist()[0]
+    scale = fixed_m / 8.0
+    assert row["ahead_m"] == pytest.approx(12 * scale, rel=2e-3)
+    assert row["panel_width_m"] == pytest.approx(0.6 * scale, rel=2e-3)
+    assert row["lateral_m"] == pytest.approx(4.0 * scale, rel=2e-3)
+    assert row["up_m"] == pytest.approx((1.0 + 1.8) * scale, rel=2e-3)
+    assert row["station_m"] == pytest.approx((160 + 12) * scale, rel=3e-3)
+    pictures = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    assert pictures[29]["station_m"] == pytest.approx(29 * fixed_m, abs=0.5)
+    assert pictures[10]["baseline_m"] == pytest.approx(fixed_m, abs=0.02)
+    assert found.camera_height_m == pytest.approx(1.8 * scale, rel=2e-3)
 
 
 def test_a_sign_below_the_confidence_setting_is_uncertain(tmp_path):

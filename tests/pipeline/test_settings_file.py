@@ -203,3 +203,15 @@ def test_every_value_of_the_report_preset_names_a_setting_that_exists() -> None:
     for group, values in REPORT.items():
         known = {leaf.name for leaf in fields(getattr(Settings(), group))}
         assert set(values) <= known
+
+
+def test_the_antenna_may_be_behind_and_above_the_camera() -> None:
+    given = [
+        "motion.antenna_ahead_m=-4ft",
+        "motion.antenna_down_m=-1.5",
+        "motion.antenna_right_m=20cm",
+    ]
+    settings, _ = load_settings(assignments=given)
+    assert settings.motion.antenna_m == pytest.approx((0.2, -1.5, -1.2192))
+    with pytest.raises(UsageError, match="antenna_ahead_m wants a number"):
+        load_settings(assignments=["motion.antenna_ahead_m=-400ft"])

@@ -5,8 +5,9 @@ import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
+from wayside.pipeline.earth import Origin, align_level
 from wayside.pipeline.world import PathPoint, beside_in_world, place_in_world
-from wayside.schemas.frame import Fix, Pose
+from wayside.schemas.frame import Fix, Pose, PosePrior
 
 LEVEL_CAMERA = np.array(
     [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
@@ -20,6 +21,10 @@ def camera_at(x, y=0.0, z=0.0, yaw_deg=0.0):
 
 def chain(poses):
     return [pose.relative_to(poses[0]) for pose in poses]
+
+
+def told(pose):
+    return PosePrior(pose, None, None, "poses")
 
 
 def test_a_drive_without_poses_starts_at_the_first_camera_with_x_ahead_y_left_z_up():
@@ -40,7 +45,7 @@ def test_a_camera_turned_against_travel_still_gives_x_along_the_travel():
 def test_given_poses_are_the_world_and_gaps_follow_the_chain():
     given = [camera_at(100 + 8 * n, 50, 3, yaw_deg=n) for n in range(5)]
     path = [
-        PathPoint(n, pose, given[n] if n in (1, 4) else None, None)
+        PathPoint(n, pose, told(given[n]) if n in (1, 4) else None, None)
         for n, pose in enumerate(chain(given))
     ]
     world = place_in_world(path)
@@ -65,7 +70,7 @@ def test_fixes_alone_give_east_north_up_at_the_first_fix():
     distance, azimuth = np.hypot(last[0], last[1]), np.degrees(np.arctan2(last[0], last[1]))
     assert distance == pytest.approx(232, abs=0.2)
     assert azimuth == pytest.approx(heading, abs=0.05)
-    lonlat = world.earth.geodetic(last[None])[0]
+    lonlat = world.earth.origin.geodetic(last[None])[0]
     east, north, _ = geod.fwd(lon, lat, heading, 232.0)
     np.testing.assert_allclose(lonlat[:2], [east, north], atol=3e-6)
 
@@ -76,11 +81,11 @@ def test_poses_and_fixes_together_place_the_log_world_on_the_earth():
     path = []
     for n, pose in enumerate(chain(given)):
         east, north, _ = geod.fwd(-98.0, 38.0, 90.0, 8.0 * n)  # the world's x points east
-        path.append(PathPoint(n, pose, given[n], Fix(north, east, 100.0, None)))
+        path.append(PathPoint(n, pose, told(given[n]), Fix(north, east, 100.0, None)))
     world = place_in_world(path)
     assert world.name == "log"
     assert world.earth is not None
-    lonlat = world.earth.geodetic(np.array([[80.0, 5.0, 2.0]]))[0]
+    lonlat = world.earth.origin.geodetic(world.earth.pose(10).centre[None])[0]
     east, north, _ = geod.fwd(-98.0, 38.0, 90.0, 80.0)
     np.testing.assert_allclose(lonlat, [east, north, 100.0], atol=1e-2)
     assert geod.inv(lonlat[0], lonlat[1], east, north)[2] < 0.05
@@ -95,7 +100,8 @@ def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_came
     poses = [camera_at(8.0 * n, z=0.16 * n) for n in range(6)]
     rolled = [Pose(pose.rotation @ roll, pose.centre) for pose in poses]
     path = [
-        PathPoint(n, c, g, None) for n, (c, g) in enumerate(zip(chain(rolled), rolled, strict=True))
+        PathPoint(n, c, told(g), None)
+        for n, (c, g) in enumerate(zip(chain(rolled), rolled, strict=True))
     ]
     world = place_in_world(path)
     slope = np.arctan(0.02)
@@ -109,3 +115,168 @@ def test_without_given_poses_the_camera_is_all_that_knows_up():
         PathPoint(n, pose, None, None) for n, pose in enumerate(chain([camera_at(0), camera_at(8)]))
     ]
     assert beside_in_world(place_in_world(path), range(2), 0, np.zeros(3)) is None
+
+
+def fixes_on(poses, heading_deg=0.0, sigma=None, turn=None):
+    """Fixes of a drive whose world is turned against north, one for each pose."""
+    origin = Origin(48.0, 11.0, 500.0)
+    c, s = np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))
+    about_up = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    local = np.array([p.centre if turn is None else p.to_world(turn) for p in poses])
+    return [
+        Fix(lat, lon, alt, sigma) for lon, lat, alt in origin.geodetic(local @ about_up.T).tolist()
+    ]
+
+
+def bend(n):
+    """A drive round bends to the left and to the right, a picture every 8 m."""
+    heading = 0.9 * np.sin(np.arange(n) / 6)
+    x, y = np.cumsum(8 * np.cos(heading)), np.cumsum(8 * np.sin(heading))
+    return [
+        camera_at(*at, 0.0, yaw_deg=np.degrees(a)) for *at, a in zip(x, y, heading, strict=True)
+    ]
+
+
+def path_of(poses, fixes, given=None, **changes):
+    return [
+        PathPoint(
+            n,
+            pose,
+            None if given is None else given[n],
+            fix,
+            time_ns=n * 10**9,
+            **{name: values[n] for name, values in changes.items()},
+        )
+        for n, (pose, fix) in enumerate(zip(chain(poses), fixes, strict=True))
+    ]
+
+
+def test_an_antenna_behind_the_camera_is_told_by_the_settings():
+    poses, antenna = bend(30), (0.4, -1.2, -3.0)
+    fixes = fixes_on(poses, 20.0, (0.02, 0.02, 0.03), np.array(antenna))
+    with_arm, without = (place_in_world(path_of(poses, fixes), a) for a in (antenna, (0, 0, 0)))
+    truth = fixes_on(poses, 20.0)
+    for world, low, high in ((with_arm, 0.0, 0.05), (without, 0.3, 5.0)):
+        lonlat = world.earth.route()
+        away = [
+            Geod(ellps="WGS84").inv(*at[:2], t.longitude_deg, t.latitude_deg)[2]
+            for at, t in zip(lonlat, truth, strict=True)
+        ]
+        assert low <= np.median(away) <= high
+
+
+def test_lengths_that_came_from_fixes_are_known_better_in_the_end():
+    poses, rng = bend(40), np.random.default_rng(2)
+    noisy = [poses[0]]
+    wrong = 1 + rng.normal(0, 0.02, 40)
+    for n in range(1, 40):
+        step = poses[n].relative_to(poses[n - 1])
+        noisy.append(noisy[-1].compose(Pose(step.rotation, step.centre * wrong[n])))
+    fixes = fixes_on(poses, 70.0, (0.5, 0.5, 0.8))
+    world = place_in_world(
+        path_of(
+            noisy,
+            fixes,
+            source=["start"] + ["fixes"] * 39,
+            ratio=[(np.nan, np.nan)] * 2 + [(1.0, 0.001)] * 38,
+        )
+    )
+    stretch = np.array([world.lengths[n].stretch for n in range(1, 40)])
+    np.testing.assert_allclose(stretch, 1 / wrong[1:], atol=0.003)
+    assert world.stretch == pytest.approx(1.0, abs=0.02)
+    assert all(one.sigma < 0.01 for one in world.lengths.values())
+
+
+def test_lengths_that_were_given_stay():
+    poses = bend(10)
+    world = place_in_world(path_of(poses, fixes_on(poses), source=["straight"] * 10))
+    assert world.lengths == {}
+
+
+def test_what_is_wrong_with_fixes_is_said_in_words():
+    poses = bend(60)
+    fixes = fixes_on(poses, 0.0, (0.5, 0.5, 0.8))
+    fixes[30] = Fix(fixes[30].latitude_deg + 0.001, fixes[30].longitude_deg, 500.0, (0.5, 0.5, 0.8))
+    fixes[40:56] = [None] * 16
+    world = place_in_world(path_of(poses, fixes))
+    assert world.notes[0] == "1 of 44 fixes do not fit the way between the pictures: left out"
+    assert world.notes[1].startswith(
+        "no fixes for 17 s (pictures 39 to 56): places there are known to "
+    )
+
+
+def test_a_lag_of_the_fixes_is_said_in_words_and_undone():
+    late = bend(60)
+    poses = [late[0], *late]
+    shifted = fixes_on(poses[:60], 10.0, (0.05, 0.05, 0.08))  # each fix is of the picture before
+    half = [
+        Fix(
+            (a.latitude_deg + b.latitude_deg) / 2,
+            (a.longitude_deg + b.longitude_deg) / 2,
+            a.altitude_m,
+            a.sigma_m,
+        )
+        for a, b in zip(fixes_on(late, 10.0, (0.05, 0.05, 0.08)), shifted, strict=True)
+    ]
+    world = place_in_world(path_of(late, half))
+    assert world.notes[0].startswith("the fixes are 0.")
+    assert "s behind the pictures" in world.notes[0]
+    truth = fixes_on(late, 10.0)[30]
+    lon, lat, _ = world.earth.route()[30]
+    assert Geod(ellps="WGS84").inv(lon, lat, truth.longitude_deg, truth.latitude_deg)[2] < 0.6
+
+
+def test_fixes_of_another_continent_move_neither_origin_nor_path():
+    poses = bend(30)
+    fixes = fixes_on(poses, 0.0, (1.0, 1.0, 1.6))
+    kept = place_in_world(path_of(poses, fixes))
+    fixes[0] = Fix(0.0, 0.0, 0.0, (1.0, 1.0, 1.6))
+    world = place_in_world(path_of(poses, fixes))
+    assert world.earth.origin.latitude_deg == pytest.approx(48.0, abs=0.01)
+    np.testing.assert_allclose(world.earth.route()[10], kept.earth.route()[10], atol=1e-5)
+
+
+def test_poses_that_drift_do_not_bend_the_place_on_the_globe():
+    poses = [camera_at(8.0 * n) for n in range(250)]
+    drifted = [Pose(p.rotation, p.centre * [1.004, 1, 1]) for p in poses]  # 8 m over 2 km
+    given = [PosePrior(p, 0.02, 0.001, "odometry") for p in drifted]
+    world = place_in_world(path_of(poses, fixes_on(poses, 45.0, (1.0, 1.0, 1.6)), given))
+    truth = fixes_on(poses, 45.0)
+    for n in (0, 125, 249):
+        lon, lat, _ = world.earth.route()[n]
+        away = Geod(ellps="WGS84").inv(lon, lat, truth[n].longitude_deg, truth[n].latitude_deg)[2]
+        assert away < 1.0
+    np.testing.assert_allclose(world.poses[249].centre, drifted[249].centre, atol=0.1)
+
+
+def test_without_fixes_nothing_is_known_of_the_globe():
+    poses = bend(5)
+    given = [told(p) for p in poses]
+    assert place_in_world(path_of(poses, [None] * 5, given)).earth is None
+    one = fixes_on(poses)[:1] + [None] * 4
+    assert place_in_world(path_of(poses, one)).name == "drive_start"
+
+
+def test_what_is_stated_of_a_sign_on_the_globe_holds_camera_and_sign():
+    poses = bend(30)
+    world = place_in_world(path_of(poses, fixes_on(poses, 0.0, (1.0, 1.0, 1.6))))
+    own = np.diag([0.04, 0.01, 0.25])
+    spread = world.earth.spread(15, np.array([3.0, -0.5, 12.0]), own)
+    bare = world.earth.spread(15, np.zeros(3), np.zeros((3, 3)))
+    assert np.sqrt(bare[0, 0]) == pytest.approx(1.0, abs=0.2)
+    turned = world.earth.pose(15).rotation @ own @ world.earth.pose(15).rotation.T
+    assert (np.linalg.eigvalsh(spread - turned) > 0).all()
+
+
+@pytest.mark.parametrize("struck", [0, 8])
+def test_worlds_are_laid_over_each_other_though_some_points_are_far_off(struck):
+    rng = np.random.default_rng(3)
+    local = np.cumsum(rng.normal(3, 3, (40, 3)), axis=0)
+    angle = 2.5
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    outside = local @ turn.T + [100.0, -50.0, 7.0]
+    outside[rng.choice(40, struck, replace=False)] += [300.0, 900.0, 0]
+    rotation, shift = align_level(local, outside)
+    np.testing.assert_allclose(rotation, turn, atol=1e-9)
+    np.testing.assert_allclose(shift, [100.0, -50.0, 7.0], atol=1e-6)
