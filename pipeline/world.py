@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.earth import Earth, align_level, origin_of
+from wayside.pipeline.path_notes import notes_on
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.motion import Settled
 from wayside.stages.expectation import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
@@ -34,7 +35,6 @@ DRIFT = {"poses": (0.02, radians(0.002)), "odometry": (0.1, radians(0.02))}
 """How far the log's own poses may drift against the earth: metres and radians after a metre, growing with its root."""
 CHAIN_TILT, POSES_TILT, LEVEL, ANY_TURN = radians(5.0), radians(0.5), radians(10.0), radians(180.0)
 """How level cameras are at first, and worlds of given poses; each camera again, the mount's own roll in it; unknown."""
-LONG_GAP_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,29 +141,32 @@ def place_in_world(
     rows = {p.frame: row for row, p in enumerate(path)}
     if any(p.given is not None for p in path):
         chain = _chain(path)
-        inside = _hold_by_poses(path, chain)
-        notes = _notes(path, inside, [p.given is not None for p in path], "poses")
+        seen, start = _poses_seen(path), _follow_given(path)
+        inside = smooth(chain, seen, *_stacked(start))
+        notes = notes_on(list(rows), chain, seen, inside, "poses")
         earth = None
         if any(p.fix is not None for p in path):
-            drifting = _drifting_chain(path, inside)
-            start = inside.rotation, inside.centre
-            earth = _hold_by_fixes(path, drifting, start, antenna_m, POSES_TILT, np.inf)
-            notes += _notes(path, earth.path, [p.fix is not None for p in path], "fixes")
+            drifting, rough = _drifting_chain(path, inside), (inside.rotation, inside.centre)
+            earth, told = _hold_by_fixes(path, drifting, rough, antenna_m, POSES_TILT, np.inf)
+            notes += told
         return World("log", _poses(rows, inside), earth, _lengths(path, chain, inside), notes)
-    start_pose = _drive_start(path)
-    poses = [start_pose.compose(p.chained) for p in path]
+    origin = _drive_start(path)
+    poses = [origin.compose(p.chained) for p in path]
     if sum(p.fix is not None for p in path) < 2:
         return World("drive_start", {p.frame: q for p, q in zip(path, poses, strict=True)}, None)
     chain = _chain(path)
-    start = np.stack([q.rotation for q in poses]), np.stack([q.centre for q in poses])
-    earth = _hold_by_fixes(path, chain, start, antenna_m, CHAIN_TILT, LEVEL)
-    notes = _notes(path, earth.path, [p.fix is not None for p in path], "fixes")
+    earth, notes = _hold_by_fixes(path, chain, _stacked(poses), antenna_m, CHAIN_TILT, LEVEL)
     lengths = _lengths(path, chain, earth.path)
     return World("enu", _poses(rows, earth.path), earth, lengths, notes)
 
 
 def _poses(rows: dict[int, int], path: Trajectory) -> dict[int, Pose]:
     return {frame: Pose(path.rotation[row], path.centre[row]) for frame, row in rows.items()}
+
+
+def _stacked(poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) and centres (n, 3)."""
+    return np.stack([q.rotation for q in poses]), np.stack([q.centre for q in poses])
 
 
 def _chain(path: Sequence[PathPoint]) -> Chain:
@@ -199,11 +202,11 @@ def _times(path: Sequence[PathPoint]) -> Array:
     return np.array([(p.time_ns - path[0].time_ns) * 1e-9 for p in path])
 
 
-def _hold_by_poses(path: Sequence[PathPoint], chain: Chain) -> Trajectory:
-    """The chain of steps held by the log's own poses."""
+def _poses_seen(path: Sequence[PathPoint]) -> Seen:
+    """The log's own poses."""
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
     sigma = np.array([_or(g.sigma_m, POSE_SIGMA_M) for _, g in given])
-    seen = Seen(
+    return Seen(
         np.array([row for row, _ in given]),
         np.stack([g.pose.centre for _, g in given]),
         np.tile(sigma[:, None], (1, 3)),
@@ -215,9 +218,6 @@ def _hold_by_poses(path: Sequence[PathPoint], chain: Chain) -> Trajectory:
         np.full(3, ANY_TURN),
         np.inf,
     )
-    start = _follow_given(path)
-    rotation, centre = (np.stack([getattr(q, n) for q in start]) for n in ("rotation", "centre"))
-    return smooth(chain, seen, rotation, centre)
 
 
 def _hold_by_fixes(
@@ -227,8 +227,8 @@ def _hold_by_fixes(
     antenna_m: tuple[float, float, float],
     tilt: float,
     level: float,
-) -> Earth:
-    """Steps held by the fixes, in east, north, up; start: rotations and centres in a level world."""
+) -> tuple[Earth, tuple[str, ...]]:
+    """Steps held by the fixes, in east, north, up, and notes on these; start: rotations and centres, level."""
     fixed = [(row, p.fix) for row, p in enumerate(path) if p.fix is not None]
     rows = np.array([row for row, _ in fixed])
     fixes = [fix for _, fix in fixed]
@@ -253,7 +253,9 @@ def _hold_by_fixes(
     rotation, centre = start
     turn, shift = align_level(centre[rows] + rotation[rows] @ arm, place)
     found = smooth(chain, seen, turn @ rotation, centre @ turn.T + shift)
-    return Earth(origin, {p.frame: row for row, p in enumerate(path)}, found)
+    frames = {p.frame: row for row, p in enumerate(path)}
+    notes = notes_on(list(frames), chain, seen, found, "fixes")
+    return Earth(origin, frames, found), notes
 
 
 def _lengths(path: Sequence[PathPoint], chain: Chain, found: Trajectory) -> dict[int, Length]:
@@ -267,36 +269,6 @@ def _lengths(path: Sequence[PathPoint], chain: Chain, found: Trajectory) -> dict
         for row, p in enumerate(path)
         if p.source == "fixes"
     }
-
-
-def _notes(
-    path: Sequence[PathPoint], found: Trajectory, there: Sequence[bool], what: str
-) -> tuple[str, ...]:
-    """What poses or fixes have wrong, in words."""
-    notes = []
-    if found.lag_s:
-        late = "behind" if found.lag_s > 0 else "ahead of"
-        notes.append(
-            f"the {what} are {abs(found.lag_s):.3f} s {late} the pictures "
-            f"(± {found.lag_sigma_s:.3f} s): corrected"
-        )
-    if found.outliers:
-        notes.append(
-            f"{found.outliers} of {sum(there)} {what} do not fit the way between the pictures: left out"
-        )
-    times = _times(path)
-    rows = np.flatnonzero(there)
-    held = np.unique(np.concatenate([[0], rows, [len(path) - 1]]))
-    longest = int(np.argmax(np.diff(times[held]))) if len(held) > 1 else 0
-    gap = float(np.diff(times[held])[longest]) if len(held) > 1 else 0.0
-    if gap > LONG_GAP_S:
-        first, last = int(held[longest]), int(held[longest + 1])
-        spread = found.covariance[first : last + 1, :2, :2].trace(axis1=1, axis2=2)
-        notes.append(
-            f"no {what} for {gap:.0f} s (pictures {path[first].frame} to {path[last].frame}): places there are "
-            f"known to {np.sqrt(spread.max()):.1f} m"
-        )
-    return tuple(notes)
 
 
 def _follow_given(path: Sequence[PathPoint]) -> list[Pose]:

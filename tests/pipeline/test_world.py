@@ -280,3 +280,16 @@ def test_worlds_are_laid_over_each_other_though_some_points_are_far_off(struck):
     rotation, shift = align_level(local, outside)
     np.testing.assert_allclose(rotation, turn, atol=1e-9)
     np.testing.assert_allclose(shift, [100.0, -50.0, 7.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("what", ["poses", "fixes"])
+def test_a_jump_is_said_in_words_with_its_place(what):
+    poses = bend(80)
+    moved = [Pose(p.rotation, np.add(p.centre, [3.0, 4.0, 0.0])) for p in poses]
+    if what == "poses":
+        given = [PosePrior(p, 0.02, 0.001, "poses") for p in [*poses[:50], *moved[50:]]]
+        world = place_in_world(path_of(poses, [None] * 80, given))
+    else:
+        fixes = fixes_on([*poses[:50], *moved[50:]], 0.0, (0.5, 0.5, 0.8))
+        world = place_in_world(path_of(poses, fixes))
+    assert f"the {what} jump once, furthest by 5.0 m at picture 50" in world.notes
