@@ -16,10 +16,9 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import version
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
+from geometry_globe import long_table, relation_table
 from geometry_peer import peer_table
 from geometry_runs import (
     NAMES,
@@ -38,7 +37,6 @@ from geometry_runs import (
     run,
     true_poses,
 )
-from pyproj import Geod
 
 from wayside.pipeline.evaluation import RenderedEvaluation
 from wayside.pipeline.simulate import UNKNOWN_LENGTH_M, bound_of_step, simulate
@@ -74,7 +72,7 @@ def main() -> int:
     RESULTS.mkdir(parents=True, exist_ok=True)
     render()
     runs = [run(name, way) for name in NAMES for way in WAYS]
-    lines = [*title(), *sign_table(runs), *relation_table(runs), *simulated_table()]
+    lines = [*title(), *sign_table(runs), *relation_table(runs), *long_table(), *simulated_table()]
     if not args.no_peer:
         lines += peer_table([r for r in runs if r.way == SPACING_ONLY], args.frames)
     text = "\n".join(lines) + "\n"
@@ -181,60 +179,6 @@ def true_step_bound(poses: dict[int, Pose], camera: Camera, frame: int, *, given
     rows = np.flatnonzero(shown)[: survey.ties]
     known = UNKNOWN_LENGTH_M if given else MotionSettings().spacing_sigma_m
     return bound_of_step(survey, camera, step, (pixels[0][rows], pixels[1][rows]), known)
-
-
-def relation_table(runs: list[Run]) -> Iterator[str]:
-    """Distances between neighbouring signs, and places on the globe."""
-    yield "## Neighbouring signs, and places on the globe"
-    yield ""
-    yield (
-        "Error of the distance between neighbouring signs (up to 80 m apart), and horizontal error of longitude and "
-        "latitude where fixes exist, median / 95 %, cm. The fixes err by 1 m, slowly varying."
-    )
-    yield ""
-    yield from heading("drive, what is given|pairs|distance between neighbours|on the globe")
-    for one in runs:
-        gaps = neighbour_errors(one)
-        globe = globe_errors(one)
-        cells = [f"{one.name}, {one.way}", str(len(gaps))]
-        cells += [
-            pair(*np.quantile(values, [0.5, 0.95]), 100) if len(values) else "-"
-            for values in (gaps, globe)
-        ]
-        yield row(cells)
-    yield ""
-
-
-def matched(one: Run) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Reported sign and true panel, in the order of the road."""
-    stated = {s["sign_id"]: s for s in one.signs}
-    panels = {p["id"]: p for p in one.truth["signs"]}
-    pairs = [(stated[m.sign_id], panels[m.panel_id]) for m in one.judged().matches]
-    return sorted(pairs, key=lambda both: both[1]["station_m"])
-
-
-def neighbour_errors(one: Run) -> list[float]:
-    """Errors of the distance from each sign to the next, metres."""
-    found = []
-    pairs = matched(one)
-    for (a, true_a), (b, true_b) in pairwise(pairs):
-        true = float(np.linalg.norm(np.subtract(true_b["centre"], true_a["centre"])))
-        if true < 80:
-            found.append(abs(np.linalg.norm([b[c] - a[c] for c in "xyz"]) - true))
-    return found
-
-
-def globe_errors(one: Run) -> list[float]:
-    """Horizontal errors of longitude and latitude, metres."""
-    geod, origin = Geod(ellps="WGS84"), one.truth["origin_wgs84"]
-    found = []
-    for sign, panel in matched(one):
-        if sign["lon_deg"] is None:
-            continue
-        bearing, _, length = geod.inv(origin[1], origin[0], sign["lon_deg"], sign["lat_deg"])
-        place = length * np.array([np.sin(np.radians(bearing)), np.cos(np.radians(bearing))])
-        found.append(float(np.linalg.norm(place - panel["centre"][:2])))
-    return found
 
 
 def simulated_table() -> Iterator[str]:
