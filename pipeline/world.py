@@ -33,6 +33,8 @@ FIX_MEMORY_S, FIX_NEW_SHARE, FIX_NEW_M, FIX_UP = 60.0, 0.1, 0.02, 1.6
 least so much. Heights err by this factor more, where the log does not say."""
 DRIFT = {"poses": (0.02, radians(0.002)), "odometry": (0.1, radians(0.02))}
 """How far the log's own poses may drift against the earth: metres and radians after a metre, growing with its root."""
+LEAST_M, LEAST_RAD = 1e-3, 1e-4
+"""No pose is surer than that at the moment of a picture, whatever the log says."""
 CHAIN_TILT, POSES_TILT, LEVEL, ANY_TURN = radians(5.0), radians(0.5), radians(10.0), radians(180.0)
 """How level cameras are at first, and worlds of given poses; each camera again, the mount's own roll in it; unknown."""
 
@@ -177,7 +179,8 @@ def _chain(path: Sequence[PathPoint]) -> Chain:
     for row in range(1, count):
         one = path[row].chained.relative_to(path[row - 1].chained)
         rotation[row], step[row] = one.rotation, one.centre
-        if (known := path[row].covariance) is not None:
+        known = path[row].covariance
+        if known is not None and np.isfinite(known).all():
             covariance[row] = known
     free = np.array([p.source == "fixes" for p in path])
     free[0] = False
@@ -205,7 +208,7 @@ def _times(path: Sequence[PathPoint]) -> Array:
 def _poses_seen(path: Sequence[PathPoint]) -> Seen:
     """The log's own poses."""
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    sigma = np.array([_or(g.sigma_m, POSE_SIGMA_M) for _, g in given])
+    sigma = np.array([max(_or(g.sigma_m, POSE_SIGMA_M), LEAST_M) for _, g in given])
     return Seen(
         np.array([row for row, _ in given]),
         np.stack([g.pose.centre for _, g in given]),
@@ -214,7 +217,7 @@ def _poses_seen(path: Sequence[PathPoint]) -> Seen:
         FIX_MEMORY_S,
         np.zeros(3),
         np.stack([g.pose.rotation for _, g in given]),
-        np.array([_or(g.sigma_rad, POSE_SIGMA_RAD) for _, g in given]),
+        np.array([max(_or(g.sigma_rad, POSE_SIGMA_RAD), LEAST_RAD) for _, g in given]),
         np.full(3, ANY_TURN),
         np.inf,
     )

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.stages.numerics.banded import BandedNormal, scatter_of_blocks
 from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.path_data import Chain, Seen
+from wayside.stages.numerics.path_data import SMALLEST_RAD, Chain, Seen
 
 CENTRE, TURN, LENGTH, SLOW, LAG = slice(0, 3), slice(3, 6), 6, slice(7, 10), 10
 SIZE, PLACED = 11, 7
@@ -84,7 +84,7 @@ class _Fit:
         self.first, self.rotation, self.centre = rotation[:1].copy(), rotation.copy(), centre.copy()
         n = len(centre)
         self.stretch, self.slow, self.lag = np.zeros(n), np.zeros((n, 3)), np.zeros(n)
-        self.root = np.linalg.inv(np.linalg.cholesky(chain.spread()))
+        self.root = _inverse_root(chain.spread())
         self.weight = np.ones(len(seen.row))
         self.follow = not seen.slow.any()
 
@@ -243,6 +243,13 @@ def _rate(change: Array, time_s: Array, n: int) -> Array:
     result[1:-1] = np.where(gap[:, None] > 1e-3, change / np.maximum(gap, 1e-3)[:, None], 0.0)
     result[0], result[-1] = result[1], result[-2]
     return result
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """Matrices (n, 6, 6) that make errors of these covariances white; what rounding left below nought is sure."""
+    values, axes = np.linalg.eigh(covariance)
+    least = SMALLEST_RAD**2
+    return np.asarray(axes / np.sqrt(np.maximum(values, least))[:, None] @ axes.transpose(0, 2, 1))
 
 
 def _cauchy(squares: Array, freedom: int, reach: float) -> Array:
