@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
+from wayside.pipeline.learning.faces import Face, real_faces
 from wayside.pipeline.learning.gaussians import (
     color_model,
     location_model,
@@ -31,12 +32,10 @@ from wayside.pipeline.learning.names import learn_names
 from wayside.pipeline.learning.places import learn_place_judge
 from wayside.pipeline.learning.samples import (
     Drive,
-    Face,
     Views,
     read_drive,
     read_truth,
     read_views,
-    real_faces,
     stray_places,
 )
 from wayside.pipeline.learning.scenes import (
@@ -69,6 +68,58 @@ LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
 Say = Callable[[str], None]
 
 
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """All that is learned from: drives, real pictures as a drive a source, and their pictures, once more, by name.
+
+    crops: clear faces of real pictures; strays (n, 2): where things stand that are no signs, metres right and up.
+    """
+
+    drives: tuple[Drive, ...]
+    scenes: tuple[Drive, ...]
+    crops: tuple[Face, ...]
+    strays: NDArray[np.float64]
+    again: dict[str, Callable[[], Iterator[Picture]]]
+
+    def see(self, drive: Drive, views: Views) -> NDArray[np.float32]:
+        """What the judge sees of some candidates of a drive, (n, features): goes through its pictures again."""
+        return read_views(self.again[drive.name](), views)
+
+
+def gather(logs: Sequence[Path], real: Path | None, say: Say) -> Samples:
+    """Go through all drives and real pictures; raises InputError where one cannot be used."""
+    drives: list[Drive] = []
+    strays: list[NDArray[np.float64]] = []
+    again: dict[str, Callable[[], Iterator[Picture]]] = {}
+    for log in logs:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        again[truth["name"]] = partial(pictures, log)
+        drives.append(read_drive(pictures(log), truth, log.with_suffix(".masks")))
+        strays.append(stray_places(truth))
+        say(
+            f"{log.stem}: {drives[-1].frames} pictures, {len(drives[-1].faces)} clear faces, "
+            f"{len(drives[-1].views.frame)} candidates"
+        )
+    scenes: list[Drive] = []
+    if real is not None:
+        for source, listed in scene_sources(read_scenes(real)).items():
+            again[source] = partial(scene_pictures, real, listed)
+            scenes.append(scene_drive(real, source, listed))
+            say(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
+    crops = () if real is None else tuple(real_faces(real))
+    return Samples(tuple(drives), tuple(scenes), crops, np.concatenate(strays), again)
+
+
+def learning_logs(folder: Path) -> list[Path]:
+    """The rendered drives of a folder that are learned from, in order; raises InputError where there is none."""
+    logs = sorted(folder.glob(f"{PREFIX}*.mcap"))
+    if not logs:
+        raise InputError(
+            f"{folder}: wanted drives named {PREFIX}*.mcap, found none; render them first"
+        )
+    return logs
+
+
 def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> dict[str, str]:
     """Learn every model and write it into `out`; the digests by file name.
 
@@ -79,38 +130,11 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     OutputError
         If a file cannot be written.
     """
-    logs = sorted(drives.glob(f"{PREFIX}*.mcap"))
-    if not logs:
-        raise InputError(
-            f"{drives}: wanted drives named {PREFIX}*.mcap, found none; render them first"
-        )
-    read: list[Drive] = []
-    strays: list[NDArray[np.float64]] = []
-    for log in logs:
-        truth = read_truth(log.with_suffix(".truth.json"))
-        read.append(read_drive(pictures(log), truth, log.with_suffix(".masks")))
-        strays.append(stray_places(truth))
-        say(
-            f"{log.stem}: {read[-1].frames} pictures, {len(read[-1].faces)} clear faces, "
-            f"{len(read[-1].views.frame)} candidates"
-        )
-    crops = [] if real is None else real_faces(real)
-    origin = _origin(read, crops, seed)
-    models = gaussian_models(read, crops, np.concatenate(strays), origin)
-    again: dict[str, Callable[[], Iterator[Picture]]] = {
-        log.stem: partial(pictures, log) for log in logs
-    }
-    scenes = []
-    if real is not None:
-        for source, listed in scene_sources(read_scenes(real)).items():
-            scenes.append(scene_drive(real, source, listed))
-            again[source] = partial(scene_pictures, real, listed)
-            say(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
-
-    def see(drive: Drive, views: Views) -> NDArray[np.float32]:
-        return read_views(again[drive.name](), views)
-
-    judges = learn_judges(read, see, seed, origin, scenes)
+    logs = learning_logs(drives)
+    samples = gather(logs, real, say)
+    origin = _origin(samples.drives, samples.crops, seed)
+    models = gaussian_models(samples.drives, samples.crops, samples.strays, origin)
+    judges = learn_judges(samples.drives, samples.see, seed, origin, samples.scenes)
     say(judges.judge.provenance)
     models["judge.json"] = judges.judge
     for what in ("color", "shape"):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.samples import Face
+from wayside.pipeline.learning.faces import Face
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.regions import COLORS, SHAPES
 from wayside.stages.numerics.colorspace import to_space

@@ -1,4 +1,4 @@
-"""What the models are learned from: faces and candidates of rendered drives, faces of real pictures."""
+"""What the models are learned from: faces and candidates of rendered drives."""
 
 from __future__ import annotations
 
@@ -12,18 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.faces import Face, clear_faces, height_of, share_seen
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Picture
-from wayside.schemas.regions import COLORS, SHAPES, Regions, Segmented
+from wayside.schemas.regions import Regions, Segmented
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
 from wayside.stages.judge import gate_features, picture_levels, view_features
 from wayside.stages.numerics.boxes import overlap_of, shared_of
-from wayside.stages.numerics.outline import region_sequences
 from wayside.stages.propose import propose
 from wayside.stages.segment import segment
-
-CLEAR_SHARE, CLEAR_PX = 0.8, 15
-"""A face teaches colour and shape where this share of it is seen and it is so tall."""
 
 FACE_SHARE, FACE_PX = 0.4, 8
 """A box on a face is an example for the judge from here on; fainter ones count as neither."""
@@ -35,26 +32,7 @@ TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
 """Overlap (IoU) from which a box is tight on a face; share of a box from which it lies inside one; overlap from which
 a box that shows a second face as well is no example rather than a bad one."""
 
-WHOLE = 0.75
-"""An outline teaches a shape where its box overlaps the face's by this much (IoU)."""
-
 OFF, ON, NEITHER = 0, 1, -1
-
-
-@dataclass(frozen=True, slots=True)
-class Face:
-    """One clear view of one sign: a name for all its views, truth, mean colour of the main patch, outline.
-
-    rgb (3,); outline (64,) complex, nan where none was found; aspect: width by height of the box.
-    """
-
-    sign: str
-    color: str
-    shape: str
-    point_up: bool
-    aspect: float
-    rgb: NDArray[np.float64]
-    outline: NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +156,8 @@ def read_drive_pictures(
         len(parts),
         (),
         _joined(parts),
-        np.array([_share(v) >= 0.5 and _height(v) >= 10 for _, v in faces], bool),
-        np.array([_height(view) for _, view in faces], np.float32),
+        np.array([share_seen(v) >= 0.5 and height_of(v) >= 10 for _, v in faces], bool),
+        np.array([height_of(view) for _, view in faces], np.float32),
         tuple(FaceName(f"{name}/{s['id']}", s["color"], s["shape"]) for s, _ in faces),
         np.zeros((0, 2)),
     )
@@ -224,100 +202,6 @@ def stray_places(truth: dict[str, Any]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
-def clear_faces(
-    rgb: NDArray[np.uint8],
-    mask: NDArray[np.uint8],
-    here: list[tuple[dict[str, Any], dict[str, Any]]],
-    drive: str,
-) -> list[Face]:
-    """The faces of one picture that are clear enough to teach colour and shape."""
-    found = []
-    for sign, view in here:
-        clear = _share(view) >= CLEAR_SHARE and _height(view) >= CLEAR_PX
-        pixels = rgb[mask == sign["id"]] if clear else rgb[:0, 0]
-        if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
-            continue
-        box = np.array([view["box"]])
-        mean = main_color(pixels)
-        size = box[0, 2:] - box[0, :2]
-        outline = region_sequences(rgb, box, mean[None])[0]
-        found.append(
-            Face(
-                f"{drive}/{sign['id']}",
-                sign["color"],
-                sign["shape"],
-                bool(sign.get("point_up", False)),
-                float(size[0] / size[1]),
-                mean,
-                _whole(outline, box[0]),
-            )
-        )
-    return found
-
-
-def main_color(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Mean colour (3,) of the main patch among pixels (n, 3): legends and borders are left out.
-
-    The half nearest to the median, twice.
-    """
-    values = pixels.astype(np.float64)
-    middle = np.median(values, axis=0)
-    for _ in range(2):
-        gap = ((values - middle) ** 2).sum(axis=1)
-        middle = values[gap <= np.median(gap)].mean(axis=0)
-    return np.asarray(middle)
-
-
-def real_faces(folder: Path) -> list[Face]:
-    """Faces of the signs boxed in real pictures: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
-    scenes = folder / "scenes"
-    try:
-        listed = json.loads((scenes / "scenes.json").read_text(encoding="utf-8"))
-        crops = json.loads((scenes / "crops" / "crops.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{scenes}: wanted scenes.json and crops/crops.json, found {error}; correct --real"
-        ) from error
-    found: list[Face] = []
-    for scene in listed:
-        rgb = _read_rgb(scenes / scene["file"])
-        for number, sign in enumerate(scene["signs"]):
-            found += _real_face(rgb, sign, np.array(sign["box"]), f"{scene['file']}/{number}")
-    for crop in crops:
-        rgb = _read_rgb(scenes / crop["file"])
-        # The crops have a margin of about an eighth on every side.
-        x, y = rgb.shape[1] / 8, rgb.shape[0] / 8
-        box = np.array([x, y, rgb.shape[1] - x, rgb.shape[0] - y])
-        # Crops of one kind mostly show one sign.
-        found += _real_face(rgb, crop, box, f"crop/{crop['kind']}")
-    return found
-
-
-def _real_face(
-    rgb: NDArray[np.uint8], sign: dict[str, Any], box: NDArray[Any], name: str
-) -> list[Face]:
-    x0, y0, x1, y1 = (max(0, round(float(v))) for v in box)
-    pixels = rgb[y0:y1, x0:x1].reshape(-1, 3)
-    if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
-        return []
-    mean = main_color(pixels)
-    outline = region_sequences(rgb, np.array([box], np.float64), mean[None])[0]
-    aspect = (x1 - x0) / (y1 - y0)
-    face = Face(name, sign["color"], sign["shape"], False, aspect, mean, _whole(outline, box))
-    return [face]
-
-
-def _whole(outline: NDArray[np.complex128], box: NDArray[Any]) -> NDArray[np.complex128]:
-    """The outline where it goes round the whole box, nan where it is that of a part or of more."""
-    if not np.isfinite(outline).all():
-        return outline
-    low = np.array([outline.real.min(), outline.imag.min()])
-    high = np.array([outline.real.max(), outline.imag.max()]) + 1
-    around = np.concatenate([low, high])[None]
-    whole = overlap_of(around, np.asarray(box, np.float64)[None])[0, 0] >= WHOLE
-    return outline if whole else np.full_like(outline, complex(np.nan, np.nan))
-
-
 def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if mask is None or mask.shape != shape or mask.dtype != np.uint8:
@@ -329,25 +213,10 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _read_rgb(path: Path) -> NDArray[np.uint8]:
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if pixels is None:
-        raise InputError(f"{path}: wanted a picture, found none that can be read; correct --real")
-    return np.ascontiguousarray(pixels, np.uint8)
-
-
 def _candidates(pictures: Iterable[Picture]) -> Iterator[Segmented]:
     """The pictures with the candidates that a run of preset `default` judges."""
     segmented = segment(iter(pictures), SegmentSettings(), GateSettings())
     return propose(segmented, settings=CandidateSettings())
-
-
-def _share(view: dict[str, Any]) -> float:
-    return float(view["visible_fraction"] or 0.0)
-
-
-def _height(view: dict[str, Any]) -> float:
-    return float(view["box"][3] - view["box"][1])
 
 
 def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], first: int) -> Views:
@@ -361,7 +230,9 @@ def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], f
         gaps = overlap_of(regions.box, np.array([view["box"] for _, view in here]))
         best = gaps.argmax(axis=1)
         overlap = gaps.max(axis=1).astype(np.float32)
-        teaches = np.array([_share(v) >= FACE_SHARE and _height(v) >= FACE_PX for _, v in here])
+        teaches = np.array(
+            [share_seen(v) >= FACE_SHARE and height_of(v) >= FACE_PX for _, v in here]
+        )
         label = face_labels(regions.box, np.array([v["box"] for _, v in here]), teaches)
         nearest = np.where(overlap > 0, best + first, -1).astype(np.int32)
     return Views(

@@ -8,11 +8,11 @@ import pytest
 
 from wayside.pipeline.importing import import_pictures
 from wayside.pipeline.learn import main
+from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
 from wayside.pipeline.learning.judging import face_weights
 from wayside.pipeline.learning.samples import (
     Views,
-    main_color,
     read_truth,
     sign_places,
     stray_places,
