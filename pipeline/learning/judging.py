@@ -86,9 +86,7 @@ def learn_judges(
 
     `scenes` are real pictures, a source each: they teach too, but the bar is that of the drives.
     """
-    gate = learn_gate([*drives, *scenes], seed, provenance)
-    passed = [_pass(drive, gate, see) for drive in drives]
-    real = [_pass(source, gate, see, REAL_WEIGHT) for source in scenes]
+    gate, passed, real = _through_gate(drives, scenes, see, seed, provenance)
     strangers = _strangers([*passed, *real], seed)
     held = found_at(passed, [log_odds(strangers[p.drive.name], p.values) for p in passed])
     words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the gate"]
@@ -108,6 +106,14 @@ def learn_judges(
         {name: completed(judge) for name, judge in strangers.items()},
         (*passed, *real),
     )
+
+
+def learn_judge(
+    drives: Sequence[Drive], scenes: Sequence[Drive], see: SeeViews, seed: int, accept: float
+) -> TreeModel:
+    """Gate and judge alone, with a bar that is known: what a judge is worth without some of what there is to teach."""
+    gate, passed, real = _through_gate(drives, scenes, see, seed, "")
+    return replace(_fit([*passed, *real], seed), accept=accept, gate=gate)
 
 
 def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
@@ -199,6 +205,15 @@ def faces_found(one: Passed, score: NDArray[np.float32], accept: float) -> tuple
     on = (one.views.overlap >= ON_FACE) & (score >= accept)
     found = np.unique(one.views.face[on])
     return int(one.drive.wanted[found].sum()), int(one.drive.wanted.sum())
+
+
+def _through_gate(
+    drives: Sequence[Drive], scenes: Sequence[Drive], see: SeeViews, seed: int, provenance: str
+) -> tuple[TreeModel, list[Passed], list[Passed]]:
+    """The gate, and what it lets pass of the drives and of the scenes."""
+    gate = learn_gate([*drives, *scenes], seed, provenance)
+    passed = [_pass(drive, gate, see) for drive in drives]
+    return gate, passed, [_pass(source, gate, see, REAL_WEIGHT) for source in scenes]
 
 
 def _pass(drive: Drive, gate: TreeModel, see: SeeViews, weight: float = 1.0) -> Passed:

@@ -1,0 +1,79 @@
+"""How far the candidates on a face went: what the pages on seeing count."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.numerics.boxes import overlap_of
+
+ON_FACE = 0.5
+"""Overlap (IoU) from which a box shows the face."""
+
+NOWHERE, CANDIDATE, JUDGED, PASSED, KEPT, SIGN = range(6)
+"""No box on the face; a box; one past the gate; one past the judge's bar; one that no better box covers; a sign's."""
+
+STOPPED = (
+    "no candidate",
+    "refused by the gate",
+    "refused by the judge",
+    "covered by another box",
+    "not made a sign of",
+)
+"""Where a face stopped, by how far it went."""
+
+_REACHED = {
+    "size": CANDIDATE,
+    "color": CANDIDATE,
+    "shape": CANDIDATE,
+    "glance": CANDIDATE,
+    "score": JUDGED,
+    "overlap": PASSED,
+    "sign": SIGN,
+}
+"""How far a candidate of each verdict went; all other verdicts are given to boxes that were followed."""
+
+
+def reached(
+    box: Sequence[float], boxes: NDArray[np.floating[Any]], verdicts: NDArray[np.str_]
+) -> int:
+    """How far the best went of the candidates `boxes` (n, 4) with `verdicts` (n,) that show the face in `box`."""
+    if len(boxes) == 0:
+        return NOWHERE
+    on = overlap_of(np.asarray(box, np.float64)[None], boxes)[0] >= ON_FACE
+    return max((_REACHED.get(str(verdict), KEPT) for verdict in verdicts[on]), default=NOWHERE)
+
+
+def shares(levels: Iterable[int], stages: Iterable[int]) -> list[str]:
+    """How many faces there are, and the share of them that went at least so far, in per cent, as cells of a table."""
+    all_of = list(levels)
+    if not all_of:
+        return ["0", *("-" for _ in stages)]
+    return [
+        str(len(all_of)),
+        *(f"{100 * sum(level >= s for level in all_of) / len(all_of):.0f} %" for s in stages),
+    ]
+
+
+def bin_of(value: float, edges: Sequence[float]) -> int:
+    """Number of the bin that starts at the last edge not above a value; -1 below all of them."""
+    return int(np.searchsorted(np.asarray(edges), value, side="right")) - 1
+
+
+def bin_names(edges: Sequence[float], unit: str) -> list[str]:
+    """Names of the bins that start at the edges; the last has no end."""
+    named = [f"{low:g}-{high:g} {unit}" for low, high in pairwise(edges)]
+    return [*named, f"{edges[-1]:g} {unit} and more"]
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Lines of a table, the first column to the left."""
+    return [
+        "| " + " | ".join(head) + " |",
+        "| --- |" + " ---: |" * (len(head) - 1),
+        *("| " + " | ".join(row) + " |" for row in rows),
+    ]

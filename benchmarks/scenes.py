@@ -1,0 +1,297 @@
+"""Which faces of real pictures are seen by a judge that has seen no picture of their source, and where the others stop.
+
+    OMP_NUM_THREADS=1 .venv/bin/python benchmarks/scenes.py [--real FOLDER] [--drives FOLDER] [--every N]
+
+For each source of the real scenes, gate and judge are learned anew as `make learn` does it, from every second rendered
+learning drive and the other sources; then the pictures of the source go through the stages of a run. Writes
+benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are not part of the
+repository: without them it says so and ends with status 2. Takes some 10 minutes of processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from reached import (
+    CANDIDATE,
+    JUDGED,
+    KEPT,
+    PASSED,
+    STOPPED,
+    bin_names,
+    bin_of,
+    reached,
+    shares,
+    table,
+)
+
+from wayside.pipeline.flow import Flow
+from wayside.pipeline.learn import gather, learning_logs
+from wayside.pipeline.learning.judging import SeeViews, learn_judge
+from wayside.pipeline.learning.samples import NEAR_FACE, Drive, Views
+from wayside.pipeline.learning.scenes import read_scenes, scene_pictures, scene_sources
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.workers import StageClock
+from wayside.schemas.errors import WaysideError
+from wayside.schemas.frame import Frame
+from wayside.schemas.models import TreeModel
+from wayside.schemas.regions import COLORS, VERDICTS, Candidates
+from wayside.stages.numerics.boxes import overlap_of
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "benchmarks" / "scenes.md"
+SEED = 1
+SMALLEST_PX = 10.0
+"""Lower faces are not counted."""
+HEIGHTS = (10, 15, 20, 25, 35, 50, 100)
+STAGES = (CANDIDATE, JUDGED, PASSED, KEPT)
+HEAD = ("faces", "candidate", "past the gate", "past the judge", "seen")
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One labelled face: where it is, how far its candidates went, and the best score on it above the bar (nan: none).
+
+    unaided: how far they went before a judge that has seen no real picture at all.
+    """
+
+    source: str
+    file: str
+    box: tuple[float, ...]
+    color: str
+    level: int
+    score: float
+    unaided: int
+
+    @property
+    def height_px(self) -> float:
+        """Height of the face."""
+        return self.box[3] - self.box[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The pictures of one source: faces, pictures of which all faces are boxed, and false boxes in those."""
+
+    name: str
+    pictures: int
+    faces: tuple[Seen, ...]
+    complete: int
+    false: tuple[tuple[str, tuple[float, ...], float], ...]
+
+
+class Remembered:
+    """What the judge sees of candidates; those asked for before are not looked at again."""
+
+    def __init__(self, see: SeeViews) -> None:
+        self._see = see
+        self._values: dict[tuple[str, bytes], NDArray[np.float32]] = {}
+
+    def __call__(self, drive: Drive, views: Views) -> NDArray[np.float32]:
+        """The same as `see`."""
+        named = np.column_stack([views.frame.astype(np.float32), views.regions.box])
+        keys = [(drive.name, row.tobytes()) for row in named]
+        new = np.array([k for k, key in enumerate(keys) if key not in self._values], np.int64)
+        if len(new):
+            for k, values in zip(new, self._see(drive, views.select(new)), strict=True):
+                self._values[keys[k]] = values
+        return np.stack([self._values[key] for key in keys])
+
+
+def main() -> int:
+    """Learn, look, write the page, print what was not seen."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--real", type=Path, default=ROOT.parent / "shared" / "data" / "real")
+    parser.add_argument("--drives", type=Path, default=ROOT / ".cache" / "drives")
+    parser.add_argument("--every", type=int, default=2, help="learn from every n-th drive only")
+    args = parser.parse_args()
+    if not (args.real / "scenes" / "scenes.json").is_file():
+        print(f"no scenes/scenes.json in {args.real}: they are not part of the repository; --real")
+        return 2
+    cv2.setNumThreads(1)
+    try:
+        sources, provenance = measured(args.real, learning_logs(args.drives)[:: args.every])
+    except WaysideError as error:
+        print(error, file=sys.stderr)
+        return error.exit_status
+    PAGE.write_text(page(sources, provenance))
+    for line in missed_lines(sources):
+        print(line)
+    say("written")
+    return 0
+
+
+def say(text: str) -> None:
+    """Print with the processor time so far."""
+    print(f"{time.process_time():7.0f} s  {text}", flush=True)
+
+
+def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
+    """Every source, looked at with a judge that has not seen it; and how the judges were learned, in words."""
+    samples = gather(logs, real, say)
+    see = Remembered(samples.see)
+
+    bar = load_models(load_settings("default")[0]).judge.accept
+
+    def judge_of(scenes: Sequence[Drive]) -> TreeModel:
+        return learn_judge(samples.drives, scenes, see, SEED, bar)
+
+    unaided = judge_of(())
+    say("learned from rendered drives alone")
+    found = []
+    for source, listed in scene_sources(read_scenes(real)).items():
+        judge = judge_of([one for one in samples.scenes if one.name != source])
+        found.append(looked_at(source, real, listed, judge, unaided))
+        say(f"learned without {source}, looked at its {len(listed)} pictures")
+    pictures = sum(drive.frames for drive in samples.drives)
+    return found, f"{len(samples.drives)} rendered drives ({pictures} pictures)"
+
+
+def looked_at(
+    source: str, real: Path, scenes: list[dict[str, Any]], judge: TreeModel, unaided: TreeModel
+) -> Source:
+    """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
+    faces: list[Seen] = []
+    false: list[tuple[str, tuple[float, ...], float]] = []
+    for scene, own, other in zip(
+        scenes, looks(real, scenes, judge), looks(real, scenes, unaided), strict=True
+    ):
+        verdicts, others = names_of(own), names_of(other)
+        for sign in scene["signs"]:
+            box = tuple(float(v) for v in sign["box"])
+            if box[3] - box[1] < SMALLEST_PX:
+                continue
+            level = reached(box, own.regions.box, verdicts)
+            score = best_score(box, own) - judge.accept
+            unseen = reached(box, other.regions.box, others)
+            faces.append(Seen(source, scene["file"], box, sign["color"], level, score, unseen))
+        if scene["complete"]:
+            known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
+            false += [
+                (scene["file"], tuple(own.regions.box[row].tolist()), own.score[row] - judge.accept)
+                for row in strays(own, known)
+            ]
+    complete = sum(bool(scene["complete"]) for scene in scenes)
+    return Source(source, len(scenes), tuple(faces), complete, tuple(false))
+
+
+def looks(real: Path, scenes: list[dict[str, Any]], judge: TreeModel) -> Iterator[Candidates]:
+    """The candidates of each picture after all stages that look at one picture, with that judge."""
+    settings, _ = load_settings("default")
+    flow = Flow(settings, replace(load_models(settings), judge=judge), StageClock())
+    return (look.candidates for look in flow.look(scene_frames(real, scenes)))
+
+
+def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:
+    """The pictures as they are stored, as frames of a log."""
+    for scene, picture in zip(scenes, scene_pictures(real, scenes), strict=True):
+        yield replace(picture.frame, data=(real / "scenes" / scene["file"]).read_bytes())
+
+
+def names_of(candidates: Candidates) -> NDArray[np.str_]:
+    """The verdict on each candidate, by name."""
+    return np.array(VERDICTS)[candidates.verdict]
+
+
+def best_score(box: tuple[float, ...], candidates: Candidates) -> float:
+    """Best score of the candidates on a face; nan where none was judged."""
+    on = overlap_of(np.array([box]), candidates.regions.box)[0] >= 0.5
+    scores = candidates.score[on & np.isfinite(candidates.score)]
+    return float(scores.max()) if len(scores) else float("nan")
+
+
+def strays(candidates: Candidates, known: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Rows that the judge kept on no known face (m, 4); what overlaps one by some counts as neither."""
+    kept = candidates.open_rows()
+    if len(known) == 0 or len(kept) == 0:
+        return kept
+    near = overlap_of(candidates.regions.box[kept], known).max(axis=1) >= NEAR_FACE
+    return np.asarray(kept[~near])
+
+
+def page(sources: Sequence[Source], learned: str) -> str:
+    """The page: by source, by colour, by height."""
+    faces = [face for source in sources for face in source.faces]
+    pictures, complete = sum(s.pictures for s in sources), sum(s.complete for s in sources)
+    lines = [
+        "# Real scenes: which faces are seen in one picture",
+        "",
+        "Made by `python benchmarks/scenes.py` where the scenes are at hand; they are not part of the repository.",
+        f"{pictures} single pictures with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
+        f"source is looked at with a gate and a judge learned as `make learn` does it, from {learned}",
+        "and the other sources alone; the bar is that of the judge that ships. Many pictures are of one place and the",
+        "sources are few: this is what to expect of a camera never seen, give or take ten per cent.",
+        "",
+        "*candidate*: a box on the face (IoU .5); *past the gate*, *past the judge*: one that they accept; *seen*: one",
+        "that no better box covers, which is what goes on to be followed. *Seen, rendered only*: by gate and judge",
+        "learned from no real picture. *False*: boxes kept on no face, in those pictures of which all faces are",
+        f"boxed ({complete} of {pictures}); some lie on signs too far to be boxed.",
+        "",
+        "## By source",
+        "",
+        *table(
+            ("source", "pictures", *HEAD, "seen, rendered only", "false a picture", "in pictures"),
+            [source_row(source) for source in sources],
+        ),
+        "",
+        "## By colour of the face",
+        "",
+        *table(("colour", *HEAD, "seen, rendered only"), groups(faces, COLORS, lambda f: f.color)),
+        "",
+        "## By height of the face",
+        "",
+        *table(
+            ("height", *HEAD, "seen, rendered only"),
+            groups(
+                faces,
+                bin_names(HEIGHTS, "px"),
+                lambda f: bin_names(HEIGHTS, "px")[bin_of(f.height_px, HEIGHTS)],
+            ),
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def source_row(source: Source) -> list[str]:
+    """One line of the first table."""
+    rate = f"{len(source.false) / source.complete:.1f}" if source.complete else "-"
+    cells = shares((f.level for f in source.faces), STAGES)
+    unaided = shares((f.unaided for f in source.faces), (KEPT,))[1:]
+    return [source.name, str(source.pictures), *cells, *unaided, rate, str(source.complete)]
+
+
+def groups(
+    faces: Sequence[Seen], names: Sequence[str], name_of: Callable[[Seen], str]
+) -> Iterator[list[str]]:
+    """One line a group that has faces, and one for all."""
+    for name in (*names, "**all**"):
+        own = [face for face in faces if name in (name_of(face), "**all**")]
+        if own:
+            unaided = shares((f.unaided for f in own), (KEPT,))[1:]
+            yield [name.replace("_", " "), *shares((f.level for f in own), STAGES), *unaided]
+
+
+def missed_lines(sources: Sequence[Source]) -> Iterator[str]:
+    """Every face that was not seen, with where it stopped, and every false box."""
+    for face in (f for source in sources for f in source.faces if f.level < KEPT):
+        box = ",".join(f"{v:.0f}" for v in face.box)
+        yield f"missed  {face.file}  {box}  {face.color}  {STOPPED[face.level]}  {face.score:+.1f}"
+    for file, corners, score in (one for source in sources for one in source.false):
+        box = ",".join(f"{v:.0f}" for v in corners)
+        yield f"false   {file}  {box}  {score:+.1f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

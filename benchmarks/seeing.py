@@ -1,0 +1,297 @@
+"""What is seen of signs on rendered drives: by height and colour of the face, by stage; what a confidence is worth.
+
+    OMP_NUM_THREADS=1 .venv/bin/python benchmarks/seeing.py [--only NAME]
+
+Runs preset `default` as shipped on each drive that `make accept` measures, with all regions listed; then again, and on
+drives of the same specifications from other seeds, with a judge of places that refuses hardly any. Writes
+benchmarks/seeing.md and docs/seeing.png, and prints every face of some height that is no view of a sign; with --only it
+prints the page and writes nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+from accept import DRIVES, RENDERED, Drive, render
+from confidence import Result, Row, confidence_lines, judged_at, reliability
+from reached import (
+    CANDIDATE,
+    JUDGED,
+    PASSED,
+    SIGN,
+    STOPPED,
+    bin_names,
+    bin_of,
+    reached,
+    shares,
+    table,
+)
+from seeing_picture import draw
+
+from wayside.pipeline.evaluate_rendered import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE
+from wayside.pipeline.lengths import parse_length
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.run import run_log
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.regions import COLORS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, PICTURE = ROOT / "benchmarks" / "seeing.md", ROOT / "docs" / "seeing.png"
+HEIGHTS = (10, 12, 15, 20, 25, 35, 50, 100)
+CLEAR_PX = 15.0
+"""Height from which a face should have a candidate."""
+STAGES = (CANDIDATE, JUDGED, PASSED, SIGN)
+HEAD = ("faces", "candidate", "past the gate", "past the judge", "view of a sign")
+HARDLY_ANY = -12.0
+"""Log odds below which the judge of places refuses, where rows of low confidence are wanted."""
+OTHER_SEEDS = {"straight": 9778, "curve": 9775, "town": 9774, "report": 9776}
+"""Specifications that are rendered once more, and their other seed: more rows to hold a confidence to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """The front of a sign in one picture: where it is, what it shows, and how far its candidates went."""
+
+    drive: str
+    sign: int
+    kind: str
+    color: str
+    frame: int
+    box: tuple[float, ...]
+    level: int
+
+    @property
+    def height_px(self) -> float:
+        """Height in the picture."""
+        return self.box[3] - self.box[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One drive as shipped: faces, pictures, candidates and those past the gate, cost of proposing.
+
+    decodes: processor time of proposing in that of decoding a JPEG of the drive; None where its pictures are raw.
+    """
+
+    name: str
+    faces: tuple[Face, ...]
+    pictures: int
+    candidates: int
+    judged: int
+    decodes: float | None
+
+
+def main() -> int:
+    """Run, count, write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", action="append", choices=RENDERED, help="this drive only")
+    chosen = parser.parse_args().only
+    names = [name for name in RENDERED if not chosen or name in chosen]
+    cv2.setNumThreads(1)
+    render(names, 2)
+    known = [drive_of(name, DRIVES, RENDERED[name]) for name in names]
+    other = list(fresh_drives([name for name in names if name in OTHER_SEEDS]))
+    with tempfile.TemporaryDirectory() as scratch:
+        fresh = [result_of(drive, Path(scratch), HARDLY_ANY) for drive in other]
+        lenient = [result_of(drive, Path(scratch), HARDLY_ANY) for drive in known]
+        shipped = [result_of(drive, Path(scratch), None) for drive in known]
+        seen = [seen_on(drive, Path(scratch) / drive.name) for drive in known]
+    text = page(seen, confidence_lines(lenient, fresh, judged_at(shipped, 0.5)))
+    if chosen:
+        print(text)
+        return 0
+    PAGE.write_text(text)
+    for drive in seen:
+        print("\n".join(lost_lines(drive.faces)))
+    faces = [face for drive in seen for face in drive.faces]
+    shown = draw(
+        bin_names(HEIGHTS, "px"),
+        [
+            [f.level for f in faces if bin_of(f.height_px, HEIGHTS) == k]
+            for k in range(len(HEIGHTS))
+        ],
+        [(one.mean, one.true, one.rows) for one in reliability([*lenient, *fresh]) if one.rows],
+    )
+    cv2.imwrite(str(PICTURE), cv2.cvtColor(shown, cv2.COLOR_RGB2BGR))
+    return 0
+
+
+def drive_of(name: str, folder: Path, spacing: str) -> Drive:
+    """A rendered drive of a folder."""
+    return Drive(name, folder / f"{name}.mcap", folder / f"{name}.truth.json", spacing)
+
+
+def fresh_drives(names: Sequence[str]) -> Iterator[Drive]:
+    """Drives of the specifications `names` from other seeds, rendered where they are not there yet."""
+    folder = DRIVES.parent / "fresh"
+    (folder / "specs").mkdir(parents=True, exist_ok=True)
+    for name in names:
+        text = (ROOT / "recordings" / "drives" / "specs" / f"{name}.toml").read_text()
+        spec = folder / "specs" / f"fresh_{name}.toml"
+        spec.write_text(reseeded(text, name))
+        command = [sys.executable, "-m", "recordings.drives", str(spec), "-o", str(folder)]
+        subprocess.run([*command, "--missing", "--jobs", "2"], cwd=ROOT, check=True)
+        yield drive_of(f"fresh_{name}", folder, RENDERED[name])
+
+
+def reseeded(text: str, name: str) -> str:
+    """The text of a specification with another name and seed."""
+    text = text.replace(f'name = "{name}"', f'name = "fresh_{name}"', 1)
+    return re.sub(r"^seed = \d+$", f"seed = {OTHER_SEEDS[name]}", text, count=1, flags=re.M)
+
+
+def result_of(drive: Drive, folder: Path, bar: float | None) -> Result:
+    """Rows of `signs.parquet` of a run, all regions listed, and the truth; `bar` replaces that of the place judge."""
+    options = {"read.spacing_m": parse_length(drive.spacing)} if drive.spacing else {}
+    settings, _ = load_settings("default", None, [], options | {"run.workers": 1})
+    models = load_models(settings)
+    if bar is not None and models.place is not None:
+        models = replace(models, place=replace(models.place, accept=bar))
+    run_log(drive.log, folder / drive.name, settings, models, arguments=[], every_region=True)
+    print(drive.name, file=sys.stderr, flush=True)
+    truth: Row = json.loads(drive.truth.read_text())
+    return pq.read_table(folder / drive.name / SIGNS.file).to_pylist(), truth
+
+
+def seen_on(drive: Drive, out: Path) -> Seen:
+    """What the tables of a run say about the faces of its drive."""
+    truth = json.loads(drive.truth.read_text())
+    listed = pq.read_table(out / OBSERVATIONS.file, columns=["frame", "box", "verdict"])
+    frames = pq.read_table(out / FRAMES.file, columns=["frame", "status"]).to_pylist()
+    used = [row["frame"] for row in frames if row["status"] == "used"]
+    frame = np.asarray(listed["frame"])
+    boxes = np.array(listed["box"].to_pylist(), np.float64).reshape(-1, 4)
+    verdicts = np.array(listed["verdict"].to_pylist())
+    rows = {index: np.flatnonzero(frame == index) for index in used}
+    faces = [
+        Face(
+            drive.name,
+            sign["id"],
+            sign["kind"],
+            sign["color"],
+            view["frame"],
+            tuple(view["box"]),
+            reached(view["box"], boxes[rows[view["frame"]]], verdicts[rows[view["frame"]]]),
+        )
+        for sign, view in fronts(truth)
+        if view["frame"] in rows
+    ]
+    cost = json.loads((out / "run.json").read_text())["times"]["cpu_s_by_stage"]
+    return Seen(
+        drive.name,
+        tuple(faces),
+        len(used),
+        len(verdicts),
+        int((~np.isin(verdicts, ("size", "glance"))).sum()),
+        None if drive.name == "raw" else cost["propose"] / cost["decode"],
+    )
+
+
+def fronts(truth: Row) -> Iterator[tuple[Row, Row]]:
+    """Signs with their views that should be seen: the front, tall and visible enough."""
+    for sign in truth["signs"]:
+        for view in sign["frames"]:
+            tall = view["box"][3] - view["box"][1] >= SMALLEST_HEIGHT_PX
+            visible = (view["visible_fraction"] or 0.0) >= SMALLEST_VISIBLE
+            if sign["faces_travel"] and view["side"] == "front" and tall and visible:
+                yield sign, view
+
+
+def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
+    """The page, with the part on confidence at its end."""
+    faces = [face for drive in seen for face in drive.faces]
+    clear = [face for face in faces if face.height_px >= CLEAR_PX]
+    heights = bin_names(HEIGHTS, "px")
+    lines = [
+        "# What is seen",
+        "",
+        "Made by `python benchmarks/seeing.py`, preset `default`, on the rendered drives that `make accept` measures;",
+        "no model was learned from them. A face is the front of a sign in one picture, at least half visible.",
+        "",
+        "![Share of faces against height, share of true rows against confidence](../docs/seeing.png)",
+        "",
+        "## By height of the face",
+        "",
+        "*candidate*: a box on it (IoU .5); *past the gate*, *past the judge*: one that they accept, each at its",
+        "shipped bar; *view of a sign*: one that is part of a row of `signs.parquet` (verdict `sign`).",
+        "",
+        *table(
+            ("height", *HEAD),
+            groups(faces, heights, lambda f: heights[bin_of(f.height_px, HEIGHTS)]),
+        ),
+        "",
+        f"## By colour of the face, from {CLEAR_PX:g} px",
+        "",
+        *table(("colour", *HEAD), groups(clear, COLORS, lambda f: f.color)),
+        "",
+        "## Candidates",
+        "",
+        f"*covered*: share of faces from {CLEAR_PX:g} px with a candidate. Cost is processor time, in that of",
+        "decoding one JPEG of the drive; the pictures of `raw` are not compressed.",
+        "",
+        *table(
+            (
+                "drive",
+                "pictures",
+                "faces",
+                "covered",
+                "candidates a picture",
+                "past the gate",
+                "cost of proposing, decodes",
+            ),
+            [candidates_row(drive) for drive in seen],
+        ),
+        "",
+        *confidence,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def lost_lines(faces: Sequence[Face]) -> Iterator[str]:
+    """Every face of some height that is no view of a sign, with where it stopped."""
+    for face in faces:
+        if face.level < SIGN and face.height_px >= CLEAR_PX:
+            box = ",".join(f"{v:.0f}" for v in face.box)
+            where = f"{face.drive} frame {face.frame}  {box}  sign {face.sign}"
+            yield f"lost  {where}  {face.color} {face.kind}  {STOPPED[face.level]}"
+
+
+def candidates_row(drive: Seen) -> list[str]:
+    """One drive: what proposing finds and costs."""
+    clear = [face.level for face in drive.faces if face.height_px >= CLEAR_PX]
+    return [
+        drive.name,
+        str(drive.pictures),
+        *shares(clear, (CANDIDATE,)),
+        f"{drive.candidates / drive.pictures:.0f}",
+        f"{drive.judged / drive.pictures:.0f}",
+        "-" if drive.decodes is None else f"{drive.decodes:.1f}",
+    ]
+
+
+def groups(
+    faces: Sequence[Face], names: Sequence[str], name_of: Callable[[Face], str]
+) -> Iterator[list[str]]:
+    """One line a group that has faces, and one for all."""
+    for name in (*names, "**all**"):
+        own = [face.level for face in faces if name in (name_of(face), "**all**")]
+        if own:
+            yield [name.replace("_", " "), *shares(own, STAGES)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

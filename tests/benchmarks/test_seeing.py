@@ -1,0 +1,201 @@
+"""The pages on seeing: how far a face went, what is true of rows by confidence, other seeds, what is a false box."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from wayside.pipeline.learning.samples import Views
+from wayside.schemas.regions import Candidates, Regions
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+FACE = [10.0, 10.0, 30.0, 30.0]
+
+
+def load(name):
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+
+
+@pytest.fixture(scope="module")
+def levels():
+    return load("reached")
+
+
+@pytest.fixture(scope="module")
+def seeing():
+    return load("seeing")
+
+
+@pytest.fixture(scope="module")
+def confidence():
+    return load("confidence")
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    return load("scenes")
+
+
+@pytest.mark.parametrize(
+    ("boxes", "verdicts", "level"),
+    [
+        ([], [], "NOWHERE"),
+        ([[100, 10, 120, 30]], ["sign"], "NOWHERE"),
+        ([[10, 10, 30, 29]], ["glance"], "CANDIDATE"),
+        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["glance", "score"], "JUDGED"),
+        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["overlap", "score"], "PASSED"),
+        ([[10, 10, 30, 29]], ["unmatched"], "KEPT"),
+        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["sign", "overlap"], "SIGN"),
+    ],
+)
+def test_a_face_went_as_far_as_the_best_box_on_it(levels, boxes, verdicts, level):
+    table = np.array(boxes, np.float64).reshape(-1, 4)
+    assert levels.reached(FACE, table, np.array(verdicts, str)) == getattr(levels, level)
+
+
+def test_shares_count_what_went_at_least_so_far(levels):
+    assert levels.shares([0, 1, 3, 5], (1, 3, 5)) == ["4", "75 %", "50 %", "25 %"]
+    assert levels.shares([], (1, 3)) == ["0", "-", "-"]
+
+
+def test_a_value_on_an_edge_is_in_the_bin_above_it(levels):
+    edges = (10, 12, 15)
+    names = levels.bin_names(edges, "px")
+    assert [levels.bin_of(v, edges) for v in (9.9, 10.0, 14.9, 15.0, 900.0)] == [-1, 0, 1, 2, 2]
+    assert names == ["10-12 px", "12-15 px", "15 px and more"]
+
+
+def panel(number, ahead):
+    views = [{"frame": k, "side": "front", "box": FACE, "visible_fraction": 1.0} for k in range(3)]
+    return {
+        "id": number,
+        "kind": "stop",
+        "color": "red",
+        "shape": "octagon",
+        "width_m": 0.75,
+        "height_m": 0.75,
+        "bottom_m": 2.0,
+        "faces_travel": True,
+        "centre": [0.0, 0.0, ahead],
+        "frames": views,
+    }
+
+
+def row(name, ahead, confidence):
+    values = {"sign_id": name, "confidence": confidence, "best_frame": 0, "best_box": FACE}
+    values |= {"right_m": 0.0, "down_m": 0.0, "ahead_m": ahead, "color": "red", "shape": "octagon"}
+    sizes = dict.fromkeys(("panel_width_m", "panel_height_m", "bottom_m"), 0.75)
+    return values | sizes | dict.fromkeys(("sigma_lateral_m", "sigma_up_m", "sigma_along_m"), 0.1)
+
+
+@pytest.fixture
+def result():
+    frame = {"index": 0, "position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
+    truth = {"frames": [frame], "signs": [panel(1, 20.0), panel(2, 60.0)], "distractors": []}
+    # the second row is nearer to panel 1 than the first, but less sure
+    return [
+        row("a", 20.5, 0.97),
+        row("b", 20.0, 0.35),
+        row("c", 60.0, 0.32),
+        row("d", 99.0, 0.999),
+    ], truth
+
+
+def test_a_row_vies_for_a_panel_only_with_rows_as_sure_as_it(confidence, result):
+    bins = {one.low: one for one in confidence.reliability([result])}
+    assert (bins[0.95].rows, bins[0.95].true) == (1, 1)
+    assert (bins[0.3].rows, bins[0.3].true) == (2, 2)
+    assert (bins[0.99].rows, bins[0.99].true) == (1, 0)
+    assert sum(one.rows for one in bins.values()) == 4
+    assert bins[0.3].mean == pytest.approx(0.335)
+
+
+def test_a_higher_setting_reports_fewer_rows(confidence, result):
+    low, high = (confidence.judged_at([result], at) for at in (0.3, 0.9))
+    assert (low.found_count, high.found_count, low.wanted) == (2, 1, 2)
+    assert confidence.cells(high) == ["1 of 2", "1", "0.500", "0.500"]
+
+
+def test_the_gap_is_that_of_each_bin_by_its_rows(confidence):
+    bins = [confidence.Bin(0.4, 0.5, 3, 1, 0.4), confidence.Bin(0.9, 1.0, 1, 1, 0.9)]
+    assert confidence.gap_of(bins) == pytest.approx((abs(1.2 - 1) + 0.1) / 4)
+
+
+@pytest.mark.parametrize(("right", "rows"), [(0, 1), (3, 4), (98, 99)])
+def test_the_interval_of_a_share_is_that_of_scipy(right, rows):
+    found = load("seeing_picture").wilson(right, rows)
+    interval = binomtest(right, rows).proportion_ci(0.6826894921, "wilson")
+    assert found == pytest.approx((interval.low, interval.high), abs=1e-6)
+
+
+def test_the_picture_has_room_for_bins_without_faces():
+    shown = load("seeing_picture").draw(["10-12 px", "12 px and more"], [[5, 0], []], [(0.9, 1, 2)])
+    assert shown.dtype == np.uint8
+    assert shown.std() > 0
+
+
+def test_a_fresh_drive_has_another_name_and_seed_and_nothing_else_new(seeing):
+    text = (seeing.ROOT / "recordings" / "drives" / "specs" / "town.toml").read_text()
+    changed = [
+        (a, b)
+        for a, b in zip(text.splitlines(), seeing.reseeded(text, "town").splitlines(), strict=True)
+        if a != b
+    ]
+    assert changed == [('name = "town"', 'name = "fresh_town"'), ("seed = 53", "seed = 9774")]
+
+
+def test_only_the_front_of_a_tall_and_visible_face_counts(seeing):
+    good = {"frame": 0, "side": "front", "box": [0, 0, 9, 12], "visible_fraction": 0.6}
+    views = [good, good | {"side": "back"}, good | {"box": [0, 0, 9, 9]}]
+    views.append(good | {"visible_fraction": 0.4})
+    signs = [{"faces_travel": True, "frames": views}, {"faces_travel": False, "frames": [good]}]
+    assert list(seeing.fronts({"signs": signs})) == [(signs[0], good)]
+
+
+def regions(boxes):
+    n = len(boxes)
+    columns = (np.ones(n, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8))
+    return Regions(np.array(boxes, np.float32).reshape(-1, 4), *columns)
+
+
+def test_boxes_off_every_known_face_are_false_and_those_half_on_one_are_not(scenes):
+    candidates = Candidates.of(regions([FACE, [10, 10, 30, 19], [200, 10, 220, 30]]))
+    assert scenes.strays(candidates, np.array([FACE])).tolist() == [2]
+    assert scenes.strays(candidates, np.zeros((0, 4))).tolist() == [0, 1, 2]
+
+
+def test_what_was_looked_at_once_is_not_looked_at_again(scenes):
+    asked = []
+
+    def see(drive, views):
+        asked.append(views.frame.tolist())
+        return views.regions.box[:, :2] + views.frame[:, None]
+
+    class Named:
+        name = "a"
+
+    def views(frames):
+        n = len(frames)
+        rest = (np.zeros((n, 1), np.float32), np.array(frames, np.int32), np.zeros(n, np.int8))
+        return Views(regions([FACE] * n), *rest, np.zeros(n, np.float32), np.zeros(n, np.int32))
+
+    remembered = scenes.Remembered(see)
+    remembered(Named, views([0, 2]))
+    values = remembered(Named, views([0, 1, 2]))
+    assert asked == [[0, 2], [1]]
+    assert values[:, 0].tolist() == [10.0, 11.0, 12.0]
+
+
+def test_without_the_scenes_nothing_is_written(scenes, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["scenes.py", "--real", str(tmp_path)])
+    monkeypatch.setattr(scenes, "PAGE", tmp_path / "scenes.md")
+    assert scenes.main() == 2
+    assert "no scenes/scenes.json" in capsys.readouterr().out
+    assert not (tmp_path / "scenes.md").exists()
