@@ -39,7 +39,7 @@ from reached import (
 )
 from seeing_picture import draw
 
-from wayside.pipeline.evaluate_rendered import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE
+from wayside.pipeline.evaluate_rendered import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, is_eligible
 from wayside.pipeline.lengths import parse_length
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import run_log
@@ -53,7 +53,7 @@ HEIGHTS = (10, 12, 15, 20, 25, 35, 50, 100)
 CLEAR_PX = 15.0
 """Height from which a face should have a candidate."""
 STAGES = (CANDIDATE, JUDGED, PASSED, SIGN)
-HEAD = ("faces", "candidate", "past the gate", "past the judge", "view of a sign")
+HEAD = ("faces", "candidate", "past the gate", "past the judge", "view of a sign", "of wanted ones")
 HARDLY_ANY = -12.0
 """Log odds below which the judge of places refuses, where rows of low confidence are wanted."""
 OTHER_SEEDS = {"straight": 9778, "curve": 9775, "town": 9774, "report": 9776}
@@ -62,7 +62,10 @@ OTHER_SEEDS = {"straight": 9778, "curve": 9775, "town": 9774, "report": 9776}
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """The front of a sign in one picture: where it is, what it shows, and how far its candidates went."""
+    """The front of a sign in one picture: where it is, what it shows, and how far its candidates went.
+
+    wanted: whether it is seen in pictures enough to be reported.
+    """
 
     drive: str
     sign: int
@@ -70,6 +73,7 @@ class Face:
     color: str
     frame: int
     box: tuple[float, ...]
+    wanted: bool
     level: int
 
     @property
@@ -185,6 +189,7 @@ def seen_on(drive: Drive, out: Path) -> Seen:
             sign["color"],
             view["frame"],
             tuple(view["box"]),
+            is_eligible(sign),
             reached(view["box"], boxes[rows[view["frame"]]], verdicts[rows[view["frame"]]]),
         )
         for sign, view in fronts(truth)
@@ -227,7 +232,9 @@ def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
         "## By height of the face",
         "",
         "*candidate*: a box on it (IoU .5); *past the gate*, *past the judge*: one that they accept, each at its",
-        "shipped bar; *view of a sign*: one that is part of a row of `signs.parquet` (verdict `sign`).",
+        "shipped bar; *view of a sign*: one that is part of a row of `signs.parquet` (verdict `sign`). Signs seen in",
+        "fewer than three pictures make no row, and many large faces stand where a drive begins: *of wanted ones* is",
+        "the same without them.",
         "",
         *table(
             ("height", *HEAD),
@@ -267,7 +274,12 @@ def lost_lines(faces: Sequence[Face]) -> Iterator[str]:
         if face.level < SIGN and face.height_px >= CLEAR_PX:
             box = ",".join(f"{v:.0f}" for v in face.box)
             where = f"{face.drive} frame {face.frame}  {box}  sign {face.sign}"
-            yield f"lost  {where}  {face.color} {face.kind}  {STOPPED[face.level]}"
+            words = (
+                STOPPED[face.level]
+                if face.wanted
+                else f"{STOPPED[face.level]}, in too few pictures"
+            )
+            yield f"lost  {where}  {face.color} {face.kind}  {words}"
 
 
 def candidates_row(drive: Seen) -> list[str]:
@@ -288,9 +300,10 @@ def groups(
 ) -> Iterator[list[str]]:
     """One line a group that has faces, and one for all."""
     for name in (*names, "**all**"):
-        own = [face.level for face in faces if name in (name_of(face), "**all**")]
+        own = [face for face in faces if name in (name_of(face), "**all**")]
         if own:
-            yield [name.replace("_", " "), *shares(own, STAGES)]
+            wanted = shares((face.level for face in own if face.wanted), (SIGN,))[1:]
+            yield [name.replace("_", " "), *shares((face.level for face in own), STAGES), *wanted]
 
 
 if __name__ == "__main__":
