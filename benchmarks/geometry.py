@@ -18,7 +18,7 @@ from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
-from geometry_globe import long_table, relation_table
+from geometry_globe import log_table, long_table, relation_table
 from geometry_peer import peer_table
 from geometry_runs import (
     NAMES,
@@ -72,7 +72,8 @@ def main() -> int:
     RESULTS.mkdir(parents=True, exist_ok=True)
     render()
     runs = [run(name, way) for name in NAMES for way in WAYS]
-    lines = [*title(), *sign_table(runs), *relation_table(runs), *long_table(), *simulated_table()]
+    lines = [*title(), *sign_table(runs), *relation_table(runs)]
+    lines += [*log_table(), *long_table(), *simulated_table()]
     if not args.no_peer:
         lines += peer_table([r for r in runs if r.way == SPACING_ONLY], args.frames)
     text = "\n".join(lines) + "\n"
