@@ -241,10 +241,12 @@ def _hold_by_fixes(
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
     arm = np.array(antenna_m)
+    rotation, centre = start
+    bow = _bow(chain.time_s, centre)[rows] * np.array([f.span_s for f in fixes]) ** 2 / 8
     seen = Seen(
         rows,
         place,
-        np.hypot(FIX_NEW_SHARE * sigma, FIX_NEW_M),
+        np.hypot(np.hypot(FIX_NEW_SHARE * sigma, FIX_NEW_M), bow[:, None]),
         sigma[latest],
         FIX_MEMORY_S,
         arm,
@@ -253,12 +255,21 @@ def _hold_by_fixes(
         np.array([tilt, tilt, ANY_TURN]),
         level,
     )
-    rotation, centre = start
     turn, shift = align_level(centre[rows] + rotation[rows] @ arm, place)
     found = smooth(chain, seen, turn @ rotation, centre @ turn.T + shift)
     frames = {p.frame: row for row, p in enumerate(path)}
     notes = notes_on(list(frames), chain, seen, found, "fixes")
     return Earth(origin, frames, found), notes
+
+
+def _bow(time_s: Array, centre: Array) -> Array:
+    """Acceleration (n,), m/s^2: a line between two fixes cuts the bow by an eighth of it times the time squared."""
+    if len(centre) < 3:
+        return np.zeros(len(centre))
+    gap = np.maximum(np.diff(time_s), 1e-3)
+    speed = np.diff(centre, axis=0) / gap[:, None]
+    change = 2 * np.diff(speed, axis=0) / (gap[1:] + gap[:-1])[:, None]
+    return np.pad(np.linalg.norm(change, axis=1), 1, mode="edge")
 
 
 def _lengths(path: Sequence[PathPoint], chain: Chain, found: Trajectory) -> dict[int, Length]:

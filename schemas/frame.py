@@ -80,12 +80,16 @@ class PosePrior:
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """A satellite fix interpolated to the time of a frame; sigma east, north, up in metres."""
+    """A satellite fix interpolated to the time of a frame; sigma east, north, up in metres.
+
+    span_s: time between the two fixes it lies between, 0 where it is of that very moment.
+    """
 
     latitude_deg: float
     longitude_deg: float
     altitude_m: float
     sigma_m: tuple[float, float, float] | None
+    span_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -227,6 +227,8 @@ class _Reader:
         camera = self.plan.camera_given or self.calibrations.latest(one.time_ns)
         pose = None if self.poses is None else self.poses.at(one.time_ns)
         fix = self.fixes.at(one.time_ns, blend_fixes)
+        if fix is not None:
+            fix = replace(fix, span_s=self.fixes.span_ns(one.time_ns) * 1e-9)
         frame = self.selection.decide(one, camera, pose, fix)
         report = self.report
         report.statuses[frame.status] += 1

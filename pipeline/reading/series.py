@@ -51,6 +51,15 @@ class TimeSeries(Generic[V]):
             return None
         return self.values[max(bisect_right(self.times, time_ns) - 1, 0)]
 
+    def span_ns(self, time_ns: int) -> int:
+        """Time between the two samples round this one, or the nearest two; 0 at a sample, or with fewer than two."""
+        times = self.times
+        place = bisect_left(times, time_ns)
+        if len(times) < 2 or (place < len(times) and times[place] == time_ns):
+            return 0
+        before = min(max(place - 1, 0), len(times) - 2)
+        return times[before + 1] - times[before]
+
     def at(self, time_ns: int, blend: Callable[[V, V, float], V]) -> V | None:
         """The value at a time: `blend(before, after, fraction)` of its two neighbours.
 
@@ -64,7 +73,7 @@ class TimeSeries(Generic[V]):
             return None
         outside = max(times[0] - time_ns, time_ns - times[-1])
         before = min(max(place - 1, 0), len(times) - 2)
-        gap = times[before + 1] - times[before]
+        gap = self.span_ns(time_ns)
         if outside > FURTHEST_NS or gap > WIDEST_GAP_NS or outside > 10 * gap:
             return None
         fraction = (time_ns - times[before]) / gap

@@ -1,11 +1,15 @@
 """Which world the results stand in."""
 
+import dataclasses
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.earth import Origin, align_level
+from wayside.pipeline.reading.series import blend_fixes
 from wayside.pipeline.world import PathPoint, beside_in_world, place_in_world
 from wayside.schemas.frame import Fix, Pose, PosePrior
 
@@ -293,3 +297,21 @@ def test_a_jump_is_said_in_words_with_its_place(what):
         fixes = fixes_on([*poses[:50], *moved[50:]], 0.0, (0.5, 0.5, 0.8))
         world = place_in_world(path_of(poses, fixes))
     assert f"the {what} jump once, furthest by 5.0 m at picture 50" in world.notes
+
+
+def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
+    poses = bend(81)
+    exact = fixes_on(poses, 30.0, (0.05, 0.05, 0.08))
+    rare = [
+        dataclasses.replace(
+            blend_fixes(exact[n // 4 * 4], exact[min(n // 4 * 4 + 4, 80)], n % 4 / 4),
+            span_s=4.0 if n % 4 else 0.0,
+        )
+        for n in range(81)
+    ]
+    true = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(poses)]
+    for bare, worst in ((False, 0.03), (True, 0.2)):
+        fixes = [dataclasses.replace(f, span_s=0.0) for f in rare] if bare else rare
+        world = place_in_world(path_of(poses, fixes))
+        way = [np.linalg.norm(world.poses[n + 1].centre - world.poses[n].centre) for n in range(80)]
+        assert (np.abs(np.subtract(way, true)).max() > worst) == bare

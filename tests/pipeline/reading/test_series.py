@@ -109,3 +109,13 @@ def test_fixes_are_blended_the_short_way_around_the_earth():
     assert (found.latitude_deg, found.altitude_m) == pytest.approx((10.15, 6.0))
     assert found.longitude_deg == pytest.approx(-179.95)
     assert np.isclose(blend_fixes(first, second, 0.25).longitude_deg, 179.95)
+
+
+def test_the_span_is_the_time_between_the_samples_round_a_moment():
+    series: TimeSeries[float] = TimeSeries()
+    assert series.span_ns(5) == 0
+    series.add(10, 1.0)
+    assert series.span_ns(5) == 0
+    series.add(30, 2.0)
+    series.add(70, 3.0)
+    assert [series.span_ns(t) for t in (5, 10, 20, 30, 31, 90)] == [20, 0, 20, 0, 40, 40]
