@@ -96,7 +96,8 @@ def align_level(local: Array, outside: Array) -> tuple[NDArray[np.float64], NDAr
     beside = np.angle(np.exp(1j * (angle - mean)))
     order = np.argsort(beside, kind="stable")
     share = np.cumsum(weight[order])
-    middle = beside[order][np.searchsorted(share, share[-1] / 2)] if share[-1] > 0 else 0.0
+    moved = len(share) > 0 and share[-1] > 0
+    middle = beside[order][np.searchsorted(share, share[-1] / 2)] if moved else 0.0
     c, s = np.cos(mean + middle), np.sin(mean + middle)
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return rotation, np.median(outside - local @ rotation.T, axis=0)

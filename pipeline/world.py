@@ -148,7 +148,8 @@ def place_in_world(
         notes = notes_on(list(rows), chain, seen, inside, "poses")
         earth = None
         if any(p.fix is not None for p in path):
-            drifting, rough = _drifting_chain(path, inside), (inside.rotation, inside.centre)
+            rough = inside.rotation, inside.centre
+            drifting = _drifting_chain(path, chain, inside)
             earth, told = _hold_by_fixes(path, drifting, rough, antenna_m, POSES_TILT, np.inf)
             notes += told
         return World("log", _poses(rows, inside), earth, _lengths(path, chain, inside), notes)
@@ -187,8 +188,8 @@ def _chain(path: Sequence[PathPoint]) -> Chain:
     return Chain(_times(path), rotation, step, covariance, free, np.array([p.ratio for p in path]))
 
 
-def _drifting_chain(path: Sequence[PathPoint], inside: Trajectory) -> Chain:
-    """Smoothed poses as steps whose sum drifts against the earth as the log's source does."""
+def _drifting_chain(path: Sequence[PathPoint], chain: Chain, inside: Trajectory) -> Chain:
+    """Smoothed poses as steps whose sum drifts against the earth as the log's source does, in its gaps as the chain."""
     back = inside.rotation[:-1].transpose(0, 2, 1)
     rotation, step = np.tile(np.eye(3), (len(path), 1, 1)), np.zeros((len(path), 3))
     rotation[1:] = back @ inside.rotation[1:]
@@ -197,6 +198,9 @@ def _drifting_chain(path: Sequence[PathPoint], inside: Trajectory) -> Chain:
     metres, turn = DRIFT.get(source, DRIFT["odometry"])
     length = np.linalg.norm(step, axis=1)
     covariance = length[:, None, None] * np.diag([turn**2] * 3 + [metres**2] * 3)
+    lone = np.array([p.given is None for p in path])
+    lone[1:] |= lone[:-1]
+    covariance[lone] += chain.covariance[lone]
     free, ratio = np.zeros(len(path), bool), np.full((len(path), 2), nan)
     return Chain(_times(path), rotation, step, covariance, free, ratio)
 

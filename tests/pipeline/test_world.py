@@ -315,3 +315,28 @@ def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
         world = place_in_world(path_of(poses, fixes))
         way = [np.linalg.norm(world.poses[n + 1].centre - world.poses[n].centre) for n in range(80)]
         assert (np.abs(np.subtract(way, true)).max() > worst) == bare
+
+
+def test_one_fix_among_poses_places_the_camera_and_leaves_north_open():
+    poses = bend(6)
+    fixes = [None, *fixes_on(poses)[1:2], *[None] * 4]
+    world = place_in_world(path_of(poses, fixes, [told(p) for p in poses]))
+    point = np.array([0.0, 0.0, 20.0])
+    sigma = [
+        np.sqrt(world.earth.spread(1, at, np.zeros((3, 3))).trace()) for at in (0 * point, point)
+    ]
+    assert sigma[0] < 4
+    assert sigma[1] > 20
+
+
+def test_places_in_a_gap_of_the_poses_are_as_unsure_as_the_chain():
+    poses = bend(40)
+    fixes = fixes_on(poses, 0.0, (0.3, 0.3, 0.5))
+    fixes[5:35] = [None] * 30
+    given = [told(p) for p in poses]
+    loose = [np.diag([1e-4] * 3 + [0.25] * 3)] * 40
+    sigmas = []
+    for known in (given, [*given[:8], *[None] * 24, *given[32:]]):
+        earth = place_in_world(path_of(poses, fixes, known, covariance=loose)).earth
+        sigmas.append(np.sqrt(earth.spread(20, np.zeros(3), np.zeros((3, 3)))[0, 0]))
+    assert sigmas[1] > 1.5 * sigmas[0]
