@@ -1,0 +1,35 @@
+"""The closing words of a run."""
+
+import io
+from pathlib import Path
+
+from rich.console import Console
+
+from wayside.pipeline.inventory import Inventory
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.run import RunResult
+from wayside.pipeline.summary import print_summary
+from wayside.pipeline.world import World
+
+LATE = "the fixes are 0.200 s behind the pictures (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
+
+
+def result(notes):
+    world = World("enu", {}, None, notes=notes)
+    inventory = Inventory([], [], {"signs.parquet": 0}, {}, world, None)
+    report = ReadReport(notes=["header times are of different clocks"])
+    return RunResult(Path("a.mcap"), Path("out"), inventory, report, {"used": 3}, {}, 1.0)
+
+
+def test_what_is_amiss_with_the_log_is_said_at_the_end():
+    stream = io.StringIO()
+    print_summary(result((LATE,)), Console(file=stream, width=200), kept=False)
+    lines = stream.getvalue().splitlines()
+    assert "note: header times are of different clocks" in lines
+    assert f"note: {LATE}" in lines
+
+
+def test_a_log_without_faults_has_no_notes():
+    one = result(())
+    one.report.notes.clear()
+    assert one.notes == []
