@@ -20,7 +20,8 @@ slowly, so most of it is common to both."""
 EARTH_M = 6_371_000.0
 POSE_SLACK_PX, TURN_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
 """How far from the prediction corners are looked for: with a pose; with the turn of the step before; with nothing."""
-SHORTEST_M = 0.02
+SHORTEST_M, FASTEST_MPS = 0.02, 60.0
+"""A step is no shorter, and no vehicle faster: fixes further apart jump, and say nothing of the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ def expect_step(
     if now.spacing_m is not None:
         baseline, sigma, source = now.spacing_m, spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
-        baseline, sigma = fix_distance_m(before.fix, now.fix), _fix_sigma_m(before.fix, now.fix)
+        baseline, sigma = _between_fixes(before.fix, now.fix, (now.time_ns - before.time_ns) * 1e-9)
         source = "fixes"
     else:
         raise InputError(
@@ -125,6 +126,15 @@ def fix_distance_m(first: Fix, second: Fix) -> float:
     east *= cos(radians(first.latitude_deg))
     up = second.altitude_m - first.altitude_m
     return float(np.sqrt(north * north + east * east + up * up))
+
+
+def _between_fixes(first: Fix, second: Fix, gap_s: float) -> tuple[float, float]:
+    """Distance and its sigma, metres; where fixes jump, half of what a vehicle can go, give or take as much."""
+    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second)
+    reach = FASTEST_MPS * gap_s
+    if 0 < reach < baseline - 3 * sigma:
+        return reach / 2, reach / 2
+    return baseline, sigma
 
 
 def _fix_sigma_m(first: Fix, second: Fix) -> float:

@@ -84,6 +84,17 @@ def test_fixes_serve_where_there_is_neither_pose_nor_spacing():
     assert found.sigma_m == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("off_deg", [0.0005, 38.0])
+def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_deg):
+    before = replace(FRAME, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    now = replace(FRAME, fix=Fix(38.00007 + off_deg, -97.0, 500.0, None), log_time_ns=3 * 10**8)
+    found = expect(before, now)
+    assert found.baseline_m == pytest.approx(9.0)
+    assert found.sigma_m == pytest.approx(9.0)
+    untimed = expect(before, replace(now, log_time_ns=0))
+    assert untimed.baseline_m > 50
+
+
 def test_no_source_of_the_distance_is_an_error_that_names_the_frame_and_the_option():
     with pytest.raises(InputError, match=r"frame 7.*--spacing"):
         expect(FRAME, FRAME)
