@@ -5,7 +5,7 @@
 For each source of the real scenes, gate and judge are learned anew as `make learn` does it, from every second rendered
 learning drive and the other sources; then the pictures of the source go through the stages of a run. Writes
 benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are not part of the
-repository: without them it says so and ends with status 2. Takes some 10 minutes of processor time.
+repository: without them it says so and ends with status 2. Takes some 15 minutes of processor time.
 """
 
 from __future__ import annotations
@@ -232,12 +232,12 @@ def page(sources: Sequence[Source], learned: str) -> str:
         f"{pictures} single pictures with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
         f"source is looked at with a gate and a judge learned as `make learn` does it, from {learned}",
         "and the other sources alone; the bar is that of the judge that ships. Many pictures are of one place and the",
-        "sources are few: this is what to expect of a camera never seen, give or take ten per cent.",
+        "sources are few: a share of 50 faces is known to seven per cent at best, that of a rare colour hardly at all.",
         "",
         "*candidate*: a box on the face (IoU .5); *past the gate*, *past the judge*: one that they accept; *seen*: one",
         "that no better box covers, which is what goes on to be followed. *Seen, rendered only*: by gate and judge",
         "learned from no real picture. *False*: boxes kept on no face, in those pictures of which all faces are",
-        f"boxed ({complete} of {pictures}); some lie on signs too far to be boxed.",
+        f"boxed ({complete} of {pictures}); far signs that nobody boxed may be among them.",
         "",
         "## By source",
         "",
