@@ -20,8 +20,8 @@ slowly, so most of it is common to both."""
 EARTH_M = 6_371_000.0
 POSE_SLACK_PX, TURN_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
 """How far from the prediction corners are looked for: with a pose; with the turn of the step before; with nothing."""
-SHORTEST_M, FASTEST_MPS = 0.02, 60.0
-"""A step is no shorter, and no vehicle faster: fixes further apart jump, and say nothing of the way."""
+SHORTEST_M, FASTEST_MPS = 0.02, 150.0
+"""A step is no shorter, and nothing on a road that fast: fixes further apart jump, and say nothing of the way."""
 
 
 @dataclass(frozen=True, slots=True)

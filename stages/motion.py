@@ -55,6 +55,8 @@ UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
 must be, smallest way of a point through the picture, smallest relative error."""
+MOST_DOUBTS = 2
+"""Steps in a row for which points are believed against fixes."""
 TRIMMED = 0.9
 
 
@@ -104,6 +106,7 @@ class Drive:
     depths: Array = field(default_factory=lambda: np.zeros(0))
     turn: Array | None = None
     sigma_m: float = 0.0
+    doubts: int = 0
     vehicle: Vehicle = field(default_factory=Vehicle)
 
     def follow(self, look: Look) -> Motion:
@@ -182,7 +185,8 @@ class Drive:
 
         Points that were measured over the last step too say how long this one is against it; none of them was found by
         its depth. A known spacing is held, or a multiple of it where triggers were dropped; distances between poses or
-        fixes are noisy, so they are averaged with what the points carry over from the steps before.
+        fixes are noisy, so they are averaged with what the points carry over from the steps before. Where both are far
+        apart, a fix has jumped, out and back again at most: if they stay so, the points are wrong.
         """
         given, sigma = expected.baseline_m, expected.sigma_m
         carried, scatter = by_points
@@ -194,7 +198,10 @@ class Drive:
             return (steps * given if dropped else given), sigma
         carried_sigma = hypot(self.sigma_m, max(scatter, RATIO_SIGMA * carried))
         if abs(carried - given) > 3 * hypot(sigma, carried_sigma):
-            return given, sigma
+            self.doubts += 1
+            jumps = expected.source == "fixes" and self.doubts <= MOST_DOUBTS
+            return (carried, carried_sigma) if jumps else (given, sigma)
+        self.doubts = 0
         share = sigma**2 / (sigma**2 + carried_sigma**2)
         return given + share * (carried - given), sigma * sqrt(1 - share)
 

@@ -89,8 +89,8 @@ def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_d
     before = replace(FRAME, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
     now = replace(FRAME, fix=Fix(38.00007 + off_deg, -97.0, 500.0, None), log_time_ns=3 * 10**8)
     found = expect(before, now)
-    assert found.baseline_m == pytest.approx(9.0)
-    assert found.sigma_m == pytest.approx(9.0)
+    assert found.baseline_m == pytest.approx(22.5)
+    assert found.sigma_m == pytest.approx(22.5)
     untimed = expect(before, replace(now, log_time_ns=0))
     assert untimed.baseline_m > 50
 

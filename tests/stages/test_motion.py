@@ -12,8 +12,9 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import SKIPPED, USED, Camera, Fix, Frame, Picture, Pose, PosePrior
 from wayside.schemas.regions import Candidates, Judged, Regions, Segmented
 from wayside.schemas.settings import FeatureSettings, MotionSettings
+from wayside.stages.expectation import expect_step
 from wayside.stages.features import extract_features
-from wayside.stages.motion import estimate_motion
+from wayside.stages.motion import Drive, estimate_motion
 
 CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
 SPACING = 8.0
@@ -286,3 +287,18 @@ def test_the_same_pictures_give_the_same_bytes():
     for a, b in zip(first, second, strict=True):
         assert a.pose.centre.tobytes() == b.pose.centre.tobytes()
         assert a.pose.rotation.tobytes() == b.pose.rotation.tobytes()
+
+
+def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
+    frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    drive = Drive(MotionSettings(), sigma_m=0.1)
+    expected = expect_step(frame, far, drive.vehicle.law, None, spacing_sigma_m=0.02)
+    assert expected.baseline_m > 20
+    lengths = [drive._length((8.0, 0.02), expected)[0] for _ in range(3)]
+    assert lengths[:2] == [8.0, 8.0]
+    assert lengths[2] == expected.baseline_m
+    near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    agreeing = expect_step(frame, near, drive.vehicle.law, None, spacing_sigma_m=0.02)
+    assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)
+    assert drive._length((8.0, 0.02), expected)[0] == 8.0
