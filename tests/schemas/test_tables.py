@@ -31,9 +31,9 @@ fixes only; otherwise origin at the first used camera centre, x forward, y left,
 z forward. Pixel centres lie at integers; boxes are half open.
 
 The path is smoothed over the whole drive: steps between pictures are exact to centimetres and drift, poses and fixes
-scatter and do not. What is left out, a lag of their clock or a long gap stands in `run.json` under `notes`. `covariance`
-and `sigma_along_m` to `sigma_up_m` are relative to the cameras nearby; `sigma_east_m`, `sigma_north_m` and `sigma_alt_m`
-are those of the place on the globe and hold what the fixes have wrong together.
+scatter and do not. What is left out, a lag of their clock or a long gap stands in `run.json` under `notes`. The columns
+`covariance` and `sigma_along_m` to `sigma_up_m` are relative to the cameras nearby; `sigma_east_m`, `sigma_north_m` and
+`sigma_alt_m` are those of the place on the globe and hold what the fixes have wrong together.
 """
 
 
