@@ -3,7 +3,8 @@
     .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 20]
 
 The long log is the short one played over and over: its pictures and calibration only, times moved on, so both run from
-the known spacing. Also compares the bytes that one and two workers write. Prints a table; writes nothing but scratch.
+the known spacing. Also compares the bytes that one and two workers write, and times the adjustment of windows of
+simulated frames. Prints a table; writes nothing but scratch.
 """
 
 from __future__ import annotations
@@ -14,10 +15,17 @@ import resource
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
+import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+
+from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
+from wayside.schemas.settings import MotionSettings
+from wayside.stages import bundle
+from wayside.stages.window import Held
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 
@@ -54,7 +62,32 @@ def main() -> int:
             print(
                 f"  {stage:10s} {1000 * seconds / result['accounting']['frames_read']:7.1f} ms processor time a picture"
             )
+    for frames, ties in ((4, 60), (8, 60), (8, 200)):
+        print(
+            f"  window of {frames} frames, {ties} ties a step: {window_ms(frames, ties):.1f} ms processor time"
+        )
     return 0 if same else 1
+
+
+def window_ms(frames: int, ties: int, times: int = 50) -> float:
+    """Processor time of one place adjusted with so many frames and ties a step, milliseconds, median."""
+    drive = SimulatedDrive(Survey(ties=ties, signs=1))
+    moved = [m for m in drive.moved(MotionSettings()) if m.motion is not None]
+    seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
+    last = int(seen[-1])
+    first = last - frames + 1
+    held = [Held.of(m, m.motion, drive.camera) for m in moved[first : last + 1]]
+    rays = np.array(
+        [(d := p.to_camera(drive.signs[0]))[:2] / d[2] for p in drive.poses[first : last + 1]]
+    )
+    sighted = bundle.Sighted(np.arange(frames), rays, np.full(frames, 1e-4))
+    point = held[-1].motion.pose.to_world(drive.poses[last].to_camera(drive.signs[0]))
+    spent = []
+    for _ in range(times):
+        start = time.process_time()
+        bundle.adjust_together(held, frames - 1, sighted, point)
+        spent.append(time.process_time() - start)
+    return 1000 * float(np.median(spent))
 
 
 def play(source: Path, target: Path, times: int) -> None:

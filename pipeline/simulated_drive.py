@@ -270,9 +270,18 @@ class SimulatedDrive:
         current[gross] += self._rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
         coarse, _ = fit_coarse_motion(*rays, expected.prior, expected.search, now.focal_px)
-        tied = Tied(previous, current, rows, (rows, current))
+        growth = self._depths(int(first), shared) / self._depths(int(second), shared)
+        warp = np.column_stack([growth, np.zeros(len(rows)), growth])
+        sigma = np.zeros(len(rows))  # nothing here slides
+        tied = Tied(
+            previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
+        )
         step = fit_ties(before, now, tied, (coarse.rotation, coarse.direction), expected.prior)
         return step if step.inlier.sum() >= fewest else None
+
+    def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
+        """Depth (n,) of points that could be ties in a picture."""
+        return np.asarray(self.poses[index].to_camera(self._points[points])[:, 2])
 
     def _drift(self, uv: Array) -> Array:
         """A smooth random field at pixels (n, 2): Gaussian in its values, of unit scatter, and in its correlation."""

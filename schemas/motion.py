@@ -17,13 +17,37 @@ class Ties:
     """Tie points between the previous and the current frame: ideal (undistorted) pixels, shape (n, 2) each.
 
     inlier (n,) bool: agrees with the adjusted motion. point (n, 3) float64: in the current camera frame, metres,
-    nan where it cannot be triangulated.
+    nan where it cannot be triangulated. rows (n, 2) int64: corners of both frames that the tie stems from (-1: none),
+    by which ties of several steps are one track; warp (n, 3): how the surroundings of `previous` lie in the current
+    frame (stretch along u, shear of u by v, stretch along v); sigma_px (n,): how far the patch may slide along its
+    edges. All None where they were not kept.
     """
 
     previous: NDArray[np.float64]
     current: NDArray[np.float64]
     inlier: NDArray[np.bool_]
     point: NDArray[np.float64]
+    rows: NDArray[np.int64] | None = None
+    warp: NDArray[np.float64] | None = None
+    sigma_px: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StepPrior:
+    """What was known of a step before looking.
+
+    rotation (3, 3), sigma_rotation in radians (inf: unknown); direction of travel (3,), sigma_direction (2,) as slopes
+    sideways and up, in the axes half way through the turn where `halfway`, else in the previous camera's; length_m of
+    the step and its sigma_m.
+    """
+
+    rotation: NDArray[np.float64]
+    sigma_rotation: float
+    direction: NDArray[np.float64]
+    sigma_direction: NDArray[np.float64]
+    halfway: bool
+    length_m: float
+    sigma_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +60,8 @@ class Motion:
     "poses" or "fixes" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line and adjusted motion.
     expected: the step by the prior alone, that the adjustment began from (None where there was no adjustment);
     history_px: RMS of eq. 7.5 per coordinate over all ties at the start of the adjustment and after each iteration.
-    length_ratio: length of the step over that of the step before by points common to both alone, and its scatter.
+    length_ratio: length of the step over that of the step before by points common to both alone, and its scatter;
+    prior: what was known of the step before looking (None: nothing).
     """
 
     pose: Pose
@@ -54,6 +79,7 @@ class Motion:
     expected: Pose | None = None
     history_px: tuple[float, ...] = ()
     length_ratio: tuple[float, float] = (nan, nan)
+    prior: StepPrior | None = None
 
 
 @dataclass(frozen=True, slots=True)

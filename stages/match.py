@@ -14,7 +14,7 @@ from wayside.stages.numerics.association import Gates
 from wayside.stages.numerics.descriptors import match_points, vote_regions
 from wayside.stages.numerics.places import Fit, fit_views
 from wayside.stages.numerics.scatter import Scatter
-from wayside.stages.place import build_place
+from wayside.stages.place import build_place, measured_place
 from wayside.stages.window import Held, TravelledPath, sightings_of, through_window
 
 REPORT_SCORE = 1.0
@@ -107,9 +107,11 @@ class _Matcher:
         allowed = self._gates.gap_px + self._gates.gap_share * tall_px
         verdict = "sign" if fit.rms_px < allowed else "residual"
         factor = Scatter().factor(fit.chi, fit.freedom)
+        weighed = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
         place = build_place(
-            replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor)),
+            weighed,
             self._held,
+            measured_place(weighed, self._held),
             beside,
             track_id=self._next_id,
             score=REPORT_SCORE,

@@ -13,7 +13,7 @@ from math import hypot, inf, nan, sqrt
 import numpy as np
 
 from wayside.schemas.frame import Frame, Pose
-from wayside.schemas.motion import Motion, Moved, Ties
+from wayside.schemas.motion import Motion, Moved, StepPrior, Ties
 from wayside.schemas.regions import Look
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.expectation import Expectation, expect_step
@@ -26,9 +26,8 @@ from wayside.stages.numerics.epipolar import (
     sampson_px,
 )
 from wayside.stages.numerics.midpoint import midpoint, pair_residual
-from wayside.stages.numerics.rotation import across
-from wayside.stages.numerics.tie_errors import motion_slopes, shared_error
 from wayside.stages.numerics.undistort import rays_of_ideal
+from wayside.stages.step_errors import parallax_px, step_covariance
 from wayside.stages.ties import (
     HELD_SIGMA,
     REGISTERED_SIGMA_PX,
@@ -47,10 +46,6 @@ AGAIN_RAD, ROUNDS = np.radians(0.1), 3
 """Ties are chosen again while that moves the direction by more, so often at most."""
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 """Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
-SHARED_SIGMA_PX, SHARED_SHARE, SHARED_REACH_PX = 0.05, 0.004, 60.0
-"""Error that neighbouring ties have in common, what their way through the picture adds, and how far it reaches: so far
-do rotations and directions scatter (measured). Directions hang on a few near ties, mostly on the road, that slide along
-markings or confirm the motion they were sought by."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
@@ -165,11 +160,19 @@ class Drive:
         return Motion(
             last.pose.compose(pose),
             pose,
-            _covariance(adjusted, held, focal, baseline, sigma_m),
+            step_covariance(adjusted, held, focal, baseline, sigma_m, scale_px=FINE_SCALES_PX[-1]),
             expected.source,
             baseline,
             last.station_m + baseline,
-            Ties(step.tied.previous, step.tied.current, step.inlier, points),
+            Ties(
+                step.tied.previous,
+                step.tied.current,
+                step.inlier,
+                points,
+                step.tied.rows,
+                step.tied.warp,
+                step.tied.sigma,
+            ),
             straight_px,
             _root_mean(pair_residual(*held, rotation, direction, focal)),
             needed,
@@ -178,6 +181,7 @@ class Drive:
             Pose(expected.straight[0], baseline * expected.straight[1]),
             tuple(np.sqrt(adjusted.history / 4).tolist()),
             _ratio(carried, last.baseline_m),
+            _known_before(step.prior, expected, baseline, sigma_m),
         )
 
     def _length(self, by_points: tuple[float, float], expected: Expectation) -> tuple[float, float]:
@@ -311,44 +315,30 @@ def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) ->
     return points
 
 
-def parallax_px(adjusted: Adjusted, focal_px: float) -> Array:
-    """Way of each tie (n,) through the picture by the travel alone, pixels."""
-    away = adjusted.point[:, :2] - adjusted.direction[:2] / adjusted.direction[2]
-    return np.asarray(focal_px * np.maximum(adjusted.point[:, 2], 0) * np.linalg.norm(away, axis=1))
-
-
 def _ratio(carried: tuple[float, float], last_m: float) -> tuple[float, float]:
     """Length against that of the step before, and its scatter."""
     return (carried[0] / last_m, carried[1] / last_m) if last_m > 0 else (nan, nan)
 
 
-def _covariance(
-    adjusted: Adjusted,
-    rays: tuple[Array, Array],
-    focal_px: tuple[float, float],
-    baseline_m: float,
-    sigma_m: float,
-) -> Array:
-    """Covariance (6, 6) of rotation vector and translation in the previous camera's axes."""
-    scale_px = FINE_SCALES_PX[-1]
-    focal = 0.5 * (focal_px[0] + focal_px[1])
-    gaps, slopes = motion_slopes(*rays, adjusted.rotation, adjusted.direction, focal)
-    weight = 1 / (REGISTERED_SIGMA_PX**2 * (1 + (gaps / scale_px) ** 2))
-    shared = shared_error(
-        rays[1],
-        adjusted.rotation.T @ adjusted.direction,
-        adjusted.covariance @ (slopes * weight[:, None]).T,
-        focal_px=focal,
-        sigma_px=SHARED_SIGMA_PX + SHARED_SHARE * parallax_px(adjusted, focal),
-        reach_px=SHARED_REACH_PX,
+def _known_before(
+    prior: Prior, expected: Expectation, baseline_m: float, sigma_m: float
+) -> StepPrior:
+    """What to adjust a step with, together with its neighbours.
+
+    Distances between poses as given: the ties of all steps will average them. Those between fixes as averaged so far,
+    since what the end of the drive makes of them stretches the drive by these lengths.
+    """
+    if expected.source in ("poses", "odometry"):
+        baseline_m, sigma_m = expected.baseline_m, expected.sigma_m
+    return StepPrior(
+        prior.rotation,
+        prior.sigma_rotation,
+        prior.direction,
+        prior.sigma_direction,
+        prior.halfway,
+        baseline_m,
+        sigma_m,
     )
-    basis = across(adjusted.direction)
-    spread = np.zeros((6, 5))
-    spread[:3, :3] = np.eye(3)
-    spread[3:, 3:] = baseline_m * basis.T
-    covariance = spread @ (adjusted.covariance + shared) @ spread.T
-    covariance[3:, 3:] += sigma_m**2 * np.outer(adjusted.direction, adjusted.direction)
-    return np.asarray(covariance)
 
 
 def _unmeasured(last: Motion, expected: Expectation, height_m: float) -> Motion:
@@ -373,6 +363,12 @@ def _unmeasured(last: Motion, expected: Expectation, height_m: float) -> Motion:
         False,
         0,
         height_m,
+        prior=_known_before(
+            expected.prior._replace(rotation=rotation, sigma_rotation=turn),
+            expected,
+            baseline,
+            expected.sigma_m,
+        ),
     )
 
 

@@ -61,12 +61,13 @@ _CELLS = 8
 class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
-    frames (v,), weight_sigma, ray_sigma (v,): the views of the centre as in `Fit`; centre_sigma (2,): scatter of
-    the centre across the face that all views share, metres.
+    frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `Fit`; centre_sigma (2,):
+    scatter of the centre across the face that all views share, metres.
     """
 
     point: Array
     frames: NDArray[np.int64]
+    rays: Array
     weight_sigma: Array
     ray_sigma: Array
     centre_sigma: Array
@@ -122,6 +123,19 @@ def across_path(point: Array, held: Sequence[Held], beside: Beside) -> Plane:
     up = up - (up @ ahead) * ahead
     up /= np.linalg.norm(up)
     return Plane(point, np.cross(ahead, up), -up, ahead)
+
+
+def box_rays(fit: Fit, held: Sequence[Held]) -> Array:
+    """Rays (v, 2) of the centres of the boxes that a place was fitted to."""
+    first = np.cumsum([0, *(len(h.open) for h in held)])
+    used = zip(fit.rows[fit.used], fit.frames[fit.used], strict=True)
+    return np.array([held[frame].ray[row - first[frame]] for row, frame in used])
+
+
+def projected(point: Array, fit: Fit, held: Sequence[Held]) -> Array:
+    """Rays (v, 2) of a point of the world in the frames that a place was fitted to."""
+    local = np.array([held[frame].motion.pose.to_camera(point) for frame in fit.frames[fit.used]])
+    return np.asarray(local[:, :2] / local[:, 2:])
 
 
 def usable_views(plane: Plane, metric: Array, held: Sequence[Held]) -> list[tuple[float, int]]:
@@ -277,10 +291,18 @@ def solve_panel(fit: Fit, group: _Registered, face: Face, held: Sequence[Held]) 
             np.ascontiguousarray(local[:, :2] / local[:, 2:]),
             weight_sigma,
         )
-        views = (frames, weight_sigma, ray_sigma)
+        views = (frames, local[:, :2] / local[:, 2:], weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point = points[0]
-        views = (fit.frames[fit.used], fit.weight_sigma[fit.used], fit.ray_sigma[fit.used])
+        shifted = (
+            box_rays(fit, held) + projected(point, fit, held) - projected(fit.point, fit, held)
+        )
+        views = (
+            fit.frames[fit.used],
+            shifted,
+            fit.weight_sigma[fit.used],
+            fit.ray_sigma[fit.used],
+        )
     off = float(np.linalg.norm(point - fit.point))
     grown = size / fit.metric
     if not off < max(FARTHEST_OFF_M, FARTHEST_SHARE * depth.min()):
@@ -306,8 +328,9 @@ def solve_panel(fit: Fit, group: _Registered, face: Face, held: Sequence[Held]) 
     return Panel(
         point=point,
         frames=views[0],
-        weight_sigma=views[1],
-        ray_sigma=views[2],
+        rays=views[1],
+        weight_sigma=views[2],
+        ray_sigma=views[3],
         centre_sigma=edge / 2,
         size=true_size,
         sigma_size=np.hypot(edge, true_size * np.sqrt(np.diag(facing.covariance)[1:])),

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from wayside.schemas.models import TreeModel
 from wayside.schemas.motion import Place, View
 from wayside.schemas.regions import COLORS, SHAPES
+from wayside.stages.bundle import Sighted, adjust_together
 from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit
 from wayside.stages.numerics.trees import log_odds
 from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
-from wayside.stages.panel import Panel
+from wayside.stages.panel import Panel, box_rays
 from wayside.stages.window import Held
 
 FACING_SIGMA_DEG = 20.0
@@ -107,20 +108,18 @@ def judge_place(features: NDArray[np.float64], model: TreeModel | None) -> tuple
 def build_place(
     fit: Fit,
     held: Sequence[Held],
+    found: Measured,
     beside: Beside,
     *,
     track_id: int,
     score: float,
     verdict: str,
     evidence: NDArray[np.float64] | None = None,
-    panel: Panel | None = None,
 ) -> Place:
-    """The place in the frame where it is largest and whole; by its panel where that is measured, else by its boxes."""
+    """The place as it was measured, in the frame where it is largest and whole."""
     best = best_view(fit, held)
     home = held[fit.frames[best]]
     pose = home.motion.pose
-    frame = int(fit.frames[best])
-    found = by_boxes(fit, held, frame) if panel is None else by_panel(panel, held, frame)
     color, color_distance = winner(*votes(fit, held, "color"), COLORS)
     shape, shape_distance = winner(*votes(fit, held, "shape"), SHAPES)
     return Place(
@@ -168,27 +167,39 @@ class Measured(NamedTuple):
     sigma_facing_deg: float
 
 
-def by_boxes(fit: Fit, held: Sequence[Held], frame: int) -> Measured:
-    """The place as its boxes have it, relative to the camera of a frame of the window."""
-    used = fit.used
-    return Measured(
-        fit.point,
-        covariance_at(
-            fit.point, fit.frames[used], fit.weight_sigma[used], fit.ray_sigma[used], held, frame
-        ),
-        BIAS_SHARE * fit.metric,
-        BORDER * fit.metric,
-        np.hypot(fit.spread, SIZE_SIGMA * fit.metric),
-        0.0,
-        FACING_SIGMA_DEG,
-    )
+def measured_place(
+    fit: Fit, held: Sequence[Held], panel: Panel | None = None, *, together: bool = False
+) -> Measured:
+    """The place by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
-
-def by_panel(panel: Panel, held: Sequence[Held], frame: int) -> Measured:
-    """The place as its panel has it, relative to the camera of a frame of the window."""
+    together: adjusted with the motion of the frames round it, where something is known of that beforehand.
+    """
+    frame = int(fit.frames[best_view(fit, held)])
+    if panel is None:
+        used = fit.used
+        sighted = Sighted(fit.frames[used], box_rays(fit, held), fit.ray_sigma[used])
+        weight_sigma, point = fit.weight_sigma[used], fit.point
+    else:
+        sighted = Sighted(panel.frames, panel.rays, panel.ray_sigma)
+        weight_sigma, point = panel.weight_sigma, panel.point
+    joint = adjust_together(held, frame, sighted, point) if together else None
+    if joint is None:
+        covariance = covariance_at(point, sighted.frames, weight_sigma, sighted.sigma, held, frame)
+    else:
+        point, covariance = joint.point, joint.covariance
+    if panel is None:
+        return Measured(
+            point,
+            covariance,
+            BIAS_SHARE * fit.metric,
+            BORDER * fit.metric,
+            np.hypot(fit.spread, SIZE_SIGMA * fit.metric),
+            0.0,
+            FACING_SIGMA_DEG,
+        )
     return Measured(
-        panel.point,
-        covariance_at(panel.point, panel.frames, panel.weight_sigma, panel.ray_sigma, held, frame),
+        point,
+        covariance,
         panel.centre_sigma,
         panel.size,
         panel.sigma_size,

@@ -87,13 +87,16 @@ class Ground(NamedTuple):
 class Tied(NamedTuple):
     """Registered tie points of a pair.
 
-    previous, current (n, 2): ideal pixels; rows (n, 2): corners of both pictures they stem from; tried: all rows
-    that were registered, with where they were found (nan: nowhere).
+    previous, current (n, 2): ideal pixels; rows (n, 2): corners of both pictures they stem from; warp (n, 3): how the
+    patch lies in the second picture, and sigma (n,): how far it may slide there, as of `numerics.register`; tried: all
+    rows that were registered, with where they were found, warp and sigma (n, 6) (nan: nowhere).
     """
 
     previous: Array
     current: Array
     rows: NDArray[np.int64]
+    warp: Array
+    sigma: Array
     tried: tuple[NDArray[np.int64], Array]
 
 
@@ -184,7 +187,7 @@ def register_ties(
     """
     pairs = _match(before, now, rotation, direction, GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
     pairs = _spread(pairs, before.corners)
-    found = np.full((len(pairs), 2), np.nan)
+    found = np.full((len(pairs), 6), np.nan)
     fresh = np.ones(len(pairs), np.bool_)
     if last is not None:
         keys, known = _keys(pairs, now), _keys(last.tried[0], now)
@@ -196,8 +199,10 @@ def register_ties(
     corners = np.rint(before.corners[pairs[good, 0]]).astype(np.float64)
     return Tied(
         ideal_points(before.camera, corners),
-        ideal_points(now.camera, found[good]),
+        ideal_points(now.camera, np.ascontiguousarray(found[good, :2])),
         pairs[good],
+        found[good, 2:5],
+        found[good, 5],
         (pairs, found),
     )
 
@@ -215,7 +220,10 @@ def _register(
     ground: Ground | None,
     pairs: NDArray[np.int64],
 ) -> Array:
-    """Recorded pixels (n, 2) in the second picture of the first one's corners, nan where they do not look alike."""
+    """Where the first picture's corners are in the second one, recorded pixels, with warp and sigma: (n, 6).
+
+    nan where they do not look alike.
+    """
     far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
     corners = np.rint(before.corners[pairs[:, 0]]).astype(np.int64)
     # Growth from the distances to the epipole; near it they say nothing, and growth is small there.
@@ -234,7 +242,8 @@ def _register(
         flat = gap < ROAD_GAP_PX + ROAD_GAP_SHARE * flow
         warps[flat] = on_road[flat]
     registered = register_patches(before.grey, now.grey, corners, starts, warps)
-    return np.where(registered.zncc[:, None] >= ALIKE, registered.point, np.nan)
+    found = np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
+    return np.where(registered.zncc[:, None] >= ALIKE, found, np.nan)
 
 
 def register_road(
@@ -264,6 +273,8 @@ def register_road(
         np.vstack([tied.previous, ideal[good]]),
         np.vstack([tied.current, ideal_points(now.camera, found.point[good])]),
         np.vstack([tied.rows, np.full((int(good.sum()), 2), -1)]),
+        np.vstack([tied.warp, (warps * found.scale[:, None])[good]]),
+        np.concatenate([tied.sigma, found.sigma[good]]),
         tied.tried,
     )
 

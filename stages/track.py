@@ -28,6 +28,7 @@ from wayside.stages.place import (
     frames_of,
     judge_place,
     local_rows,
+    measured_place,
     place_features,
 )
 from wayside.stages.window import Held, TravelledPath, sightings_of, through_window
@@ -151,15 +152,17 @@ class _Tracker:
                 self._known.append(fit)
                 self._scatter.learn(fit.chi, fit.freedom)
             panel = measure_panel(fit, self._held, beside) if verdict == "sign" else None
+            weighed = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
+            found = measured_place(weighed, self._held, panel, together=verdict == "sign")
             place = build_place(
-                replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor)),
+                weighed,
                 self._held,
-                beside if panel is None else self._path.beside(panel.point),
+                found,
+                self._path.beside(found.point),
                 track_id=self._next_id,
                 score=score,
                 verdict=verdict,
                 evidence=evidence,
-                panel=panel,
             )
             self._held[fit.frames[0]].places.append(place)
             self._claim(fit, verdict)

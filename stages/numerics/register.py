@@ -21,16 +21,22 @@ ITERATIONS = 12
 CONVERGED_PX = 0.01
 FARTHEST_PX, SCALE_CHANGE = 3.0, 1.3
 """A fit that goes further from where the search ended, or changes the scale by more, has lost its patch."""
+FREEDOM = SIDE * SIDE - 5.0
 LEAST_TEXTURE, HOPELESS = 2.0, 0.3
 """Grey levels a patch must vary by; correlation below which a fit is given up."""
 
 
 class Registered(NamedTuple):
-    """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed."""
+    """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed.
+
+    sigma (n,): scatter of the point along its weakest direction, px of the far picture, by the noise that is left
+    between the patches: large along an edge, where nothing but its ends stops a patch from sliding.
+    """
 
     point: Array
     scale: Array
     zncc: Array
+    sigma: Array
 
 
 def register_patches(
@@ -70,8 +76,9 @@ def register_patches(
     require_array(starts, "starts", np.float64, (n, 2))
     require_array(warps, "warps", np.float64, (n, 3))
     point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
-    _register(far, near, corners, starts, warps, search_px, point, scale, zncc)
-    return Registered(point, scale, zncc)
+    sigma = np.full(n, np.inf)
+    _register(far, near, corners, starts, warps, search_px, point, scale, zncc, sigma)
+    return Registered(point, scale, zncc, sigma)
 
 
 @compiled
@@ -213,6 +220,15 @@ def _inverse(slopes: Array, inverse: Array) -> bool:
 
 
 @compiled
+def _weakest(inverse: Array) -> float:
+    # Larger eigenvalue of the place's part.
+    half = 0.5 * (inverse[0, 0] - inverse[1, 1])
+    middle = 0.5 * (inverse[0, 0] + inverse[1, 1])
+    larger: float = middle + np.sqrt(half * half + inverse[0, 1] ** 2)
+    return larger
+
+
+@compiled
 def _fit(
     near: NDArray[np.uint8],
     template: Array,
@@ -268,6 +284,7 @@ def _register(
     points: Array,
     scales: Array,
     znccs: Array,
+    sigmas: Array,
 ) -> None:
     height, width = far.shape
     template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
@@ -293,3 +310,4 @@ def _register(
             continue
         points[n, 0], points[n, 1] = place[0], place[1]
         scales[n], znccs[n] = place[2], zncc
+        sigmas[n] = np.sqrt(_weakest(inverse) * square * (1.0 - zncc * zncc) / FREEDOM)

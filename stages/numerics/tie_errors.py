@@ -7,6 +7,7 @@ of such a field that looks like motion is fitted away, so it can only be stated 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.stages.numerics.compiled import Array, compiled
 from wayside.stages.numerics.epipolar import STEP, moved_step, sampson_px
@@ -82,3 +83,51 @@ def _shared_error(
         for k in range(5):
             for m in range(5):
                 result[k, m] += gain[i, k] * total[m]
+
+
+def shared_by_picture(
+    place: Array, picture: NDArray[np.int64], felt: Array, reach_px: float
+) -> Array:
+    """Covariance (3, 3) of a point by smooth random fields of errors, one in each picture, independent of each other.
+
+    Parameters
+    ----------
+    place
+        Where ties lie in their pictures, (n, 2) px.
+    picture
+        Which picture that is, (n,), ascending in runs.
+    felt
+        How far one standard deviation of the field at each tie moves the point, by both its coordinates, (n, 2, 3).
+    reach_px
+        Of the correlation exp(-d^2 / (2 reach_px^2)).
+    """
+    order = np.argsort(picture, kind="stable")
+    first = np.flatnonzero(np.diff(picture[order], prepend=-1)).astype(np.int64)
+    result = np.zeros((3, 3))
+    _shared_by_picture(
+        np.append(first, len(order)),
+        np.ascontiguousarray(place[order]),
+        np.ascontiguousarray(felt[order]),
+        0.5 / reach_px**2,
+        result,
+    )
+    return result
+
+
+@compiled
+def _shared_by_picture(
+    first: NDArray[np.int64], place: Array, felt: Array, sharpness: float, result: Array
+) -> None:
+    for p in range(first.shape[0] - 1):
+        for i in range(first[p], first[p + 1]):
+            for j in range(first[p], i + 1):
+                x, y = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
+                near = sharpness * (x * x + y * y)
+                if near > 12.0:
+                    continue
+                alike = np.exp(-near) * (0.5 if i == j else 1.0)
+                for k in range(3):
+                    for m in range(3):
+                        both = felt[i, 0, k] * felt[j, 0, m] + felt[i, 1, k] * felt[j, 1, m]
+                        result[k, m] += alike * both
+                        result[m, k] += alike * both

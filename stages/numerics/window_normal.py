@@ -46,7 +46,7 @@ def _add_pair(
     normal: Normal, frames: Array, held: int, slopes: Array, gaps: Array, weight: float
 ) -> None:
     # Adds the pose part of some residuals (r, 12) of two frames.
-    for x in range(2):
+    for x in range(1 if frames[0] == frames[1] else 0, 2):  # a sight has one frame
         if frames[x] == held:
             continue
         for k in range(6):
@@ -54,7 +54,7 @@ def _add_pair(
             for r in range(slopes.shape[0]):
                 normal.poses_right[row] -= weight * slopes[r, 6 * x + k] * gaps[r]
             for y in range(2):
-                if frames[y] == held or frames[y] > frames[x]:
+                if frames[y] == held or frames[y] > frames[x] or (y < x and frames[y] == frames[x]):
                     continue
                 for j in range(6):
                     total = 0.0
@@ -83,11 +83,12 @@ def linearise(
     normal.own[:] = 0.0
     normal.own_right[:] = 0.0
     slopes, by_point, linked = np.empty((2, 12)), np.empty((2, 3)), np.empty((6, 12))
+    work = np.empty((2, 2, 9))
     for i in range(rows.point.shape[0]):
         n = rows.point[i]
         square = gaps[i, 0] ** 2 + gaps[i, 1] ** 2
         weight = 1.0 / (1.0 + square / rows.scale[i] ** 2)
-        row_slopes(rotations, centres, charts, points, rows, i, slopes, by_point)
+        row_slopes(rotations, centres, charts, points, rows, i, work, slopes, by_point)
         _add_pair(normal, rows.frames[i], held, slopes, gaps[i], weight)
         for k in range(3):
             a, b = weight * by_point[0, k], weight * by_point[1, k]
@@ -195,6 +196,7 @@ def point_uncertainty(
             for row in range(size):
                 covariance[k, j] += reach[row, k] * spread[row, j]
     slopes, by_point, felt = np.empty((2, 12)), np.empty((2, 3)), np.empty((3, 3))
+    work = np.empty((2, 2, 9))
     back = np.zeros((points.shape[0], 3, 3))
     for n in range(points.shape[0]):
         if normal.span[n, 1] < 0:
@@ -213,7 +215,7 @@ def point_uncertainty(
         n = rows.point[i]
         weight = gaps[i, 0] ** 2 + gaps[i, 1] ** 2
         weight = 1.0 / (1.0 + weight / rows.scale[i] ** 2) / rows.sigma[i]
-        row_slopes(rotations, centres, charts, points, rows, i, slopes, by_point)
+        row_slopes(rotations, centres, charts, points, rows, i, work, slopes, by_point)
         for r in range(2):
             for k in range(3):
                 total = 0.0

@@ -147,39 +147,30 @@ def project(
 
 @compiled
 def project_slopes(
-    rotation: Array,
-    centre: Array,
-    chart_r: Array,
-    chart_c: Array,
-    point: Array,
-    by_pose: Array,
-    by_point: Array,
+    rotation: Array, centre: Array, chart_r: Array, chart_c: Array, point: Array, slopes: Array
 ) -> None:
-    """Derivatives of `project`: (2, 6) by a turn (rad, world axes) and the centre, (2, 3) by the point."""
-    r, v, away = rotation, np.empty(3), np.empty(3)
-    for i in range(3):
-        away[i] = chart_c[i] - centre[i]
-        v[i] = chart_r[i, 0] * point[0] + chart_r[i, 1] * point[1] + chart_r[i, 2]
-        v[i] += point[2] * away[i]
-    local, d, p = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
-    for k in range(3):
-        local[k] = r[0, k] * v[0] + r[1, k] * v[1] + r[2, k] * v[2]
-        # R' v with R turned by w, v held: R' [v]x w
-        d[k, 0] = r[1, k] * v[2] - r[2, k] * v[1]
-        d[k, 1] = r[2, k] * v[0] - r[0, k] * v[2]
-        d[k, 2] = r[0, k] * v[1] - r[1, k] * v[0]
-        for j in range(3):
-            d[k, 3 + j] = -point[2] * r[j, k]
-        for j in range(2):
-            p[k, j] = r[0, k] * chart_r[0, j] + r[1, k] * chart_r[1, j] + r[2, k] * chart_r[2, j]
-        p[k, 2] = r[0, k] * away[0] + r[1, k] * away[1] + r[2, k] * away[2]
-    z = max(local[2], NEAREST)
+    """Derivatives (2, 9) of `project`: by a turn (rad, world axes), by the centre, by the point."""
+    r, rho = rotation, point[2]
+    a0, a1, a2 = chart_c[0] - centre[0], chart_c[1] - centre[1], chart_c[2] - centre[2]
+    v0 = chart_r[0, 0] * point[0] + chart_r[0, 1] * point[1] + chart_r[0, 2] + rho * a0
+    v1 = chart_r[1, 0] * point[0] + chart_r[1, 1] * point[1] + chart_r[1, 2] + rho * a1
+    v2 = chart_r[2, 0] * point[0] + chart_r[2, 1] * point[1] + chart_r[2, 2] + rho * a2
+    z = max(r[0, 2] * v0 + r[1, 2] * v1 + r[2, 2] * v2, NEAREST)
     for i in range(2):
-        slope = local[i] / z
-        for k in range(6):
-            by_pose[i, k] = (d[i, k] - slope * d[2, k]) / z
-        for k in range(3):
-            by_point[i, k] = (p[i, k] - slope * p[2, k]) / z
+        # by the point's place v, world axes; a turn w of the camera moves it against the axes by v x w
+        slope = (r[0, i] * v0 + r[1, i] * v1 + r[2, i] * v2) / z
+        g0 = (r[0, i] - slope * r[0, 2]) / z
+        g1 = (r[1, i] - slope * r[1, 2]) / z
+        g2 = (r[2, i] - slope * r[2, 2]) / z
+        slopes[i, 0], slopes[i, 1], slopes[i, 2] = (
+            g1 * v2 - g2 * v1,
+            g2 * v0 - g0 * v2,
+            g0 * v1 - g1 * v0,
+        )
+        slopes[i, 3], slopes[i, 4], slopes[i, 5] = -rho * g0, -rho * g1, -rho * g2
+        slopes[i, 6] = g0 * chart_r[0, 0] + g1 * chart_r[1, 0] + g2 * chart_r[2, 0]
+        slopes[i, 7] = g0 * chart_r[0, 1] + g1 * chart_r[1, 1] + g2 * chart_r[2, 1]
+        slopes[i, 8] = g0 * a0 + g1 * a1 + g2 * a2
 
 
 @compiled
@@ -210,26 +201,32 @@ def row_slopes(
     points: Array,
     rows: Rows,
     i: int,
+    work: Array,
     slopes: Array,
     by_point: Array,
 ) -> None:
-    """Derivatives of residual i, in sigmas: (2, 12) by both its poses, earlier first, and (2, 3) by its point."""
+    """Derivatives of residual i, in sigmas: (2, 12) by both its poses, earlier first, and (2, 3) by its point.
+
+    work (2, 2, 9): scratch.
+    """
     n, first, second = rows.point[i], rows.frames[i, 0], rows.frames[i, 1]
     chart_r, chart_c = charts.rotation[n], charts.centre[n]
-    other = np.empty((2, 3))
-    early = np.empty((2, 6))
-    late = np.empty((2, 6))
-    project_slopes(rotations[second], centres[second], chart_r, chart_c, points[n], late, by_point)
-    project_slopes(rotations[first], centres[first], chart_r, chart_c, points[n], early, other)
-    w, weight = rows.warp[i], 1.0 / rows.sigma[i]
+    early, late = work[0], work[1]
+    project_slopes(rotations[second], centres[second], chart_r, chart_c, points[n], late)
+    if first == second:
+        early[:] = 0.0
+    else:
+        project_slopes(rotations[first], centres[first], chart_r, chart_c, points[n], early)
+    w0, w1, w2 = rows.warp[i, 0], rows.warp[i, 1], rows.warp[i, 2]
+    weight = 1.0 / rows.sigma[i]
     for k in range(6):
-        slopes[0, k] = -weight * (w[0] * early[0, k] + w[1] * early[1, k])
-        slopes[1, k] = -weight * w[2] * early[1, k]
+        slopes[0, k] = -weight * (w0 * early[0, k] + w1 * early[1, k])
+        slopes[1, k] = -weight * w2 * early[1, k]
         slopes[0, 6 + k] = weight * late[0, k]
         slopes[1, 6 + k] = weight * late[1, k]
     for k in range(3):
-        by_point[0, k] = weight * (by_point[0, k] - w[0] * other[0, k] - w[1] * other[1, k])
-        by_point[1, k] = weight * (by_point[1, k] - w[2] * other[1, k])
+        by_point[0, k] = weight * (late[0, 6 + k] - w0 * early[0, 6 + k] - w1 * early[1, 6 + k])
+        by_point[1, k] = weight * (late[1, 6 + k] - w2 * early[1, 6 + k])
 
 
 @compiled

@@ -90,3 +90,30 @@ def test_another_scene_is_not_taken_for_the_patch(far):
 def test_colour_pictures_are_refused(far):
     with pytest.raises(ValueError, match="far"):
         register_patches(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), plates(1))
+
+
+def test_sigma_is_the_scatter_of_corners_under_noise(far):
+    corners = somewhere(40)
+    gaps, stated = [], []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0, 6.0, far.shape)
+        near = np.clip(far + noise, 0, 255).astype(np.uint8)
+        found = register_patches(far, near, corners, corners.astype(float), plates(len(corners)))
+        gaps.append(found.point - corners)
+        stated.append(found.sigma)
+    scatter = np.std(gaps, axis=0).max(axis=1)
+    assert np.median(np.mean(stated, axis=0) / scatter) == pytest.approx(1.1, abs=0.3)
+
+
+def test_a_patch_on_an_edge_may_slide_and_one_on_a_corner_may_not(far):
+    picture = np.full((120, 200), 60, np.float64)
+    picture[:, 50:60] = 180.0  # a marking
+    picture[80:, 140:] = 180.0  # a corner
+    picture += np.random.default_rng(0).normal(0, 2.0, picture.shape)
+    other = picture + np.random.default_rng(1).normal(0, 2.0, picture.shape)
+    both = [
+        np.clip(cv2.GaussianBlur(p, (0, 0), 1.0), 0, 255).astype(np.uint8) for p in (picture, other)
+    ]
+    corners = np.array([[50, 60], [140, 80]])
+    found = register_patches(*both, corners, corners.astype(float), plates(2))
+    assert found.sigma[0] > 5 * found.sigma[1]

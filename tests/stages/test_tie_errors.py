@@ -4,7 +4,7 @@ import pytest
 from wayside.stages.numerics.adjust import adjust_two_views
 from wayside.stages.numerics.epipolar import Prior, sampson_px
 from wayside.stages.numerics.rotation import across, vector_from_rotation
-from wayside.stages.numerics.tie_errors import motion_slopes, shared_error
+from wayside.stages.numerics.tie_errors import motion_slopes, shared_by_picture, shared_error
 
 FOCAL, SIGMA, REACH = 1400.0, 0.2, 80.0
 AHEAD = np.array([0.0, 0.0, 1.0])
@@ -76,3 +76,21 @@ def test_slopes_are_those_of_the_distance():
     moved = AHEAD + small * across(AHEAD)[0]
     there = sampson_px(previous, current, np.eye(3), moved / np.linalg.norm(moved), FOCAL)
     assert (there - gaps) / small == pytest.approx(slopes[:, 3], rel=1e-2, abs=0.5)
+
+
+def test_fields_of_each_picture_add_up_as_simulated_ones():
+    """Against the sum written out over all pairs of ties of the same picture."""
+    rng = np.random.default_rng(6)
+    picture = rng.integers(0, 3, 50)
+    place, felt = rng.uniform(0, 400, (50, 2)), rng.normal(0, 1, (50, 2, 3))
+    apart = ((place[:, None] - place[None]) ** 2).sum(axis=2)
+    alike = np.exp(-apart / (2 * REACH**2)) * (picture[:, None] == picture[None])
+    wanted = np.einsum("ij,iak,jam->km", alike, felt, felt)
+    stated = shared_by_picture(place, picture, felt, REACH)
+    np.testing.assert_allclose(stated, wanted, rtol=1e-3, atol=1e-3)
+    np.testing.assert_array_equal(stated, stated.T)
+
+
+def test_no_ties_share_no_error():
+    none = np.zeros((0, 2))
+    assert not shared_by_picture(none, np.zeros(0, np.int64), np.zeros((0, 2, 3)), REACH).any()

@@ -201,7 +201,7 @@ def test_derivatives_of_rows_are_those_of_finite_differences():
     one = scene(ties=4, seed=2)
     rotations, centres = shaken(one, 0)
     charts = Charts(one.rotations[one.anchors], one.centres[one.anchors])
-    slopes, by_point = np.empty((2, 12)), np.empty((2, 3))
+    slopes, by_point, work = np.empty((2, 12)), np.empty((2, 3)), np.empty((2, 2, 9))
     h = 1e-6
 
     def gaps(rotations, centres, points):
@@ -210,7 +210,7 @@ def test_derivatives_of_rows_are_those_of_finite_differences():
         return result
 
     for i in range(len(one.rows.point)):
-        row_slopes(rotations, centres, charts, one.points, one.rows, i, slopes, by_point)
+        row_slopes(rotations, centres, charts, one.points, one.rows, i, work, slopes, by_point)
         first, second = one.rows.frames[i]
         for x, frame in enumerate((first, second)):
             for k in range(6):
