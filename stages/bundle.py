@@ -29,15 +29,19 @@ from wayside.stages.step_errors import SHARED_REACH_PX, shared_sigma_px
 from wayside.stages.ties import REGISTERED_SIGMA_PX
 from wayside.stages.window import Held
 
-MOST_FRAMES = 8
-CELL_PX = 90.0
+MOST_FRAMES, FEWEST_SHARE = 8, 0.5
+"""Longest window; where it holds a smaller share of the views, the chain of all of them says more."""
+CELL_PX = 70.0
 """Of the ties of a step one is kept in each cell of the later picture, those of the longest tracks first."""
 SLIDING_PX = 0.12
 """Ties that may slide further along the edges of their patches are left out."""
 WAY_SHARE = 0.002
 """What a tie's way through the picture adds to its scatter, as a share of the way (measured)."""
-TIE_SCALE, ASTRAY = 1.5, 4.0
+TIE_SCALE, ASTRAY = 1.0, 4.0
 """Sigmas where the cost of a tie starts to flatten, and from which it counts as astray."""
+ROBUST_SHARE = 0.85
+"""Variance of normal errors under these robust costs, as a share of what the weights left to them say: .83 for sights,
+.86 for ties, by integrals over the normal law."""
 ANCHOR_SIGMA_PX = 0.01
 """A track is the very point that its first corner shows: its neighbours would do as well."""
 NEAREST_M, FARTHEST_M = 1.0, 2000.0
@@ -83,7 +87,9 @@ class _Tied(NamedTuple):
 def adjust_together(
     held: Sequence[Held], best: int, sighted: Sighted, point: Array
 ) -> Joint | None:
-    """Adjust a place with the motion round it; None where nothing is known of that motion beforehand.
+    """Adjust a place with the motion round it.
+
+    None where nothing is known of that motion beforehand, or most of the views are too far off.
 
     Parameters
     ----------
@@ -101,7 +107,7 @@ def adjust_together(
     priors = [h.motion.prior for h in window[1:]]
     known = [p for p in priors if p is not None]
     inside = (sighted.frames >= first) & (sighted.frames <= last)
-    if len(known) < len(priors) or inside.sum() < 2:
+    if len(known) < len(priors) or inside.sum() < max(2, FEWEST_SHARE * len(inside)):
         return None
     home, focal = held[best].motion.pose, window[0].focal
     poses = [h.motion.pose.relative_to(home) for h in window]
@@ -140,7 +146,8 @@ def adjust_together(
     )
     if not np.isfinite(found.covariance).all():
         return None
-    covariance = found.covariance + shared_errors(tied, found.gain[seen + count :] / focal)
+    shared = shared_errors(tied, found.gain[seen + count :] / focal)
+    covariance = ROBUST_SHARE * found.covariance + shared
     astray = np.unique(track[found.squares[seen + count :] > ASTRAY**2])
     turn = home.rotation
     return Joint(home.to_world(found.place), turn @ covariance @ turn.T, count, len(astray))

@@ -185,6 +185,13 @@ def test_one_view_in_the_window_places_nothing():
     assert adjust_together(held, FRAMES - 1, sighted, true[-1].to_world(SIGN)) is None
 
 
+def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain(monkeypatch):
+    monkeypatch.setattr("wayside.stages.bundle.MOST_FRAMES", 2)
+    held, true = drive()
+    sighted = sighted_of(true)
+    assert adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted)) is None
+
+
 def test_the_window_holds_the_best_frame_and_the_nearest_views():
     assert window_round(9, np.array([2, 5, 9])) == (2, 9)
     assert window_round(9, np.array([0, 1, 5, 9])) == (5, 9)
