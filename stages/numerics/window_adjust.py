@@ -4,8 +4,12 @@ Unknown are the poses of all frames but one, which is held (the gauge), and the 
 the pictures (`numerics.window_rows`) and what is known of each step beforehand, its length above all: that gives the
 scale. The cost is the sum of squares in sigmas, robust for rows (Cauchy) as in `numerics.adjust`. Levenberg-Marquardt,
 points eliminated by the Schur complement: every point is a block of its own, so an iteration costs as much as there are
-rows, and one Cholesky solution for the poses. It ends when an iteration wins less than a share `SETTLED` of the cost,
-or after `iterations`: near the minimum each halves the digits left, so that six suffice from chained two-view motion.
+rows, and one Cholesky solution for the poses.
+
+It ends when an iteration wins less than a share `SETTLED` of the cost, or after `iterations`, which bounds the time.
+With a quadratic cost seven do. Weights of a robust cost change with the residuals, so its convergence is linear: each
+iteration leaves about six tenths of what the cost is above its minimum. From chained two-view motion, with weights that
+fall from one sigma, 15 leave a place .003 of its sigma off the minimum (median; .16 in 95 %).
 """
 
 from __future__ import annotations
@@ -88,7 +92,8 @@ def adjust_window(
     Returns
     -------
     Adjusted
-        covariance and gain are nan where the normal equations are singular: a frame that nothing holds.
+        covariance and gain are nan where the normal equations cannot be solved, very large where nothing holds the
+        point.
     """
     n, p = len(rotations), len(points)
     require_array(rotations, "rotations", np.float64, (n, 3, 3))
