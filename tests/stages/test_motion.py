@@ -302,3 +302,20 @@ def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
     agreeing = expect_step(frame, near, drive.vehicle.law, None, spacing_sigma_m=0.02)
     assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)
     assert drive._length((8.0, 0.02), expected)[0] == 8.0
+
+
+def test_ties_keep_what_a_window_adjusts_them_by():
+    """Corners that steps have in common, the map of each patch, how far it may slide, and what was known before."""
+    _, pictures = painted(4, 0.0)
+    found = motions(pictures, spacing_m=[SPACING] * 4)[1:]
+    for motion in found:
+        ties, count = motion.ties, len(motion.ties.current)
+        assert ties.rows.shape == (count, 2)
+        assert ties.warp.shape == (count, 3)
+        assert (ties.warp[:, [0, 2]] > 0.5).all()
+        assert (ties.sigma_px > 0).all()
+        assert motion.prior.length_m == pytest.approx(motion.baseline_m)
+        assert motion.prior.sigma_m > 0
+    earlier, later = (m.ties.rows for m in found[:2])
+    common = np.intersect1d(earlier[:, 1], later[:, 0])
+    assert (common >= 0).sum() > 10
