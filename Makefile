@@ -10,12 +10,13 @@ JOBS ?= 2
 # Real pictures with boxed signs, where they are at hand: they teach colours and shapes, too.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test check accept drives learn clean
+.PHONY: help demo test check accept held-out drives learn clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests'
 	@echo 'make check    lint, format, types, layers'
 	@echo 'make accept   measure recall, precision and accuracy on rendered drives; fails below the floor'
+	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
 	@echo 'make drives   render all drives into .cache/drives'
 	@echo 'make learn    learn the models from the rendered drives'
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
@@ -38,6 +39,9 @@ check: .venv/.ready
 
 accept: .venv/.ready
 	@.venv/bin/python benchmarks/accept.py --jobs $(JOBS)
+
+held-out: .venv/.ready
+	@.venv/bin/python benchmarks/held_out.py --jobs $(JOBS)
 
 drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)

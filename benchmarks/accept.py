@@ -178,10 +178,7 @@ def rendered(judged: Iterable[Outcome]) -> list[RenderedEvaluation]:
 
 def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
     """Write both pages; that of the real drives only where they were at hand."""
-    made = ", ".join(
-        f"{name} {version(name)}"
-        for name in ("wayside", "numpy", "scipy", "opencv-python-headless", "numba")
-    )
+    made = versions()
     lines = [
         "# Accuracy on rendered drives",
         "",
@@ -208,6 +205,12 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
     for preset, judged in outcomes.items():
         lines += ["", f"## Preset `{preset}`", "", *real_table(judged)]
     (ROOT / "benchmarks" / "accuracy_real.md").write_text("\n".join(lines) + "\n")
+
+
+def versions() -> str:
+    """The packages that the figures depend on."""
+    names = ("wayside", "numpy", "scipy", "opencv-python-headless", "numba")
+    return ", ".join(f"{name} {version(name)}" for name in names)
 
 
 def rendered_table(judged: list[Outcome]) -> list[str]:

@@ -140,7 +140,7 @@ def say(text: str) -> None:
 
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     """Every source, looked at with a judge that has not seen it; and how the judges were learned, in words."""
-    samples = gather(logs, real, say)
+    samples = gather(logs, real, SEED, say)
     see = Remembered(samples.see)
 
     bar = load_models(load_settings("default")[0]).judge.accept

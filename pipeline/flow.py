@@ -79,7 +79,10 @@ class Flow:
         """Do what needs the frames in order: motion, tracks, places, signs."""
         s, m = self.settings, self.models
         moved = self._stage("motion", looks, estimate_motion, settings=s.motion)
-        settled = self._stage("track", moved, track, settings=s.track, place_judge=m.place)
+        view_judge = None if s.candidates.judge == "report" else m.judge
+        settled = self._stage(
+            "track", moved, track, settings=s.track, place_judge=m.place, view_judge=view_judge
+        )
         settled = self._stage(
             "location", settled, classify_location, model=m.location, settings=s.locate
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
+from wayside.pipeline.learning.appearance import through_other_cameras
 from wayside.pipeline.learning.faces import Face, real_faces
 from wayside.pipeline.learning.gaussians import (
     color_model,
@@ -29,7 +30,7 @@ from wayside.pipeline.learning.gaussians import (
 )
 from wayside.pipeline.learning.judging import Judges, learn_judges
 from wayside.pipeline.learning.names import learn_names
-from wayside.pipeline.learning.places import learn_place_judge
+from wayside.pipeline.learning.places import Tracked, learn_place_judge
 from wayside.pipeline.learning.samples import (
     Drive,
     Views,
@@ -51,7 +52,6 @@ from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Picture
 from wayside.schemas.models import Model, digest, model_to_json
-from wayside.schemas.motion import Moved
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.decode import decode
 from wayside.stages.motion import estimate_motion
@@ -64,6 +64,9 @@ BACKGROUND_OVERLAP = 0.05
 
 LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
 """Every picture; places come from the truth, and the spacing is for logs without any poses."""
+
+SCENE_COPIES = 3
+"""How often each real picture is shown, mostly altered: there are few."""
 
 Say = Callable[[str], None]
 
@@ -86,15 +89,17 @@ class Samples:
         return read_views(self.again[drive.name](), views)
 
 
-def gather(logs: Sequence[Path], real: Path | None, say: Say) -> Samples:
+def gather(logs: Sequence[Path], real: Path | None, seed: int, say: Say) -> Samples:
     """Go through all drives and real pictures; raises InputError where one cannot be used."""
     drives: list[Drive] = []
     strays: list[NDArray[np.float64]] = []
     again: dict[str, Callable[[], Iterator[Picture]]] = {}
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
-        again[truth["name"]] = partial(pictures, log)
-        drives.append(read_drive(pictures(log), truth, log.with_suffix(".masks")))
+        name = truth["name"]
+        again[name] = partial(_shown, log, seed)
+        masks = log.with_suffix(".masks")
+        drives.append(read_drive(pictures(log), again[name](), truth, masks))
         strays.append(stray_places(truth))
         say(
             f"{log.stem}: {drives[-1].frames} pictures, {len(drives[-1].faces)} clear faces, "
@@ -103,8 +108,8 @@ def gather(logs: Sequence[Path], real: Path | None, say: Say) -> Samples:
     scenes: list[Drive] = []
     if real is not None:
         for source, listed in scene_sources(read_scenes(real)).items():
-            again[source] = partial(scene_pictures, real, listed)
-            scenes.append(scene_drive(real, source, listed))
+            again[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
+            scenes.append(scene_drive(again[source](), source, SCENE_COPIES * listed))
             say(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
     crops = () if real is None else tuple(real_faces(real))
     return Samples(tuple(drives), tuple(scenes), crops, np.concatenate(strays), again)
@@ -131,7 +136,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
         If a file cannot be written.
     """
     logs = learning_logs(drives)
-    samples = gather(logs, real, say)
+    samples = gather(logs, real, seed, say)
     origin = _origin(samples.drives, samples.crops, seed)
     models = gaussian_models(samples.drives, samples.crops, samples.strays, origin)
     judges = learn_judges(samples.drives, samples.see, seed, origin, samples.scenes)
@@ -152,9 +157,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     return digests
 
 
-def _tracked(
-    logs: Sequence[Path], judges: Judges, folder: Path
-) -> Iterator[tuple[Iterable[Moved], dict[str, Any]]]:
+def _tracked(logs: Sequence[Path], judges: Judges, folder: Path) -> Iterator[Tracked]:
     """Each drive up to its motion, with candidates judged by trees that have not seen it, and its truth.
 
     The models of colour and shape are those just written into `folder`.
@@ -163,9 +166,10 @@ def _tracked(
     models = load_models(settings)
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
-        flow = Flow(settings, replace(models, judge=judges.strangers[truth["name"]]), StageClock())
+        stranger = judges.strangers[truth["name"]]
+        flow = Flow(settings, replace(models, judge=stranger), StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
-        yield estimate_motion(flow.look(frames), settings.motion), truth
+        yield estimate_motion(flow.look(frames), settings.motion), stranger, truth
 
 
 def gaussian_models(
@@ -189,6 +193,16 @@ def gaussian_models(
 def pictures(log: Path) -> Iterator[Picture]:
     """Every picture of a log, decoded, in order."""
     return decode(read_frames(log, LEARN_READ, ReadReport()))
+
+
+def _shown(log: Path, seed: int) -> Iterator[Picture]:
+    """The pictures of a log as the judge is taught with them."""
+    return through_other_cameras(pictures(log), seed)
+
+
+def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iterator[Picture]:
+    """Real pictures as the judge is taught with them."""
+    return through_other_cameras(scene_pictures(folder, scenes), seed)
 
 
 def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:

@@ -6,6 +6,7 @@ Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,9 @@ SHAPES = (
     "crossbuck",
     "other",
 )
-SOURCES = ("pass1", "pass2", "level", "edge")
-"""Where a region comes from: K-means pass one or two, a level of a distance map, or edges."""
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted")
+"""Where a region comes from: K-means pass one or two, a level of a map, two of these one above the other, or the place
+that other frames say (the box of a thing found there)."""
 
 VERDICTS = (
     "open",
@@ -99,6 +101,15 @@ class Regions:
         """Those rows, in that order."""
         return Regions(self.box[rows], self.area_px[rows], self.rgb[rows], self.source[rows])
 
+    def joined(self, others: Regions) -> Regions:
+        """These rows and then the others."""
+        return Regions(
+            *(
+                np.concatenate([getattr(self, f.name), getattr(others, f.name)])
+                for f in fields(self)
+            )
+        )
+
     @staticmethod
     def empty() -> Regions:
         """No rows."""
@@ -144,6 +155,24 @@ class Candidates:
     def open_rows(self) -> NDArray[np.int64]:
         """Rows that are still undecided."""
         return np.flatnonzero(self.verdict == 0)
+
+    def joined(self, others: Candidates) -> Candidates:
+        """These rows and then the others; chances that one of both lacks are nan there."""
+
+        def column(name: str) -> NDArray[Any] | None:
+            parts = [getattr(self, name), getattr(others, name)]
+            width = max((p.shape[1] for p in parts if p is not None and p.ndim == 2), default=0)
+            if all(part is None for part in parts):
+                return None
+            counts = (len(self), len(others))
+            filled = [
+                np.full((n, width), np.nan, np.float32) if p is None else p
+                for p, n in zip(parts, counts, strict=True)
+            ]
+            return np.concatenate(filled)
+
+        rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
+        return Candidates(self.regions.joined(others.regions), **rest)  # type: ignore[arg-type]
 
     @staticmethod
     def of(regions: Regions) -> Candidates:

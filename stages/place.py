@@ -16,8 +16,13 @@ from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit
 from wayside.stages.numerics.trees import log_odds
 from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
+<<<<<<< HEAD
 from wayside.stages.panel import Panel, box_rays
 from wayside.stages.window import Held
+=======
+from wayside.stages.panel import Panel
+from wayside.stages.window import Held, frames_of, local_rows
+>>>>>>> 1edc640 (Look where a place must be seen, put stacked pieces together, teach other cameras)
 
 FACING_SIGMA_DEG = 20.0
 """Scatter of the facing of panels along a road: what is known while it is not measured."""
@@ -238,23 +243,6 @@ def covariance_at(
         np.stack(steps),
         best,
     )
-
-
-def first_rows(held: Sequence[Held]) -> NDArray[np.int64]:
-    """Row of the window's sightings at which each frame's begin, (n + 1,)."""
-    return np.concatenate([[0], np.cumsum([len(h.open) for h in held])]).astype(np.int64)
-
-
-def frames_of(rows: NDArray[np.int64], held: Sequence[Held]) -> NDArray[np.int64]:
-    """Frame in the window of each sighting."""
-    return np.asarray(np.searchsorted(first_rows(held), rows, side="right") - 1, np.int64)
-
-
-def local_rows(
-    rows: NDArray[np.int64], frames: NDArray[np.int64], held: Sequence[Held]
-) -> NDArray[np.int64]:
-    """Sightings as rows among the followed candidates of their own frames."""
-    return np.asarray(rows - first_rows(held)[frames], np.int64)
 
 
 def view_of(fit: Fit, held: Sequence[Held], i: int) -> View:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera
 from wayside.schemas.regions import SOURCES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.numerics.boxes import distinct_boxes, patch_means
+from wayside.stages.numerics.boxes import distinct_boxes, patch_means, stacked_pairs
 from wayside.stages.numerics.levels import level_regions
 from wayside.stages.numerics.maps import LOWEST, face_maps, halved
 
@@ -41,6 +41,9 @@ SHORTEST_PX = 8
 SAME = 0.7
 """Boxes that overlap more (IoU) are one candidate; at .45 faces were lost to their neighbours, at .6 not."""
 
+STACKS = 2
+"""Rounds in which regions are stacked: faces of up to four pieces are put together."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Found:
@@ -51,7 +54,7 @@ class _Found:
 
 
 def propose(items: Iterator[Segmented], *, settings: CandidateSettings) -> Iterator[Segmented]:
-    """Add regions of the sources `level` to each picture's segments.
+    """Add regions of the sources `level` and `stack` to each picture's segments.
 
     Segments outside the size of a face are dropped, like boxes are merged; at most `settings.most` regions
     remain, those that lasted over most levels first. A picture that is not used passes untouched.
@@ -119,4 +122,33 @@ def merged(segments: Regions, found: list[_Found], most: int) -> Regions:
     lasted = np.concatenate([*(f.lasted for f in found), np.zeros(len(segments), np.int32)])
     order = np.argsort(-lasted, kind="stable")
     kept = distinct_boxes(box[order], SAME)[:most]
-    return together.select(order[kept])
+    regions = together.select(order[kept])
+    for _ in range(STACKS):
+        regions = with_stacks(regions)
+    return regions.select(np.arange(min(len(regions), most)))
+
+
+def with_stacks(regions: Regions) -> Regions:
+    """The regions and after them what pairs of them, one above the other, make together (source `stack`).
+
+    Pairs whose sides agree best come first: of like stacks they stay.
+    """
+    pairs = stacked_pairs(regions.box)
+    sides = regions.box[pairs][:, :, ::2]
+    apart = np.abs(sides[:, 0] - sides[:, 1]).sum(axis=1) / np.ptp(sides, axis=2).sum(axis=1)
+    upper, lower = pairs[np.argsort(apart, kind="stable")].T
+    low = np.minimum(regions.box[upper], regions.box[lower])[:, :2]
+    high = np.maximum(regions.box[upper], regions.box[lower])[:, 2:]
+    area = np.stack([regions.area_px[upper], regions.area_px[lower]])
+    share = (area / area.sum(axis=0)).astype(np.float32)[:, :, None]
+    size = high - low
+    aspect = size[:, 0] / size[:, 1]
+    fits = (aspect >= NARROWEST) & (aspect <= WIDEST) & (size[:, 1] >= SHORTEST_PX)
+    stacks = Regions(
+        np.concatenate([low, high], axis=1),
+        area.sum(axis=0).astype(np.int32),
+        share[0] * regions.rgb[upper] + share[1] * regions.rgb[lower],
+        np.full(len(low), SOURCES.index("stack"), np.uint8),
+    ).select(fits)
+    both = regions.joined(stacks)
+    return both.select(distinct_boxes(both.box, SAME))

@@ -23,18 +23,26 @@ from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit, overlap_share, solve_places
 from wayside.stages.numerics.scatter import Scatter
 from wayside.stages.panel import measure_panel
-from wayside.stages.place import (
-    build_place,
+from wayside.stages.place import build_place, judge_place, place_features
+from wayside.stages.predict import follow_back
+from wayside.stages.window import (
+    Held,
+    TravelledPath,
     frames_of,
-    judge_place,
     local_rows,
+<<<<<<< HEAD
     measured_place,
     place_features,
+=======
+    sightings_of,
+    through_window,
+>>>>>>> 1edc640 (Look where a place must be seen, put stacked pieces together, teach other cameras)
 )
-from wayside.stages.window import Held, TravelledPath, sightings_of, through_window
 
 LINK_REACH = 3
 """Candidates are linked over this many frames at most: one or two may be missing between."""
+FEWEST_FOUND = 2
+"""Views that place a thing; those it still lacks are looked for where it must be."""
 HOP = 4
 """Frames between two looks at the whole window."""
 LEAST_TOTAL = -1.0
@@ -46,7 +54,10 @@ ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_SIGMAS, ALIKE_COVER = 0.12, 2.5, 4.0, 0.4
 
 
 def track(
-    moved: Iterator[Moved], settings: TrackSettings, place_judge: TreeModel | None = None
+    moved: Iterator[Moved],
+    settings: TrackSettings,
+    place_judge: TreeModel | None = None,
+    view_judge: TreeModel | None = None,
 ) -> Iterator[Settled]:
     """Settle every candidate: place it in space with its other views, or say why not.
 
@@ -61,18 +72,22 @@ def track(
         How far and by what to follow.
     place_judge
         Judge of whole places; None: every place that holds together is a sign.
+    view_judge
+        Judge of one view, for the predicted views of places; None: only candidates are views.
     """
     if settings.matching == "sift":
         yield from match_by_descriptors(moved, settings)
         return
-    yield from through_window(moved, _Tracker(settings, place_judge))
+    yield from through_window(moved, _Tracker(settings, place_judge, view_judge))
 
 
 class _Tracker:
     """The window and the places proposed in it."""
 
-    def __init__(self, settings: TrackSettings, judge: TreeModel | None) -> None:
-        self._settings, self._judge = settings, judge
+    def __init__(
+        self, settings: TrackSettings, judge: TreeModel | None, view_judge: TreeModel | None
+    ) -> None:
+        self._settings, self._judge, self._view_judge = settings, judge, view_judge
         self._gates = Gates(gap_px=settings.gap_px)
         self._path = TravelledPath(2 * settings.longest + HOP)
         self._held: list[Held] = []
@@ -126,10 +141,18 @@ class _Tracker:
             sizes,
             free,
             self._gates,
-            fewest=self._settings.fewest_views,
+            fewest=self._settings.fewest_views if self._view_judge is None else FEWEST_FOUND,
             least_total=LEAST_TOTAL,
         )
         done = [f for f in fits if last or passed(sightings, f)]
+        if self._view_judge is not None:
+            sightings, done = follow_back(
+                done,
+                self._held,
+                self._view_judge,
+                self._gates,
+                fewest=self._settings.fewest_views,
+            )
         self._finish_places(sightings, done)
 
     def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> None:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.motion import Motion, Moved, Place, Settled
-from wayside.schemas.regions import Candidates, Features, verdict_code
+from wayside.schemas.regions import Candidates, Features, Regions, verdict_code
+from wayside.stages.judge import picture_levels
 from wayside.stages.numerics.association import Sightings
 from wayside.stages.numerics.path import Beside, beside_path
-from wayside.stages.numerics.undistort import rays_of_ideal, to_rays
+from wayside.stages.numerics.undistort import ideal_points, rays_of_ideal, to_rays
 
 NO_TRACK = -1
 WEAKEST = -7.0
@@ -24,12 +25,13 @@ WEAKEST = -7.0
 
 @dataclass(slots=True)
 class Held:
-    """One frame in the window; the last six fields change until it is released.
+    """One frame in the window; candidates and what is known of them change until it is released.
 
     open (k,): candidate rows that are followed; leads (k,): those that may propose a place; ray, size (k, 2): ideal
     image coordinates of centre and extent; whole (k,): the box does not touch the edge of the picture; taken (k,):
     belongs to a finished place; linked (k, 2): fits something in an earlier, in a later frame; verdict, track,
-    residual: of all rows; rgb: the picture, None where it is gone.
+    residual: of all rows; rgb: the picture, None where it is gone; levels: it at full, half and quarter size, made when
+    first asked for.
     """
 
     frame: Frame
@@ -52,6 +54,7 @@ class Held:
     residual: NDArray[np.float32]
     places: list[Place]
     rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
+    levels: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, moved: Moved, motion: Motion, camera: Camera) -> Held:
@@ -86,6 +89,39 @@ class Held:
             places=[],
             rgb=look.picture.rgb,
         )
+
+    def picture_levels(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """The picture at full, half and quarter size, None where it is gone."""
+        if self.levels is None and self.rgb is not None:
+            self.levels = picture_levels(self.rgb)
+        return self.levels
+
+    def add(self, region: Regions, score: float) -> int:
+        """Take one more candidate, as if it had been followed from the start; its number among the followed ones."""
+        camera = self.frame.camera
+        if camera is None:
+            raise ValueError(
+                "wanted a frame with calibration, found none; such frames are not used"
+            )
+        one = Candidates.of(region)
+        one = replace(
+            one,
+            ideal=ideal_points(camera, one.center),
+            score=np.array([score], np.float32),
+        )
+        self.open = np.append(self.open, len(self.candidates))
+        self.candidates = self.candidates.joined(one)
+        self.leads = np.append(self.leads, False)
+        self.ray = np.vstack([self.ray, rays_of_ideal(camera, one.ideal)])
+        self.size = np.vstack([self.size, ideal_size(region.box.astype(np.float64), camera)])
+        self.score = np.append(self.score, score)
+        self.whole = np.append(self.whole, True)
+        self.taken = np.append(self.taken, False)
+        self.linked = np.vstack([self.linked, np.zeros((1, 2), np.bool_)])
+        self.verdict = np.append(self.verdict, np.uint8(verdict_code("open")))
+        self.track = np.append(self.track, np.int32(NO_TRACK))
+        self.residual = np.append(self.residual, np.float32(np.nan))
+        return len(self.open) - 1
 
     def claim(self, local: int, track: int, verdict: str, residual: float) -> None:
         """Give one followed candidate to a place."""
@@ -220,6 +256,23 @@ def sightings_of(held: Sequence[Held]) -> Sightings:
         whole=np.concatenate([h.whole for h in held]),
         leads=np.concatenate([h.leads for h in held]),
     )
+
+
+def first_rows(held: Sequence[Held]) -> NDArray[np.int64]:
+    """Row of the window's sightings at which each frame's begin, (n + 1,)."""
+    return np.concatenate([[0], np.cumsum([len(h.open) for h in held])]).astype(np.int64)
+
+
+def frames_of(rows: NDArray[np.int64], held: Sequence[Held]) -> NDArray[np.int64]:
+    """Frame in the window of each sighting."""
+    return np.asarray(np.searchsorted(first_rows(held), rows, side="right") - 1, np.int64)
+
+
+def local_rows(
+    rows: NDArray[np.int64], frames: NDArray[np.int64], held: Sequence[Held]
+) -> NDArray[np.int64]:
+    """Sightings as rows among the followed candidates of their own frames."""
+    return np.asarray(rows - first_rows(held)[frames], np.int64)
 
 
 class TravelledPath:

@@ -24,8 +24,8 @@ GATE_OFF_SHARE = 0.2
 JUDGE_OFF_SHARE = 0.25
 """The same for the judge: one background is seen in many pictures."""
 
-REAL_WEIGHT = 3.0
-"""How many times a candidate of a real picture counts: there are few, and they are what matters."""
+REAL_WEIGHT = 2.0
+"""How many times a candidate of a real picture counts each time it is shown: there are few, and they matter."""
 
 PASSED = 500.0
 """Candidates of a picture that the gate lets pass, in the mean over the learning drives."""

@@ -31,6 +31,9 @@ ACCEPT = -1.4
 SIGN, NOTHING, NEITHER = 1, 0, -1
 
 
+Tracked = tuple[Iterable[Moved], TreeModel | None, dict[str, Any]]
+
+
 @dataclass(frozen=True, slots=True)
 class Places:
     """Places of drives with truth: values (n, features), label (n,) int8, drive (n,) number of the drive."""
@@ -40,9 +43,7 @@ class Places:
     drive: NDArray[np.int64]
 
 
-def learn_place_judge(
-    drives: Iterable[tuple[Iterable[Moved], dict[str, Any]]], provenance: str
-) -> TreeModel:
+def learn_place_judge(drives: Iterable[Tracked], provenance: str) -> TreeModel:
     """Learn the judge of places from tracked drives with truth.
 
     The scores of the candidates must come from a judge of views that has not seen the drive, or the places look surer
@@ -51,7 +52,7 @@ def learn_place_judge(
     Parameters
     ----------
     drives
-        Frames with candidates and motion, and the truth of the drive.
+        Frames with candidates and motion, the judge of one view that has not seen them, the truth of the drive.
     provenance
         Where the drives are from, kept in the model.
 
@@ -82,14 +83,15 @@ def fit_place_judge(places: Places, provenance: str) -> TreeModel:
     )
 
 
-def gather_places(drives: Iterable[tuple[Iterable[Moved], dict[str, Any]]]) -> Places:
+def gather_places(drives: Iterable[Tracked]) -> Places:
     """All places that tracking finds, labelled by the truth."""
     values: list[tuple[float, ...]] = []
     labels: list[int] = []
     numbers: list[int] = []
-    for number, (moved, truth) in enumerate(drives):
+    for number, (moved, judge, truth) in enumerate(drives):
         known = faces_by_frame(truth)
-        for settled in track(iter(moved), TrackSettings(fewest_views=FEWEST)):
+        settings = TrackSettings(fewest_views=FEWEST)
+        for settled in track(iter(moved), settings, view_judge=judge):
             for place in settled.places:
                 values.append(place.evidence)
                 labels.append(label_of(place, known))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -98,25 +98,29 @@ def read_truth(path: Path) -> dict[str, Any]:
     return dict(truth)
 
 
-def read_drive(pictures: Iterable[Picture], truth: dict[str, Any], masks: Path) -> Drive:
-    """Go through a drive once: `pictures` in order, `masks` the folder of FRAME.png with sign ids."""
+def read_drive(
+    pictures: Iterable[Picture], shown: Iterable[Picture], truth: dict[str, Any], masks: Path
+) -> Drive:
+    """Go through a drive: clear faces from `pictures`, candidates from the same as they are `shown` to the judge.
+
+    Both in order; `masks` is the folder of FRAME.png with sign ids.
+    """
     seen: dict[int, Seen] = {}
     for sign in truth["signs"]:
         for view in sign["frames"]:
             if sign["faces_travel"]:
                 seen.setdefault(view["frame"], []).append((sign, view))
     faces: list[Face] = []
-
-    def gather(picture: Picture) -> None:
+    for picture in pictures:
         if picture.rgb is None:
-            return
+            continue
         index = picture.frame.index
         mask = _read_mask(masks / f"{index:04d}.png", picture.rgb.shape[:2])
         faces.extend(clear_faces(picture.rgb, mask, seen.get(index, []), truth["name"]))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
     here = [seen.get(index, []) for index in range(last + 1)]
-    drive = read_drive_pictures(truth["name"], pictures, here, [True] * len(here), gather)
+    drive = read_drive_pictures(truth["name"], shown, here, [True] * len(here))
     return replace(drive, faces=tuple(faces), places=sign_places(truth))
 
 
@@ -129,19 +133,16 @@ def read_drive_pictures(
     pictures: Iterable[Picture],
     seen: Sequence[Seen],
     complete: Sequence[bool],
-    gather: Callable[[Picture], None] = lambda picture: None,
 ) -> Drive:
     """Candidates of all pictures, labelled by the faces `seen` in each; no clear faces, no places.
 
-    Where the faces of a picture are not `complete`, what is on none of them counts as neither. `gather` is shown each
-    picture once.
+    Where the faces of a picture are not `complete`, what is on none of them counts as neither.
     """
     parts: list[Views] = []
     faces: list[tuple[dict[str, Any], dict[str, Any]]] = []
     for item in _candidates(pictures):
         if item.picture.rgb is None:
             continue
-        gather(item.picture)
         index = item.picture.frame.index
         views = _views(item, seen[index], len(faces))
         if not complete[index]:

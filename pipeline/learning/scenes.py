@@ -7,7 +7,7 @@ sizes and places are of the right order.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +59,11 @@ def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Pictu
         yield Picture(frame, pixels, grey)
 
 
-def scene_drive(folder: Path, source: str, scenes: list[dict[str, Any]]) -> Drive:
-    """The scenes of one source as a drive without places or clear faces; only complete scenes show what is no sign."""
+def scene_drive(pictures: Iterable[Picture], source: str, scenes: list[dict[str, Any]]) -> Drive:
+    """The scenes of one source as a drive without places or clear faces, from their pictures in the same order.
+
+    Only complete scenes show what is no sign.
+    """
     here = [
         [
             (
@@ -72,4 +75,4 @@ def scene_drive(folder: Path, source: str, scenes: list[dict[str, Any]]) -> Driv
         for scene in scenes
     ]
     complete = [bool(scene["complete"]) for scene in scenes]
-    return read_drive_pictures(source, scene_pictures(folder, scenes), here, complete)
+    return read_drive_pictures(source, pictures, here, complete)

@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 from wayside.stages.numerics.compiled import compiled
 from wayside.stages.numerics.guards import require_array, require_picture
 
+STACKED_EDGE, STACKED_GAP, STACKED_EDGE_PX, STACKED_GAP_PX = 0.15, 0.35, 1.5, 2.0
+"""How far the sides of stacked boxes may differ, and how far one may stand above the other: shares of the narrower and
+of the lower of the two, but at least so many pixels."""
+
 SLOTS = 1 << 13
 """Length of the table by which like boxes are found."""
 
@@ -33,6 +37,20 @@ def suppressed_boxes(box: NDArray[np.float32], same: float) -> NDArray[np.bool_]
     hidden = np.ones(len(box), np.bool_)
     hidden[distinct_boxes(box, same)] = False
     return hidden
+
+
+def stacked_pairs(box: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Pairs of rows (m, 2) of boxes (n, 4) that stand one above the other, equally wide: upper, lower.
+
+    Faces of several colours come apart into such pieces: stripes, halves, a shield under its band.
+    """
+    box = np.ascontiguousarray(box, np.float32)
+    require_array(box, "box", np.float32, (None, 4))
+    order = np.argsort(box[:, 0], kind="stable")
+    count = _stacked(box[order], np.empty((0, 2), np.int64))
+    pairs = np.empty((count, 2), np.int64)
+    _stacked(box[order], pairs)
+    return np.asarray(order[pairs], np.int64).reshape(-1, 2)
 
 
 def overlap_of(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -65,6 +83,29 @@ def patch_means(
     result = np.zeros((len(box), 3), np.float32)
     _patch_means(rgb, values, box, result)
     return result
+
+
+@compiled
+def _stacked(box: Any, pairs: Any) -> Any:
+    # Boxes by their left side; writes the pairs as long as there is room, and counts them all.
+    m = 0
+    for i in range(box.shape[0]):
+        wide = box[i, 2] - box[i, 0]
+        for j in range(i + 1, box.shape[0]):
+            if box[j, 0] - box[i, 0] > max(STACKED_EDGE * wide, STACKED_EDGE_PX):
+                break
+            edge = max(STACKED_EDGE * min(wide, box[j, 2] - box[j, 0]), STACKED_EDGE_PX)
+            if box[j, 0] - box[i, 0] > edge or abs(box[j, 2] - box[i, 2]) > edge:
+                continue
+            upper, lower = (i, j) if box[i, 1] + box[i, 3] < box[j, 1] + box[j, 3] else (j, i)
+            tall = min(box[i, 3] - box[i, 1], box[j, 3] - box[j, 1])
+            gap = box[lower, 1] - box[upper, 3]
+            if gap < -STACKED_GAP * tall or gap > max(STACKED_GAP * tall, STACKED_GAP_PX):
+                continue
+            if m < pairs.shape[0]:
+                pairs[m, 0], pairs[m, 1] = upper, lower
+            m += 1
+    return m
 
 
 @compiled

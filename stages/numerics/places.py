@@ -22,6 +22,11 @@ DRIFT_RAD = 2.5e-4
 NEAREST_VIEWS = 8
 """More than this many of the nearest views add nothing safe (measured)."""
 SIZE_VIEWS = 6
+PART_WITHIN, PART_LARGEST, PART_VIEWS, MOST_PARTS, PART_WORTH = 0.85, 0.85, 6, 12, 1.5
+"""Parts of a place: share of a part's box within the whole's, and largest share of the whole; in how many of the
+nearest views that is asked, half of which must show it; how many parts are looked at; mean value of a view."""
+PARTS_FILL, PARTS_SHARE, PARTS_WORTH = 0.75, 0.15, 1.25
+"""Two parts fill so much of the whole's box, share so little of the smaller one, and are worth so much more."""
 NEAREST_M, FARTHEST_M = 1.0, 1000.0
 """Rays that meet nearer or farther than this are as good as parallel: no panel is seen there."""
 
@@ -99,6 +104,9 @@ def solve_places(
     while alive.any():
         best = int(np.argmax(np.where(alive, total, -np.inf)))
         alive[best] = False
+        while (part := larger_part(sightings, row, total, best, alive, gates)) is not None:
+            best = part
+            alive[best] = False
         seen = Associated(row[best : best + 1], state[best : best + 1], total[best : best + 1])
         fit = refine(sightings, seen, left, gates, fewest=fewest)
         if fit is None or fit.total <= least_total:
@@ -114,6 +122,68 @@ def solve_places(
             row[again], state[again], total[again] = redone
             alive[again] = (redone.views() >= fewest) & (redone.total > least_total)
     return fits
+
+
+def larger_part(
+    s: Sightings,
+    row: NDArray[np.int32],
+    total: NDArray[np.float64],
+    whole: int,
+    alive: NDArray[np.bool_],
+    gates: Gates,
+) -> int | None:
+    """The better of two places that share out the boxes of a third one between them and are worth more; None: none.
+
+    A sign and its plaque also make one box together, and no worse a one. Two faces are the better account of it where
+    both hold in the nearest views (far ones show both as one): halves of one face do not, as they are no faces to the
+    judge.
+    """
+    frames = np.flatnonzero(row[whole] >= 0)[-PART_VIEWS:]
+    likely = np.flatnonzero(alive & (total > 0))
+    fewest = max(2, len(frames) // 2)
+    if len(likely) < 2 or len(frames) < fewest:
+        return None
+    box, parts = _boxes(s, row[whole, frames]), row[likely][:, frames]
+    part_box = _boxes(s, np.maximum(parts, 0))
+    own, area = _areas(part_box), _areas(box)
+    inner = np.concatenate(
+        [np.maximum(part_box, box)[..., :2], np.minimum(part_box, box)[..., 2:]], axis=-1
+    )
+    within = (parts >= 0) & (_areas(inner) > PART_WITHIN * own) & (own < PART_LARGEST * area)
+    chosen = np.flatnonzero(within.sum(axis=1) >= fewest)
+    chosen = chosen[np.argsort(-total[likely[chosen]], kind="stable")]
+    _, first = np.unique(np.where(within, parts, -1)[chosen], axis=0, return_index=True)
+    chosen = chosen[np.sort(first)][:MOST_PARTS]
+    worth = np.clip(s.score + gates.value_shift, gates.value_least, gates.value_most)
+    of_whole, of_part = worth[row[whole, frames]], worth[np.maximum(parts, 0)]
+    best, most = None, PARTS_WORTH
+    for i, a in enumerate(chosen):
+        for b in chosen[i + 1 :]:
+            both = within[a] & within[b]
+            if both.sum() < fewest:
+                continue
+            values = of_part[[a, b]][:, both].mean(axis=1)
+            ratio = float(values.sum() / max(of_whole[both].mean(), 1.0))
+            one, other = part_box[a, both], part_box[b, both]
+            low, high = np.minimum(one, other), np.maximum(one, other)
+            hull = _areas(np.concatenate([low[:, :2], high[:, 2:]], axis=1))
+            shared = _areas(np.concatenate([high[:, :2], low[:, 2:]], axis=1))
+            smaller = np.minimum(own[a, both], own[b, both])
+            fills = np.median(hull / area[both]) > PARTS_FILL
+            if ratio > most and values.min() > PART_WORTH and fills:
+                if np.median(shared / smaller) < PARTS_SHARE:
+                    best, most = int(likely[a]), ratio
+    return best
+
+
+def _boxes(s: Sightings, rows: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Boxes (..., 4) of sightings as ideal image coordinates."""
+    return np.concatenate([s.ray[rows] - s.size[rows] / 2, s.ray[rows] + s.size[rows] / 2], axis=-1)
+
+
+def _areas(box: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Areas (...) of boxes (..., 4); 0 where the sides are the wrong way round."""
+    return np.asarray(np.clip(box[..., 2:] - box[..., :2], 0, None).prod(axis=-1))
 
 
 def refine(

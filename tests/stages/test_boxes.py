@@ -7,6 +7,7 @@ from wayside.stages.numerics.boxes import (
     distinct_boxes,
     overlap_of,
     patch_means,
+    stacked_pairs,
     suppressed_boxes,
 )
 
@@ -75,3 +76,20 @@ def test_no_boxes_give_empty_tables():
     assert len(suppressed_boxes(none, 0.5)) == 0
     rgb, values = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.uint8)
     assert patch_means(rgb, values, none).shape == (0, 3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(boxes)
+def test_stacked_pairs_are_those_of_the_plain_comparison_of_all_pairs(rows):
+    box = as_boxes(np.round(rows).tolist() if rows else rows)
+    wanted = set()
+    for i in range(len(box)):
+        for j in range(i + 1, len(box)):
+            a, b = (i, j) if box[i, 1] + box[i, 3] < box[j, 1] + box[j, 3] else (j, i)
+            edge = max(0.15 * min(box[i, 2] - box[i, 0], box[j, 2] - box[j, 0]), 1.5)
+            tall = min(box[i, 3] - box[i, 1], box[j, 3] - box[j, 1])
+            apart = box[b, 1] - box[a, 3]
+            near = np.abs(box[i, [0, 2]] - box[j, [0, 2]]).max() <= edge
+            if near and -0.35 * tall <= apart <= max(0.35 * tall, 2.0):
+                wanted.add(frozenset((i, j)))
+    assert {frozenset(pair) for pair in stacked_pairs(box).tolist()} == wanted

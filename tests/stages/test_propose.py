@@ -6,7 +6,7 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
 from wayside.schemas.regions import SOURCES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.numerics.boxes import overlap_of
-from wayside.stages.propose import propose
+from wayside.stages.propose import propose, with_stacks
 
 CAMERA = Camera(800, 600, 700.0, 700.0, 399.5, 299.5)
 SETTINGS = CandidateSettings()
@@ -102,3 +102,31 @@ def test_a_picture_without_rows_near_the_horizon_keeps_its_segments():
     looking_up = Camera(800, 600, 700.0, 700.0, 399.5, 5000.0)
     (found,) = propose(iter([segmented(road(), camera=looking_up)]), settings=SETTINGS)
     assert len(found.regions) == 0
+
+
+def test_a_face_in_two_colours_is_put_together_from_its_halves():
+    rgb = road()
+    rgb[240:262, 520:580] = (235, 235, 235)
+    rgb[262:284, 520:580] = (240, 150, 20)
+    (found,) = propose(iter([segmented(rgb)]), settings=SETTINGS)
+    overlap = overlap_of(found.regions.box, np.array([(520, 240, 580, 284)]))[:, 0]
+    assert overlap.max() >= 0.8
+
+
+def test_stripes_stand_in_for_the_striped_face():
+    table = Regions(
+        np.array(
+            [[100, 50, 112, 60], [100, 62, 112, 72], [100, 73, 113, 84], [300, 50, 312, 60]],
+            np.float32,
+        ),
+        np.array([100, 100, 100, 100], np.int32),
+        np.array([[200, 40, 40], [240, 240, 240], [200, 40, 40], [0, 0, 0]], np.float32),
+        np.zeros(4, np.uint8),
+    )
+    stacked = with_stacks(with_stacks(table))
+    assert overlap_of(stacked.box, np.array([(100, 50, 113, 84)])).max() > 0.9
+    row = int(overlap_of(stacked.box, np.array([(100, 50, 112, 72)]))[:, 0].argmax())
+    assert SOURCES[stacked.source[row]] == "stack"
+    assert stacked.rgb[row].tolist() == [220, 140, 140]
+    assert stacked.area_px[row] == 200
+    assert not (stacked.box[4:, 2] > 200).any()

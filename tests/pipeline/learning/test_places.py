@@ -107,8 +107,8 @@ def test_places_are_gathered_from_tracked_drives(monkeypatch):
     place = SeenAt(FACE, FACE, FACE)
     place.evidence = tuple(range(len(FEATURES)))
     settled = [type("S", (), {"places": (place,)})]
-    monkeypatch.setattr(module, "track", lambda moved, settings: iter(settled))
-    found = module.gather_places([([], truth()), ([], {"signs": []})])
+    monkeypatch.setattr(module, "track", lambda moved, settings, view_judge: iter(settled))
+    found = module.gather_places([([], None, truth()), ([], None, {"signs": []})])
     assert found.label.tolist() == [SIGN, NOTHING]
     assert found.drive.tolist() == [0, 1]
     assert found.values.shape == (2, len(FEATURES))

@@ -58,7 +58,7 @@ def test_pictures_are_read_as_rgb_with_a_camera_of_their_size(folder):
 
 def test_boxed_signs_are_faces_and_only_complete_scenes_show_what_is_none(folder):
     scenes = scene_sources(read_scenes(folder))["two"]
-    drive = scene_drive(folder, "two", scenes)
+    drive = scene_drive(scene_pictures(folder, scenes), "two", scenes)
     labels = [set(drive.views.label[drive.views.frame == k].tolist()) for k in (0, 1)]
     assert labels[0] == {ON, NEITHER}
     assert {ON, OFF} <= labels[1]

@@ -1,0 +1,75 @@
+"""Quote accuracy on drives that no model was learned from and no rule was chosen by.
+
+    .venv/bin/python benchmarks/held_out.py [--jobs 2]
+
+Renders the drives `recordings/drives/specs/held_*.toml` (other cameras, lights, roads and seeds than those for learning
+and development) once into .cache/drives, runs both presets on each, and writes benchmarks/accuracy_held_out.md. Look at
+the figures, not at the misses: a drive whose misses were looked at belongs to the development drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from accept import (
+    DRIVES,
+    PRESETS,
+    ROOT,
+    Drive,
+    in_short,
+    judge,
+    render,
+    rendered,
+    rendered_table,
+    versions,
+)
+
+from wayside.pipeline.evaluation import together
+
+HELD_OUT = {
+    "held_avenue": "",
+    "held_dusk": "",
+    "held_plain": "26.4ft",
+    "held_ridge": "",
+    "held_turnpike": "",
+    "held_wide": "",
+}
+"""Held-out drives with the spacing that a run is told, where the log has neither poses nor fixes."""
+
+
+def main() -> int:
+    """Render, run, judge, write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="drives rendered at once")
+    args = parser.parse_args()
+    render(list(HELD_OUT), args.jobs)
+    lines = [
+        "# Accuracy on held-out drives",
+        "",
+        "Made by `python benchmarks/held_out.py`; exact truth. No model was learned from these drives and no rule was "
+        "chosen by them: six cameras (focal lengths, lenses, mounts, 1600 x 1200 and 1920 x 1080), six lights and "
+        "roads; `held_plain` has neither poses nor fixes, `held_wide` has fixes alone. Columns as in accuracy.md.",
+        "",
+        f"Versions: {versions()}.",
+    ]
+    broken = False
+    for preset in PRESETS:
+        judged = [
+            judge(
+                Drive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing), preset
+            )
+            for name, spacing in HELD_OUT.items()
+        ]
+        broken |= any(outcome.evaluation is None for outcome in judged)
+        print(f"{preset:8} {'held-out drives together':24} {in_short(together(rendered(judged)))}")
+        lines += ["", f"## Preset `{preset}`", "", *rendered_table(judged)]
+    if not broken:
+        (ROOT / "benchmarks" / "accuracy_held_out.md").write_text("\n".join(lines) + "\n")
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
