@@ -148,6 +148,13 @@ class LocateSettings:
     confidence: float = setting(
         0.5, "", "places below this confidence get status uncertain", low=0, high=1
     )
+    beyond: float = setting(
+        2.0,
+        "log odds",
+        "a place farther than a model's threshold from all places of signs must be a sign by so much for each "
+        "unit of distance beyond; a large number: none may lie there",
+        low=0,
+    )
     smallest_side_m: float = setting(
         0.12, "m", "panels with a smaller side are refused", low=0, high=10
     )
@@ -196,5 +203,6 @@ REPORT: dict[str, dict[str, Any]] = {
     "features": {"sift": True},
     "motion": {"always_adjust": False},
     "track": {"fewest_views": 2, "matching": "sift"},
+    "locate": {"beyond": 1e9},
 }
 """Preset `report`: the report's own choices where they differ from the defaults."""

@@ -42,7 +42,7 @@ VERDICT_WORDS = {
     "unmatched": "no other picture shows the same thing",
     "few_views": "seen in fewer pictures than the setting `track.fewest_views`",
     "moving": "moves along the road by itself",
-    "residual": "its views do not meet in one point",
+    "residual": "its views do not meet in one point, or are few and not alike",
     "location": "stands where no sign stands",
     "panel_size": "measured width or height is that of no sign panel",
     "place_score": "the judge of all views together takes it for background",

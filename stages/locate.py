@@ -19,7 +19,9 @@ def classify_location(
     """Refuse places that lie where no sign stands (`location`) or are of no sign's size (`panel_size`).
 
     The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
-    Mahalanobis distance (eq. 3.1); a model with several classes is a mixture: near one of them is enough.
+    Mahalanobis distance (eq. 3.1); a model with several classes is a mixture: near one of them is enough. Roads are
+    wider and signs stand farther off than on any drive that was learned from, so a place beyond all thresholds is not
+    refused if it is a sign beyond doubt (`settings.beyond`).
 
     Parameters
     ----------
@@ -47,7 +49,8 @@ def _verdict(place: Place, model: GaussianModel, settings: LocateSettings) -> st
     if place.verdict != "sign":
         return place.verdict
     thresholds = np.array([c.threshold for c in model.classes])
-    if (model.distances(place.offset[None, :2])[0] > thresholds).all():
+    beyond = float((model.distances(place.offset[None, :2])[0] - thresholds).min())
+    if beyond > 0 and not place.score > settings.beyond * beyond:
         return "location"
     sides = (place.width_m, place.height_m)
     if min(sides) < settings.smallest_side_m or max(sides) > settings.largest_side_m:

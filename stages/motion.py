@@ -20,6 +20,7 @@ from wayside.stages.expectation import Expectation, expect_step
 from wayside.stages.numerics.adjust import Adjusted, adjust_two_views
 from wayside.stages.numerics.compiled import Array
 from wayside.stages.numerics.epipolar import (
+    EpipolarFit,
     Prior,
     fit_epipolar,
     half_turn,
@@ -46,6 +47,11 @@ AGAIN_RAD, ROUNDS = np.radians(0.1), 3
 """Ties are chosen again while that moves the direction by more, so often at most."""
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 """Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
+CLEAR_SHARE, GROUPS, BEST_GROUPS, GROUP_PX, GROUP_SEED = 0.75, 60, 4, 20.0, 1
+"""Where fewer of the ties agree, so many groups of four, chosen at random, are asked and the best few followed; robust
+scale of a group; the seed is fixed, as one pair of pictures has one step."""
+MOST_STEPS, MOST_DROPPED = 5, 2
+"""Triggers that one step may have lost, with its own, and how many steps in a row may have lost some."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
@@ -101,6 +107,7 @@ class Drive:
     depths: Array = field(default_factory=lambda: np.zeros(0))
     turn: Array | None = None
     sigma_m: float = 0.0
+    dropped: int = 0
     doubts: int = 0
     vehicle: Vehicle = field(default_factory=Vehicle)
 
@@ -198,8 +205,10 @@ class Drive:
             return given, sigma
         if expected.source == "straight":
             steps = round(carried / given)
-            dropped = steps > 1 and abs(carried / given - steps) < RATIO_SLACK * steps
-            return (steps * given if dropped else given), sigma
+            dropped = 1 < steps <= MOST_STEPS and abs(carried / given - steps) < RATIO_SLACK * steps
+            self.dropped = self.dropped + 1 if dropped else 0
+            # Triggers are not dropped time and again: then the points have a wrong scale.
+            return (steps * given if 0 < self.dropped <= MOST_DROPPED else given), sigma
         carried_sigma = hypot(self.sigma_m, max(scatter, RATIO_SIGMA * carried))
         if abs(carried - given) > 3 * hypot(sigma, carried_sigma):
             self.doubts += 1
@@ -282,22 +291,68 @@ def _refine(
 
 
 def fit_ties(before: View, now: View, tied: Tied, start: tuple[Array, Array], prior: Prior) -> Step:
-    """Rotation and direction that fit registered ties best, from a start a few pixels away at most."""
+    """Rotation and direction that fit registered ties best, from a start a few pixels away at most.
+
+    A vehicle ahead at our own pace stands still in the picture, like far things on a straight road: on a curve in haze
+    it may hold a third of the ties, and the fit follows it. So where many ties do not agree, small groups of them say
+    what else the step may have been, and the best fit is kept (RANSAC, Fischler and Bolles 1981).
+    """
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
+    focal_px = now.focal_px
+    best = _fine_fit(previous, current, start, prior, focal_px)
+    inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < INLIER_PX
+    if len(previous) >= GROUPS and inlier.sum() < CLEAR_SHARE * len(previous):
+        groups = _grouped_starts(previous, current, start, prior, focal_px)
+        fits = [_fine_fit(previous, current, g[:2], prior, focal_px) for g in groups]
+        best = min((best, *fits), key=lambda fit: fit.cost)
+        inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < INLIER_PX
+    return Step(best.rotation, best.direction, prior, tied, previous, current, inlier)
+
+
+def _grouped_starts(
+    previous: Array, current: Array, start: tuple[Array, Array], prior: Prior, focal_px: float
+) -> list[EpipolarFit]:
+    """The few best steps of those that groups of four ties say, by how all ties agree with them."""
+    held = prior._replace(sigma_direction=np.minimum(prior.sigma_direction, HELD_SIGMA))
+    ahead = half_turn(start[0], prior.direction) if prior.halfway else prior.direction
+    random = np.random.default_rng(GROUP_SEED)
+    fits, costs = [], []
+    for _ in range(GROUPS):
+        rows = random.choice(len(previous), 4, replace=False)
+        fit = _fitted(previous[rows], current[rows], (start[0], ahead), held, focal_px, GROUP_PX)
+        gaps = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
+        fits.append(fit)
+        costs.append(float(np.log1p((gaps / FINE_SCALES_PX[0]) ** 2).sum()))
+    return [fits[k] for k in np.argsort(costs, kind="stable")[:BEST_GROUPS]]
+
+
+def _fine_fit(
+    previous: Array, current: Array, start: tuple[Array, Array], prior: Prior, focal_px: float
+) -> EpipolarFit:
     for scale in FINE_SCALES_PX:
-        fit = fit_epipolar(
-            previous,
-            current,
-            start,
-            prior,
-            focal_px=now.focal_px,
-            sigma_px=REGISTERED_SIGMA_PX,
-            scale_px=scale,
-        )
+        fit = _fitted(previous, current, start, prior, focal_px, scale)
         start = (fit.rotation, fit.direction)
-    gaps = sampson_px(previous, current, *start, now.focal_px)
-    return Step(*start, prior, tied, previous, current, np.abs(gaps) < INLIER_PX)
+    return fit
+
+
+def _fitted(
+    previous: Array,
+    current: Array,
+    start: tuple[Array, Array],
+    prior: Prior,
+    focal_px: float,
+    scale_px: float,
+) -> EpipolarFit:
+    return fit_epipolar(
+        previous,
+        current,
+        start,
+        prior,
+        focal_px=focal_px,
+        sigma_px=REGISTERED_SIGMA_PX,
+        scale_px=scale_px,
+    )
 
 
 def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) -> Array:

@@ -62,7 +62,8 @@ class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
     frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `Fit`; centre_sigma (2,):
-    scatter of the centre across the face that all views share, metres.
+    scatter of the centre across the face that all views share, metres; registered: pictures that look alike; gap_px:
+    RMS distance of their centres from the point they were fitted to.
     """
 
     point: Array
@@ -77,6 +78,8 @@ class Panel:
     sigma_facing_deg: float
     shape: str
     strength: float
+    registered: int
+    gap_px: float
 
 
 class _Drawn(NamedTuple):
@@ -303,6 +306,8 @@ def solve_panel(fit: Fit, group: _Registered, face: Face, held: Sequence[Held]) 
             fit.weight_sigma[fit.used],
             fit.ray_sigma[fit.used],
         )
+    seen = np.array([pose.to_camera(point) for pose in poses])
+    gaps = (seen[:, :2] / seen[:, 2:] - local[:, :2] / local[:, 2:]) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
     grown = size / fit.metric
     if not off < max(FARTHEST_OFF_M, FARTHEST_SHARE * depth.min()):
@@ -338,4 +343,6 @@ def solve_panel(fit: Fit, group: _Registered, face: Face, held: Sequence[Held]) 
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
         shape=face.shape,
         strength=face.strength,
+        registered=len(frames),
+        gap_px=float(np.sqrt((gaps**2).sum(axis=1).mean())),
     )

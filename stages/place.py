@@ -16,13 +16,8 @@ from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit
 from wayside.stages.numerics.trees import log_odds
 from wayside.stages.numerics.uncertainty import STEP_SIGMA, point_covariance
-<<<<<<< HEAD
 from wayside.stages.panel import Panel, box_rays
-from wayside.stages.window import Held
-=======
-from wayside.stages.panel import Panel
 from wayside.stages.window import Held, frames_of, local_rows
->>>>>>> 1edc640 (Look where a place must be seen, put stacked pieces together, teach other cameras)
 
 FACING_SIGMA_DEG = 20.0
 """Scatter of the facing of panels along a road: what is known while it is not measured."""

@@ -22,21 +22,16 @@ from wayside.stages.numerics.association import Gates, Sightings, link
 from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import Fit, overlap_share, solve_places
 from wayside.stages.numerics.scatter import Scatter
-from wayside.stages.panel import measure_panel
-from wayside.stages.place import build_place, judge_place, place_features
+from wayside.stages.panel import Panel, measure_panel
+from wayside.stages.place import build_place, judge_place, measured_place, place_features
 from wayside.stages.predict import follow_back
 from wayside.stages.window import (
     Held,
     TravelledPath,
     frames_of,
     local_rows,
-<<<<<<< HEAD
-    measured_place,
-    place_features,
-=======
     sightings_of,
     through_window,
->>>>>>> 1edc640 (Look where a place must be seen, put stacked pieces together, teach other cameras)
 )
 
 LINK_REACH = 3
@@ -47,6 +42,9 @@ HOP = 4
 """Frames between two looks at the whole window."""
 LEAST_TOTAL = -1.0
 """Sum of values over the views from which a place is looked at at all."""
+SURE_VIEWS, STANDS_PX = 5, 1.5
+"""Views from which a place needs no two that look alike; largest gap between the registered pictures of a standing
+panel and its place (that of boxes is gated by itself)."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
 """What the vehicle sweeps beside its path, and above its camera."""
 ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_SIGMAS, ALIKE_COVER = 0.12, 2.5, 4.0, 0.4
@@ -151,7 +149,7 @@ class _Tracker:
                 self._held,
                 self._view_judge,
                 self._gates,
-                fewest=self._settings.fewest_views,
+                fewest=FEWEST_FOUND,
             )
         self._finish_places(sightings, done)
 
@@ -171,10 +169,12 @@ class _Tracker:
             elif passes and any(same_face(sightings, fit, other) for other in self._known):
                 verdict = "duplicate"
             factor = self._scatter.factor(fit.chi, fit.freedom)
+            panel = measure_panel(fit, self._held, beside) if verdict == "sign" else None
+            if verdict == "sign" and not stands(fit, panel, self._settings.fewest_views):
+                verdict = "residual"
             if verdict == "sign":
                 self._known.append(fit)
                 self._scatter.learn(fit.chi, fit.freedom)
-            panel = measure_panel(fit, self._held, beside) if verdict == "sign" else None
             weighed = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
             found = measured_place(weighed, self._held, panel, together=verdict == "sign")
             place = build_place(
@@ -200,6 +200,18 @@ class _Tracker:
         frames = frames_of(fit.covered, held)
         for frame, row in zip(frames, local_rows(fit.covered, frames, held), strict=True):
             held[frame].claim(row, track, "overlap", np.nan)
+
+
+def stands(fit: Fit, panel: Panel | None, fewest: int) -> bool:
+    """Whether the views of a place are of one thing that stands still.
+
+    Any two rays meet somewhere; that the thing did not move meanwhile takes a third one to say, of a box or of the
+    registered panel. And of few boxes, which may be of several things in line, two must look alike.
+    """
+    registered = 0 if panel is None else panel.registered
+    if fit.used.sum() >= fewest:
+        return len(fit.rows) >= SURE_VIEWS or registered >= 2
+    return panel is not None and registered >= fewest and panel.gap_px < STANDS_PX
 
 
 def in_the_way(fit: Fit, beside: Beside) -> bool:

@@ -112,18 +112,26 @@ def test_what_the_judge_refuses_there_is_no_view(shown, panel):
     assert none == []
 
 
-def test_two_views_and_what_they_predict_make_a_sign(shown, panel):
-    frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    alone = [p for s in track(iter(frames), TrackSettings()) for p in s.places]
-    frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    settled = list(track(iter(frames), TrackSettings(), view_judge=reddish()))
-    (place,) = [p for s in settled for p in s.places]
-    assert alone == []
-    assert len(place.views) > 4
+def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
+    def settled(judge):
+        frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
+        return list(track(iter(frames), TrackSettings(), view_judge=judge))
+
+    (alone,) = [p for s in settled(None) for p in s.places]
+    followed = settled(reddish())
+    (place,) = [p for s in followed for p in s.places]
+    assert len(place.views) >= len(alone.views) + 3
+    np.testing.assert_array_equal(place.position, alone.position)
     for view in place.views:
-        table = settled[view.frame].candidates
+        table = followed[view.frame].candidates
         assert table.verdict[view.row] == verdict_code("sign")
         assert tuple(table.regions.box[view.row].tolist()) == view.box
+
+
+def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
+    frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
+    settled = track(iter(frames), TrackSettings(), view_judge=reddish())
+    assert {p.verdict for s in settled for p in s.places} == {"residual"}
 
 
 def test_joined_tables_keep_chances_and_fill_what_is_missing():
