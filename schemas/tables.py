@@ -162,7 +162,14 @@ OBSERVATIONS = Table(
     (
         Column("frame", _WHOLE, "", "index of the picture in the log", _SURE),
         Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
-        Column("source", _CHOICE, "", "what the region was cut from", _SURE, SOURCES),
+        Column(
+            "source",
+            _CHOICE,
+            "",
+            "pass1, pass2: colours; level: of a map; stack: two together; predicted: where other frames say",
+            _SURE,
+            SOURCES,
+        ),
         Column("box", _BOX, "px", "x0, y0, x1, y1, half open", _SURE),
         Column("area_px", _WHOLE, "px", "pixels of the region", _SURE),
         Column("u_px", _DOUBLE, "px", "measured centre, as recorded (distorted), right", _SURE),

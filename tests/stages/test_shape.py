@@ -80,7 +80,7 @@ def classify(item, gate=True, **how):
     return result.candidates
 
 
-@pytest.mark.parametrize("source", ["pass1", "level", "edge"])
+@pytest.mark.parametrize("source", ["pass1", "level", "stack"])
 @pytest.mark.parametrize("radius", [9, 24, 40])
 def test_drawn_faces_get_their_shape(source, radius):
     names = list(OUTLINES)
@@ -130,7 +130,7 @@ def test_without_the_gate_only_the_nearest_in_colour_are_looked_at():
 
 def test_a_box_with_nothing_in_it_has_no_shape():
     picture, _ = drawn(["diamond"])
-    candidates = classify(judged(picture, np.array([[0, 0, 3, 3]], np.float32), "edge"))
+    candidates = classify(judged(picture, np.array([[0, 0, 3, 3]], np.float32), "stack"))
     assert candidates.shape[0] == -1
     assert VERDICTS[candidates.verdict[0]] == "shape"
 
