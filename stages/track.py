@@ -45,6 +45,8 @@ LEAST_TOTAL = -1.0
 SURE_VIEWS, STANDS_PX = 5, 1.5
 """Views from which a place needs no two that look alike; largest gap between the registered pictures of a standing
 panel and its place (that of boxes is gated by itself)."""
+REST_M = 2.0
+"""How far round a duplicate the faces stand that its boxes may have covered."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
 """What the vehicle sweeps beside its path, and above its camera."""
 ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_SIGMAS, ALIKE_COVER = 0.12, 2.5, 4.0, 0.4
@@ -130,14 +132,24 @@ class _Tracker:
 
     def _solve(self, *, last: bool) -> None:
         """Find all places in the window and finish those that the vehicle has passed."""
-        sightings = sightings_of(self._held)
         points, sizes = (np.concatenate(column) for column in zip(*self._proposed, strict=True))
-        free = ~np.concatenate([h.taken for h in self._held])
+        doubles = self._solve_round(points, sizes, last=last)
+        if doubles:
+            # a box over two faces of which one is known by now: what is left of it may be the other
+            away = points[:, None] - np.array([fit.point for fit in doubles])
+            near = (np.linalg.norm(away, axis=2) < REST_M).any(axis=1)
+            self._solve_round(points[near], sizes[near], last=last)
+
+    def _solve_round(
+        self, points: NDArray[np.float64], sizes: NDArray[np.float64], *, last: bool
+    ) -> list[Fit]:
+        """Places of the candidates that are free, finished where passed; those that were faces known already."""
+        sightings = sightings_of(self._held)
         fits = solve_places(
             sightings,
             points,
             sizes,
-            free,
+            ~np.concatenate([h.taken for h in self._held]),
             self._gates,
             fewest=self._settings.fewest_views if self._view_judge is None else FEWEST_FOUND,
             least_total=LEAST_TOTAL,
@@ -145,17 +157,13 @@ class _Tracker:
         done = [f for f in fits if last or passed(sightings, f)]
         if self._view_judge is not None:
             sightings, done = follow_back(
-                done,
-                self._held,
-                self._view_judge,
-                self._gates,
-                fewest=FEWEST_FOUND,
+                done, self._held, self._view_judge, self._gates, fewest=FEWEST_FOUND
             )
-        self._finish_places(sightings, done)
+        return self._finish_places(sightings, done)
 
-    def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> None:
-        """Judge finished places, best first, and give them to their frames."""
-        judged = []
+    def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> list[Fit]:
+        """Judge finished places, best first, and give them to their frames; returns the duplicates."""
+        judged, doubles = [], []
         for fit in fits:
             beside = self._path.beside(fit.point)
             evidence = place_features(fit, self._held, sightings.score[fit.rows], beside)
@@ -168,6 +176,7 @@ class _Tracker:
                 verdict = "moving"
             elif passes and any(same_face(sightings, fit, other) for other in self._known):
                 verdict = "duplicate"
+                doubles.append(fit)
             factor = self._scatter.factor(fit.chi, fit.freedom)
             panel = measure_panel(fit, self._held, beside) if verdict == "sign" else None
             if verdict == "sign" and not stands(fit, panel, self._settings.fewest_views):
@@ -190,13 +199,16 @@ class _Tracker:
             self._held[fit.frames[0]].places.append(place)
             self._claim(fit, verdict)
             self._next_id += 1
+        return doubles
 
     def _claim(self, fit: Fit, verdict: str) -> None:
-        """Write the place's number and verdict to its candidates, and to those it covers."""
+        """Write the place's number and verdict to its candidates, and to those it covers, unless it is a duplicate."""
         held, track = self._held, self._next_id
         rows = local_rows(fit.rows, fit.frames, held)
         for frame, row, residual in zip(fit.frames, rows, fit.residual_px, strict=True):
             held[frame].claim(row, track, verdict, residual)
+        if verdict == "duplicate":
+            return
         frames = frames_of(fit.covered, held)
         for frame, row in zip(frames, local_rows(fit.covered, frames, held), strict=True):
             held[frame].claim(row, track, "overlap", np.nan)

@@ -237,3 +237,23 @@ def test_halves_that_are_no_faces_to_the_judge_leave_the_face_whole(panel, drive
     face = panel(3.5, 1.875, 120.0, wide=0.9, tall=0.9, score=4.5)
     (place,) = places_of(run(drive([upper, lower, face], 20)))
     assert place.height_m == pytest.approx(0.9 * BORDER, rel=0.03)
+
+
+def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(panel, drive):
+    plate = panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
+    shield = panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)
+    double = panel(3.5, 1.94, 120.0, wide=0.6, tall=0.78, score=3.0)
+    surest = TreeModel(
+        FEATURES,
+        0.0,
+        np.full((1, 3), FEATURES.index("score_mean"), np.int32),
+        np.array([[4, 0, 0]], np.float32),
+        np.array([[1, -1, -1]], np.int32),
+        np.array([[2, -1, -1]], np.int32),
+        np.array([[0, 1, 3]], np.float32),
+        0.0,
+        "made up: the plate is surer than the rest",
+    )
+    places = places_of(run(drive([plate, shield, double], 20), judge=surest))
+    heights = {round(p.height_m / BORDER, 2): p.verdict for p in places}
+    assert heights == {0.4: "sign", 0.78: "duplicate", 0.6: "sign"}
