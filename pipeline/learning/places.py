@@ -26,8 +26,6 @@ FEWEST = 2
 SMALL = Boosting(
     trees=80, leaves=5, pace=0.06, shrinkage=2.0, smallest_leaf=8, share_of_features=0.5
 )
-WIDER_ROADS, WIDER_WEIGHT = (1.2, 2.5), 0.3
-"""How many times farther aside signs are shown as well, and what such a copy counts."""
 ACCEPT = -1.4
 """Log odds below which a place is refused outright; between that and the confidence setting it is uncertain."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
@@ -77,26 +75,11 @@ def fit_place_judge(places: Places, provenance: str) -> TreeModel:
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
     slope, shift = calibration(values, sign, drive)
-    model = exported_trees(_fit(values, sign), FEATURES, ACCEPT, provenance)
+    model = exported_trees(fit_trees(values, sign, None, SMALL, 1), FEATURES, ACCEPT, provenance)
     return replace(
         model,
         bias=slope * model.bias + shift,
         value=(slope * model.value).astype(np.float32),
-    )
-
-
-def _fit(values: NDArray[np.float32], sign: NDArray[np.bool_]) -> Any:
-    """Trees for places, taught with signs farther aside, too: roads are wider than those that are rendered."""
-    aside = values[sign].copy()
-    wider = np.random.default_rng(1).uniform(*WIDER_ROADS, len(aside))
-    aside[:, FEATURES.index("right_m")] *= wider.astype(np.float32)
-    weight = np.concatenate([np.ones(len(values)), np.full(len(aside), WIDER_WEIGHT)])
-    return fit_trees(
-        np.concatenate([values, aside]),
-        np.concatenate([sign, np.ones(len(aside), np.bool_)]),
-        weight,
-        SMALL,
-        1,
     )
 
 
@@ -168,7 +151,9 @@ def calibration(
     held_out = np.empty(len(values))
     for number in np.unique(drive):
         own = drive == number
-        held_out[own] = _fit(values[~own], sign[~own]).decision_function(values[own])
+        held_out[own] = fit_trees(values[~own], sign[~own], None, SMALL, 1).decision_function(
+            values[own]
+        )
     # Newton's method on the logistic loss with Platt's softened targets
     target = np.where(sign, (sign.sum() + 1) / (sign.sum() + 2), 1 / ((~sign).sum() + 2))
     columns = np.stack([held_out, np.ones(len(values))], axis=1)
