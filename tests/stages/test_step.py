@@ -1,0 +1,53 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wayside.schemas.frame import Camera
+from wayside.stages.numerics.epipolar import Prior, half_turn
+from wayside.stages.step import fit_ties
+
+CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+VIEW = SimpleNamespace(camera=CAMERA, focal_px=1400.0)
+AHEAD = np.array([0.0, 0.0, 1.0])
+LAW = Prior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True)
+
+
+def seen(points):
+    return points[:, :2] / points[:, 2:] * 1400 + (799.5, 599.5)
+
+
+def ties_on_a_curve(yaw_deg, standing, riding, seed=0):
+    """Ties of things that stand, and of a vehicle ahead that keeps our pace, with a little noise."""
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.from_rotvec([0.0, np.radians(yaw_deg), 0.0]).as_matrix()
+    direction = half_turn(np.ascontiguousarray(rotation), AHEAD)
+    depth = np.exp(rng.uniform(np.log(12), np.log(400), standing))
+    aside = rng.uniform([-0.5, -0.12], [0.5, 0.05], (standing, 2)) * depth[:, None]
+    points = np.column_stack([aside, depth])
+    after = (points - 8.0 * direction) @ rotation
+    car = rng.uniform([-1.0, -0.5, 22], [1.0, 1.2, 24], (riding, 3))
+    previous = np.vstack([seen(points), seen(car)])
+    current = np.vstack([seen(after), seen(car)]) + rng.normal(0, 0.08, (standing + riding, 2))
+    tied = SimpleNamespace(previous=previous, current=current)
+    return tied, rotation, direction
+
+
+@pytest.mark.parametrize("yaw_deg", [-0.9, -0.6, 0.6, 0.8])
+def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg):
+    tied, rotation, direction = ties_on_a_curve(yaw_deg, standing=70, riding=30)
+    step = fit_ties(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    off = Rotation.from_matrix(rotation.T @ step.rotation).magnitude()
+    assert np.degrees(off) < 0.05
+    np.testing.assert_allclose(step.direction, direction, atol=np.radians(0.3))
+    assert step.inlier[:70].mean() > 0.95
+    assert step.inlier[70:].mean() < 0.3
+
+
+def test_the_same_ties_give_the_same_step():
+    tied, _, _ = ties_on_a_curve(0.7, standing=60, riding=25)
+    first = fit_ties(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    again = fit_ties(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    assert first.rotation.tobytes() == again.rotation.tobytes()
+    assert first.direction.tobytes() == again.direction.tobytes()
