@@ -16,10 +16,12 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 from geometry_globe import log_table, long_table, relation_table
 from geometry_peer import peer_table
+from geometry_real import real_table
 from geometry_runs import (
     NAMES,
     POSES_GIVEN,
@@ -67,6 +69,7 @@ def main() -> int:
     )
     parser.add_argument("--frames", type=int, default=24, help="pictures for the peer")
     parser.add_argument("--no-peer", action="store_true")
+    parser.add_argument("--real", type=Path, default=ROOT.parent / "shared" / "data" / "real")
     args = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # of the processes started here
     RESULTS.mkdir(parents=True, exist_ok=True)
@@ -76,6 +79,7 @@ def main() -> int:
     lines += [*log_table(), *long_table(), *simulated_table()]
     if not args.no_peer:
         lines += peer_table([r for r in runs if r.way == SPACING_ONLY], args.frames)
+    lines += real_table(args.real, RESULTS)
     text = "\n".join(lines) + "\n"
     print(text)
     if not args.no_peer:
