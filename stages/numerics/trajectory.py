@@ -27,7 +27,6 @@ SURE_LENGTH, FREE_LENGTH = 1e-4, 0.3
 LAG_SIGMA_S, LAG_STEP_S = 0.5, 1e-5
 LAG_SIGMAS, LEAST_LAG_S = 4.0, 0.02
 """A lag counts where it is so many of its standard deviations and so long."""
-UNKNOWN_RAD = 3.0
 STEP_REACH, SEEN_REACH, RATIO_REACH = 6.0, 3.0, 6.0
 """Standard deviations at which a measurement weighs half (Cauchy)."""
 OUTLIER_WEIGHT, JUMP_WEIGHT, NO_WEIGHT = 0.05, 0.3, 1e-6
