@@ -7,6 +7,7 @@ found after the sign, and the several regions of one face end up in one place.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ PART_WITHIN, PART_LARGEST, PART_VIEWS, MOST_PARTS, PART_WORTH = 0.85, 0.85, 6, 1
 nearest views that is asked, half of which must show it; how many parts are looked at; mean value of a view."""
 PARTS_FILL, PARTS_SHARE, PARTS_WORTH = 0.75, 0.15, 1.25
 """Two parts fill so much of the whole's box, share so little of the smaller one, and are worth so much more."""
+FIRST = 1e6
+"""Added to the sum of values of a place that is to come before all others."""
 NEAREST_M, FARTHEST_M = 1.0, 1000.0
 """Rays that meet nearer or farther than this are as good as parallel: no panel is seen there."""
 
@@ -100,18 +103,22 @@ def solve_places(
     left = free.copy()
     row, state, total = associate(sightings, point, size, left, gates)
     alive = ((row >= 0).sum(axis=1) >= fewest) & (total > least_total)
+    due = np.zeros(len(alive))  # the other part of a place that was shared out comes next
     fits: list[Fit] = []
     while alive.any():
-        best = int(np.argmax(np.where(alive, total, -np.inf)))
+        best = int(np.argmax(np.where(alive, total + due, -np.inf)))
         alive[best] = False
-        while (part := larger_part(sightings, row, total, best, alive, gates)) is not None:
-            best = part
+        shared = np.zeros(0, np.int64)
+        while (parts := share_out(sightings, row, total, best, alive, gates)) is not None:
+            best, shared = parts.one, np.concatenate([shared, parts.shared])
             alive[best] = False
+            due[parts.other] = FIRST
         seen = Associated(row[best : best + 1], state[best : best + 1], total[best : best + 1])
         fit = refine(sightings, seen, left, gates, fewest=fewest)
         if fit is None or fit.total <= least_total:
             continue
-        fit = replace(fit, covered=covered_rows(sightings, fit, left))
+        covered = np.union1d(covered_rows(sightings, fit, left), shared[left[shared]])
+        fit = replace(fit, covered=np.setdiff1d(covered, fit.rows))
         fits.append(fit)
         left[fit.rows] = False
         left[fit.covered] = False
@@ -124,19 +131,27 @@ def solve_places(
     return fits
 
 
-def larger_part(
+class Parts(NamedTuple):
+    """Two places that a third one is shared out between, the better first, and its rows (k,) where both are seen."""
+
+    one: int
+    other: int
+    shared: NDArray[np.int64]
+
+
+def share_out(
     s: Sightings,
     row: NDArray[np.int32],
     total: NDArray[np.float64],
     whole: int,
     alive: NDArray[np.bool_],
     gates: Gates,
-) -> int | None:
-    """The better of two places that share out the boxes of a third one between them and are worth more; None: none.
+) -> Parts | None:
+    """Two places that share out the boxes of a third one between them and are worth more; None: none do.
 
     A sign and its plaque also make one box together, and no worse a one. Two faces are the better account of it where
     both hold in the nearest views (far ones show both as one): halves of one face do not, as they are no faces to the
-    judge.
+    judge. The boxes of both together are then a face of nobody's.
     """
     frames = np.flatnonzero(row[whole] >= 0)[-PART_VIEWS:]
     likely = np.flatnonzero(alive & (total > 0))
@@ -156,7 +171,8 @@ def larger_part(
     chosen = chosen[np.sort(first)][:MOST_PARTS]
     worth = np.clip(s.score + gates.value_shift, gates.value_least, gates.value_most)
     of_whole, of_part = worth[row[whole, frames]], worth[np.maximum(parts, 0)]
-    best, most = None, PARTS_WORTH
+    best: Parts | None = None
+    most = PARTS_WORTH
     for i, a in enumerate(chosen):
         for b in chosen[i + 1 :]:
             both = within[a] & within[b]
@@ -172,7 +188,8 @@ def larger_part(
             fills = np.median(hull / area[both]) > PARTS_FILL
             if ratio > most and values.min() > PART_WORTH and fills:
                 if np.median(shared / smaller) < PARTS_SHARE:
-                    best, most = int(likely[a]), ratio
+                    rows = row[whole, frames[both]].astype(np.int64)
+                    best, most = Parts(int(likely[a]), int(likely[b]), rows), ratio
     return best
 
 

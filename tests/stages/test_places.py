@@ -56,6 +56,19 @@ def test_other_boxes_on_the_face_are_covered_and_propose_nothing():
     assert len(fits[0].covered) == FRAMES
 
 
+def test_a_box_over_two_faces_gives_way_to_both_and_is_nobodys():
+    plaque, shield = (3.5, -1.45, 60, 0.6, 0.3, 0.9), (3.5, -1.0, 60, 0.6, 0.6, 0.5)
+    _, fits = solved([plaque, shield, (3.5, -1.15, 60, 0.6, 0.9, 1.5)])
+    assert sorted(round(fit.metric[1], 2) for fit in fits) == [0.3, 0.6]
+    assert sum(len(fit.covered) for fit in fits) == FRAMES
+
+
+def test_a_face_is_not_shared_out_between_parts_worth_less():
+    halves = [(3.5, -1.45, 60, 0.6, 0.3, -1.0), (3.5, -1.0, 60, 0.6, 0.6, -1.0)]
+    _, fits = solved([*halves, (3.5, -1.15, 60, 0.6, 0.9, 3.0)])
+    assert [round(fit.metric[1], 2) for fit in fits] == [0.9]
+
+
 def test_noise_of_a_pixel_moves_a_place_as_its_covariance_says():
     s, (fit,) = solved([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], noise=0.7)
     gap = fit.point - [3.5, -1.0, 60]
