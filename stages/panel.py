@@ -9,40 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.numerics.align import Alignment, align, stretched
 from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.facefit import Face, fit_face
+from wayside.stages.numerics.facefit import Face
 from wayside.stages.numerics.faces import ASPECT
 from wayside.stages.numerics.facing import Plane, solve_facing
 from wayside.stages.numerics.path import Beside
 from wayside.stages.numerics.places import DRIFT_RAD, Fit
 from wayside.stages.numerics.triangulate import triangulate_views
-from wayside.stages.numerics.undistort import distort_points, ideal_of_rays
+from wayside.stages.panel_views import (
+    LEAST_STRENGTH,
+    Registered,
+    outline_of,
+    register_views,
+    usable_views,
+)
 from wayside.stages.window import Held
 
-MOST_VIEWS, FEWEST_PX = 6, 9.0
-NEAREST_M, FARTHEST_M = 4.0, 90.0
-"""Views of use: how many, how small the face may be, how far."""
-FINEST = 150
-"""Samples across a panel at most."""
-MARGIN = 0.35
-"""What is drawn around the box, as a share of the panel's size."""
-COARSER, OUTLINE_COARSER, OUTLINE_VIEWS = 3.2, 2.3, 3
-"""Views up to so many times farther than the template are registered; of them the outline is seen."""
-ENOUGH_VIEWS = 2
-"""With fewer in register the next view becomes the template: the nearest may be half hidden."""
-ALIKE = 0.8
-"""Likeness from which a view counts as registered."""
-ALIGN_SIDE = 90
-"""Longer patches are registered at half size."""
-LEAST_STRENGTH = 0.4
-"""Edge strength all round below which an outline is not believed."""
 CENTRE_SIGMA_PX, STRETCH_SIGMA, BLUR_SIGMA = 0.15, 0.003, 0.025
 """Scatter of a registered centre and stretch beyond their own: motion from view to view; blur of views twice as far."""
 OVERCONFIDENT = 2.0
@@ -54,7 +40,6 @@ ASPECT_SIGMA = 0.02
 FARTHEST_SHARE, FARTHEST_OFF_M = 0.1, 1.0
 LARGEST_CHANGE = 2.5
 """A panel that ends up farther from its boxes, or changes its size by more, is another thing."""
-_CELLS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +47,8 @@ class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
     frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `Fit`; centre_sigma (2,):
-    scatter of the centre across the face that all views share, metres; registered: pictures that look alike; gap_px:
-    RMS distance of their centres from the point they were fitted to.
+    scatter of the centre across the face that all views share, metres; gap_px: RMS distance of the centres of the
+    registered pictures from the point they were fitted to.
     """
 
     point: Array
@@ -78,38 +63,20 @@ class Panel:
     sigma_facing_deg: float
     shape: str
     strength: float
-    registered: int
     gap_px: float
 
 
-class _Drawn(NamedTuple):
-    """A view on the plane: frame in the window, depth, picture (rows, columns, 3) and its grey."""
-
-    frame: int
-    depth: float
-    rgb: NDArray[np.float32]
-    grey: Array
-
-
-class _Registered(NamedTuple):
-    """Views in register with the first of them; `step` metres a sample."""
-
-    plane: Plane
-    step: float
-    views: list[tuple[_Drawn, Alignment]]
-
-
-def measure_panel(fit: Fit, held: Sequence[Held], beside: Beside) -> Panel | None:
-    """Measure the panel of a place; None where its pictures are gone or do not agree."""
+def measure_panel(fit: Fit, held: Sequence[Held], beside: Beside) -> tuple[int, Panel | None]:
+    """How many pictures of a place look alike, and its panel; None where its outline or its place are not believed."""
     plane = across_path(fit.point, held, beside)
     seen = usable_views(plane, fit.metric, held)
     if not seen:
-        return None
-    group = register_views(plane, fit.metric, seen, held)
+        return 0, None
+    group = register_views(plane, fit.metric, seen, fit.frames, held)
     face = outline_of(group, fit.metric)
     if face is None or face.strength < LEAST_STRENGTH:
-        return None
-    return solve_panel(fit, group, face, held)
+        return len(group.views), None
+    return len(group.views), solve_panel(fit, group, face, held)
 
 
 def across_path(point: Array, held: Sequence[Held], beside: Beside) -> Plane:
@@ -141,134 +108,7 @@ def projected(point: Array, fit: Fit, held: Sequence[Held]) -> Array:
     return np.asarray(local[:, :2] / local[:, 2:])
 
 
-def usable_views(plane: Plane, metric: Array, held: Sequence[Held]) -> list[tuple[float, int]]:
-    """Depth and frame of the views that show all of the panel, nearest first."""
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * metric / 2 * 1.05
-    found = []
-    for k, home in enumerate(held):
-        depth = float(home.motion.pose.to_camera(plane.point)[2])
-        if home.rgb is None or not NEAREST_M < depth < FARTHEST_M:
-            continue
-        pixels = pixels_of(home, plane.points(corners))
-        height, width = home.rgb.shape[:2]
-        inside = (pixels >= 1).all() and (pixels < (width - 2, height - 2)).all()
-        if inside and np.ptp(pixels, axis=0).min() >= FEWEST_PX:
-            found.append((depth, k))
-    return sorted(found)[:MOST_VIEWS]
-
-
-def pixels_of(home: Held, points: Array) -> Array:
-    """Recorded pixels (n, 2) of points (n, 3) of the world."""
-    camera = home.frame.camera
-    local = home.motion.pose.to_camera(points)
-    if camera is None:
-        return np.full((len(points), 2), np.nan)
-    return distort_points(camera, ideal_of_rays(camera, local[:, :2] / local[:, 2:]))
-
-
-def register_views(
-    plane: Plane, metric: Array, seen: Sequence[tuple[float, int]], held: Sequence[Held]
-) -> _Registered:
-    """Bring the views into register with the nearest that enough others look like."""
-    best = _registered_with(plane, metric, seen, held)
-    for first in range(1, min(3, len(seen) - 1)):
-        if len(best.views) >= ENOUGH_VIEWS:
-            break
-        group = _registered_with(plane, metric, seen[first:], held)
-        if len(group.views) > len(best.views):
-            best = group
-    return best
-
-
-def _registered_with(
-    plane: Plane, metric: Array, seen: Sequence[tuple[float, int]], held: Sequence[Held]
-) -> _Registered:
-    """Views in register with the first of `seen`."""
-    nearest, frame = seen[0]
-    step = max(nearest / held[frame].focal, float(metric.max()) / FINEST)
-    margin = MARGIN * max(float(metric.min()), 0.6 * float(metric.max()))
-    count = np.ceil((metric / 2 + margin) / step)
-    reach = [np.arange(-n, n + 1) * step for n in count]
-    inside = [np.abs(r) <= m / 2 + step for r, m in zip(reach, metric, strict=True)]
-    weight = np.outer(inside[1], inside[0]).astype(np.float64)
-    template = _draw(plane, reach, nearest, frame, held[frame])
-    still = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
-    views = [(template, still)]
-    for depth, k in seen[1:]:
-        if depth > COARSER * nearest:
-            break
-        drawn = _draw(plane, reach, depth, k, held[k])
-        found = _aligned(template, drawn, weight)
-        if found is not None and found.zncc > ALIKE:
-            views.append((drawn, found))
-    return _Registered(plane, step, views)
-
-
-def _draw(plane: Plane, reach: Sequence[Array], depth: float, frame: int, home: Held) -> _Drawn:
-    """What a view shows on the plane; the way from plane to pixels is bent little, so a grid of cells carries it."""
-    knots = [np.linspace(r[0], r[-1], _CELLS + 1) for r in reach]
-    grid = np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2)
-    pixels = pixels_of(home, plane.points(grid)).reshape(_CELLS + 1, _CELLS + 1, 2)
-    across, down = (_between(len(r)) for r in reach)
-    u, v = ((down @ pixels[..., c] @ across.T).astype(np.float32) for c in (0, 1))
-    if home.rgb is None:
-        raise ValueError(
-            "wanted a frame with its picture, found one without; choose views by usable_views"
-        )
-    rgb = cv2.remap(home.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    return _Drawn(frame, depth, rgb.astype(np.float32), grey.astype(np.float64))
-
-
-def _between(count: int) -> Array:
-    """Linear interpolation from the knots to so many samples, (count, knots)."""
-    at = np.linspace(0, _CELLS, count)
-    return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))))
-
-
-def _aligned(template: _Drawn, drawn: _Drawn, weight: Array) -> Alignment | None:
-    blur = 0.45 * np.sqrt(max((drawn.depth / template.depth) ** 2 - 1, 0.0))
-    sharp = template.grey
-    first: Array = np.asarray(cv2.GaussianBlur(sharp, (0, 0), blur) if blur > 0.2 else sharp)
-    other, mask = drawn.grey, weight
-    halved = max(weight.shape) > ALIGN_SIDE
-    if halved:
-        first, other, mask = (_half(image) for image in (first, other, mask))
-    found = align(first, mask, other, _coarse(first, other, mask))
-    if found is None or not halved:
-        return found
-    ratio = np.array(weight.shape[::-1]) / (weight.shape[1] // 2, weight.shape[0] // 2)
-    spread = np.diag([*ratio, 1.0, 1.0])
-    return found._replace(shift=found.shift * ratio, covariance=spread @ found.covariance @ spread)
-
-
-def _half(image: Array) -> Array:
-    size = (image.shape[1] // 2, image.shape[0] // 2)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float64)
-
-
-def _coarse(template: Array, patch: Array, weight: Array) -> Array:
-    """Whole-sample shift (2,) of best likeness: the weighted part of the template in all of the patch."""
-    rows, columns = np.flatnonzero(weight.any(axis=1)), np.flatnonzero(weight.any(axis=0))
-    part = template[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    likeness = cv2.matchTemplate(
-        patch.astype(np.float32), part.astype(np.float32), cv2.TM_CCOEFF_NORMED
-    )
-    _, _, _, (left, top) = cv2.minMaxLoc(likeness)
-    return np.array([left - columns[0], top - rows[0]], np.float64)
-
-
-def outline_of(group: _Registered, metric: Array) -> Face | None:
-    """Outline of the face in samples of the template."""
-    nearest = group.views[0][0].depth
-    near = [view for view in group.views if view[0].depth <= OUTLINE_COARSER * nearest]
-    views = np.stack([stretched(drawn.rgb, found) for drawn, found in near[:OUTLINE_VIEWS]])
-    middle = (np.array(views.shape[2:0:-1]) - 1) / 2
-    half = metric / group.step / 2
-    return fit_face(np.ascontiguousarray(views), [np.concatenate([middle - half, middle + half])])
-
-
-def solve_panel(fit: Fit, group: _Registered, face: Face, held: Sequence[Held]) -> Panel | None:
+def solve_panel(fit: Fit, group: Registered, face: Face, held: Sequence[Held]) -> Panel | None:
     """Place, size and facing from where the outline lies in all views; None where it runs away from the boxes."""
     plane, step = group.plane, group.step
     drawn, found = zip(*group.views, strict=True)
@@ -343,6 +183,5 @@ def solve_panel(fit: Fit, group: _Registered, face: Face, held: Sequence[Held]) 
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
         shape=face.shape,
         strength=face.strength,
-        registered=len(frames),
         gap_px=float(np.sqrt((gaps**2).sum(axis=1).mean())),
     )

@@ -178,8 +178,10 @@ class _Tracker:
                 verdict = "duplicate"
                 doubles.append(fit)
             factor = self._scatter.factor(fit.chi, fit.freedom)
-            panel = measure_panel(fit, self._held, beside) if verdict == "sign" else None
-            if verdict == "sign" and not stands(fit, panel, self._settings.fewest_views):
+            alike, panel = 0, None
+            if verdict == "sign":
+                alike, panel = measure_panel(fit, self._held, beside)
+            if verdict == "sign" and not stands(fit, alike, panel, self._settings.fewest_views):
                 verdict = "residual"
             if verdict == "sign":
                 self._known.append(fit)
@@ -214,16 +216,15 @@ class _Tracker:
             held[frame].claim(row, track, "overlap", np.nan)
 
 
-def stands(fit: Fit, panel: Panel | None, fewest: int) -> bool:
-    """Whether the views of a place are of one thing that stands still.
+def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int) -> bool:
+    """Whether the views of a place are of one thing that stands still; `alike` of its pictures look alike.
 
     Any two rays meet somewhere; that the thing did not move meanwhile takes a third one to say, of a box or of the
     registered panel. And of few boxes, which may be of several things in line, two must look alike.
     """
-    registered = 0 if panel is None else panel.registered
     if fit.used.sum() >= fewest:
-        return len(fit.rows) >= SURE_VIEWS or registered >= 2
-    return panel is not None and registered >= fewest and panel.gap_px < STANDS_PX
+        return len(fit.rows) >= SURE_VIEWS or alike >= 2
+    return panel is not None and alike >= fewest and panel.gap_px < STANDS_PX
 
 
 def in_the_way(fit: Fit, beside: Beside) -> bool:

@@ -9,7 +9,7 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.numerics.association import Sightings
 from wayside.stages.numerics.places import fit_views
 from wayside.stages.place import BORDER, FEATURES
-from wayside.stages.track import HOP, same_face, track
+from wayside.stages.track import HOP, same_face, stands, track
 
 SETTINGS = TrackSettings()
 
@@ -203,6 +203,20 @@ def test_a_place_of_unsure_depth_is_the_face_that_hides_it(sigma_ahead, same):
     # On the rays of the known face, nearer.
     unsure = replace(unsure, point=known.point * (110.0 / 130.0))
     assert bool(same_face(cameras, unsure, known)) == same
+
+
+@pytest.mark.parametrize(("alike", "passes"), [(1, False), (2, True)])
+def test_few_boxes_stand_where_two_look_alike_though_their_outline_is_of_no_known_shape(
+    alike, passes
+):
+    _, pair = fit_at(130.0, 0.3)
+    three = replace(pair, rows=np.arange(3), used=np.ones(3, bool))
+    assert stands(three, alike, None, 3) == passes
+
+
+def test_two_boxes_need_a_measured_panel_in_a_third_picture():
+    _, pair = fit_at(130.0, 0.3)
+    assert not stands(pair, 3, None, 3)
 
 
 def constant_judge(value):
