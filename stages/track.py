@@ -42,9 +42,11 @@ HOP = 4
 """Frames between two looks at the whole window."""
 LEAST_TOTAL = -1.0
 """Sum of values over the views from which a place is looked at at all."""
-SURE_VIEWS, STANDS_PX = 5, 1.5
-"""Views from which a place needs no two that look alike; largest gap between the registered pictures of a standing
-panel and its place (that of boxes is gated by itself)."""
+THIRD, SURE_VIEWS = 3, 5
+"""Boxes that agree on a place by more than chance, and views from which a place needs no two that look alike."""
+STANDS_PX, PAIR_PX = 1.5, 0.5
+"""Largest gap between the registered pictures of a standing panel and its place (that of boxes is gated by itself), and
+of only two, which are always near to where their rays pass each other (19 of 20 are nearer)."""
 REST_M = 2.0
 """How far round a duplicate the faces stand that its boxes may have covered."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
@@ -219,12 +221,13 @@ class _Tracker:
 def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int) -> bool:
     """Whether the views of a place are of one thing that stands still; `alike` of its pictures look alike.
 
-    Any two rays meet somewhere; that the thing did not move meanwhile takes a third one to say, of a box or of the
-    registered panel. And of few boxes, which may be of several things in line, two must look alike.
+    Any two rays meet somewhere; that they are of one thing takes a third box to say, or the panel that the registered
+    pictures show. And of few boxes, which may be of several things in line, two must look alike.
     """
-    if fit.used.sum() >= fewest:
+    if fit.used.sum() >= max(fewest, THIRD):
         return len(fit.rows) >= SURE_VIEWS or alike >= 2
-    return panel is not None and alike >= fewest and panel.gap_px < STANDS_PX
+    nearest = STANDS_PX if alike >= THIRD else PAIR_PX
+    return panel is not None and alike >= fewest and panel.gap_px < nearest
 
 
 def in_the_way(fit: Fit, beside: Beside) -> bool:

@@ -214,9 +214,25 @@ def test_few_boxes_stand_where_two_look_alike_though_their_outline_is_of_no_know
     assert stands(three, alike, None, 3) == passes
 
 
-def test_two_boxes_need_a_measured_panel_in_a_third_picture():
+class Shown:
+    """What `stands` looks at of a measured panel."""
+
+    def __init__(self, gap_px):
+        self.gap_px = gap_px
+
+
+def test_two_boxes_stand_where_as_many_pictures_as_are_asked_for_show_one_panel():
     _, pair = fit_at(130.0, 0.3)
     assert not stands(pair, 3, None, 3)
+    assert not stands(pair, 2, Shown(0.1), 3)
+    assert stands(pair, 3, Shown(0.9), 3)
+    assert stands(pair, 2, Shown(0.1), 2)
+
+
+def test_two_pictures_must_meet_nearer_than_three():
+    _, pair = fit_at(130.0, 0.3)
+    assert not stands(pair, 2, Shown(0.9), 2)
+    assert stands(pair, 3, Shown(0.9), 2)
 
 
 def constant_judge(value):
