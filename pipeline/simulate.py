@@ -29,6 +29,8 @@ _ORDER = [2, 0, 1]
 SWEEP_SPACING, SWEEP_FOCAL = (0.25, 0.5, 1.0, 1.5, 2.0), (0.5, 0.7, 1.0, 1.4, 2.0)
 """What a sweep tries, as multiples of what is given."""
 UNKNOWN_LENGTH_M = 100.0
+FEWEST_VIEWS = 3
+"""Views that place a sign here: that two boxes are of one panel only pictures tell, and there are none."""
 BOUNDED = 16
 """The bound is that of so many signs at most, evenly chosen: they are all alike."""
 
@@ -87,7 +89,7 @@ def simulate(survey: Survey) -> Simulated:
     """
     check(survey)
     drive = SimulatedDrive(survey)
-    settings = TrackSettings()
+    settings = TrackSettings(fewest_views=FEWEST_VIEWS)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     for settled in track(drive.moved(MotionSettings()), settings):
         for place in settled.places:

@@ -99,7 +99,7 @@ def test_a_single_view_is_unmatched_and_two_are_too_few(panel, drive):
     frames = drive(
         [panel(3.5, 1.2, 120.0, only_in=(10,)), panel(-4.0, 1.2, 120.0, only_in=(10, 11))], 20
     )
-    settled = run(frames)
+    settled = run(frames, replace(SETTINGS, fewest_views=3))
     assert places_of(settled) == []
     assert sorted(verdicts_of(settled)) == ["few_views", "few_views", "unmatched"]
 
