@@ -44,7 +44,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Frame
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import NetworkModel, TreeModel
 from wayside.schemas.regions import COLORS, VERDICTS, Candidates
 from wayside.stages.numerics.boxes import overlap_of
 
@@ -56,6 +56,10 @@ SMALLEST_PX = 10.0
 HEIGHTS = (10, 15, 20, 25, 35, 50, 100)
 STAGES = (CANDIDATE, JUDGED, PASSED, KEPT)
 HEAD = ("faces", "candidate", "past the gate", "past the judge", "seen")
+
+
+ViewJudge = tuple[TreeModel, NetworkModel]
+"""The judge of one view and the network that moves boxes onto faces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +149,7 @@ def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
 
     bar = load_models(load_settings("default")[0]).judge.accept
 
-    def judge_of(scenes: Sequence[Drive]) -> TreeModel:
+    def judge_of(scenes: Sequence[Drive]) -> ViewJudge:
         return learn_judge(samples.drives, scenes, see, SEED, bar)
 
     unaided = judge_of(())
@@ -160,7 +164,7 @@ def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
 
 
 def looked_at(
-    source: str, real: Path, scenes: list[dict[str, Any]], judge: TreeModel, unaided: TreeModel
+    source: str, real: Path, scenes: list[dict[str, Any]], judge: ViewJudge, unaided: ViewJudge
 ) -> Source:
     """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
     faces: list[Seen] = []
@@ -174,23 +178,29 @@ def looked_at(
             if box[3] - box[1] < SMALLEST_PX:
                 continue
             level = reached(box, own.regions.box, verdicts)
-            score = best_score(box, own) - judge.accept
+            score = best_score(box, own) - judge[0].accept
             unseen = reached(box, other.regions.box, others)
             faces.append(Seen(source, scene["file"], box, sign["color"], level, score, unseen))
         if scene["complete"]:
             known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
             false += [
-                (scene["file"], tuple(own.regions.box[row].tolist()), own.score[row] - judge.accept)
+                (
+                    scene["file"],
+                    tuple(own.regions.box[row].tolist()),
+                    own.score[row] - judge[0].accept,
+                )
                 for row in strays(own, known)
             ]
     complete = sum(bool(scene["complete"]) for scene in scenes)
     return Source(source, len(scenes), tuple(faces), complete, tuple(false))
 
 
-def looks(real: Path, scenes: list[dict[str, Any]], judge: TreeModel) -> Iterator[Candidates]:
+def looks(real: Path, scenes: list[dict[str, Any]], judge: ViewJudge) -> Iterator[Candidates]:
     """The candidates of each picture after all stages that look at one picture, with that judge."""
     settings, _ = load_settings("default")
-    flow = Flow(settings, replace(load_models(settings), judge=judge), StageClock())
+    flow = Flow(
+        settings, replace(load_models(settings), judge=judge[0], face_box=judge[1]), StageClock()
+    )
     return (look.candidates for look in flow.look(scene_frames(real, scenes)))
 
 

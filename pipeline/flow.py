@@ -71,6 +71,7 @@ class Flow:
                 settings=s.candidates,
                 color=m.face_color,
                 shape=m.face_shape,
+                box=m.face_box,
             )
         judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
         return self._stage("features", judged, extract_features, settings=s.features)

@@ -141,7 +141,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     models = gaussian_models(samples.drives, samples.crops, samples.strays, origin)
     judges = learn_judges(samples.drives, samples.see, seed, origin, samples.scenes)
     say(judges.judge.provenance)
-    models["judge.json"] = judges.judge
+    models |= {"judge.json": judges.judge, "face_box.json": judges.box}
     for what in ("color", "shape"):
         try:
             models[f"face_{what}.json"] = learn_names(judges.passed, what, seed, origin)
@@ -166,10 +166,10 @@ def _tracked(logs: Sequence[Path], judges: Judges, folder: Path) -> Iterator[Tra
     models = load_models(settings)
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
-        stranger = judges.strangers[truth["name"]]
-        flow = Flow(settings, replace(models, judge=stranger), StageClock())
+        judge, box = judges.strangers[truth["name"]]
+        flow = Flow(settings, replace(models, judge=judge, face_box=box), StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
-        yield estimate_motion(flow.look(frames), settings.motion), stranger, truth
+        yield estimate_motion(flow.look(frames), settings.motion), judge, truth
 
 
 def gaussian_models(

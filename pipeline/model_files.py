@@ -31,7 +31,8 @@ Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel)
 class Models:
     """Everything learned that a run uses.
 
-    `place` judges a place over all its views; `face_color` and `face_shape` name the face in a view; where they exist.
+    `place` judges a place over all its views; `face_color` and `face_shape` name the face in a view, `face_box` says
+    where it ends; where they exist.
     """
 
     color: GaussianModel
@@ -41,6 +42,7 @@ class Models:
     place: TreeModel | None = None
     face_color: NetworkModel | None = None
     face_shape: NetworkModel | None = None
+    face_box: NetworkModel | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by its name."""
@@ -52,6 +54,7 @@ class Models:
             "place": self.place,
             "face_color": self.face_color,
             "face_shape": self.face_shape,
+            "face_box": self.face_box,
         }
         return {
             name: digest(model_to_json(model)) for name, model in named.items() if model is not None
@@ -82,7 +85,7 @@ def load_models(settings: Settings) -> Models:
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
         *(
             _network(folder, name) if _exists(folder, name) and not by_report else None
-            for name in ("face_color.json", "face_shape.json")
+            for name in ("face_color.json", "face_shape.json", "face_box.json")
         ),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,8 @@ class TreeModel:
 
     feature, left, right (trees, nodes) int32; threshold, value (trees, nodes) float32. A node with
     left < 0 is a leaf. A value goes left where it is at most the threshold, and also where it is nan.
-    gate: a smaller model over cheaper features that is asked first; what it does not accept goes no further.
+    gate: a smaller model over cheaper features that is asked first; what it does not accept goes no further. network:
+    one over the same features whose only output is added to the sum.
     """
 
     kind: ClassVar[str] = "trees"
@@ -65,14 +66,15 @@ class TreeModel:
     accept: float
     provenance: str
     gate: TreeModel | None = None
+    network: NetworkModel | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkModel:
-    """Network with one hidden layer over named features: softmax(relu(z W + b) V + c), z the scaled features.
+    """Network with one hidden layer over named features: relu(z W + b) V + c, z the scaled features.
 
-    classes (c,): what the outputs are the chances of; mean, scale (f,): z = (x - mean) / scale; hidden (f, h) = W,
-    hidden_bias (h,) = b, output (h, c) = V, output_bias (c,) = c; float32.
+    classes (c,): what the outputs tell, or what their softmax is the chances of; mean, scale (f,):
+    z = (x - mean) / scale; hidden (f, h) = W, hidden_bias (h,) = b, output (h, c) = V, output_bias (c,) = c; float32.
     """
 
     kind: ClassVar[str] = "network"
@@ -90,6 +92,7 @@ class NetworkModel:
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 
 Model = GaussianModel | TreeModel | NetworkModel
+Part = TypeVar("Part", TreeModel, NetworkModel)
 
 
 def model_to_json(model: Model) -> str:
@@ -113,9 +116,12 @@ def model_to_json(model: Model) -> str:
         body = {"features": list(model.features), "classes": list(model.classes)}
         body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
     else:
-        gate = None if model.gate is None else json.loads(model_to_json(model.gate))
+        parts = {"gate": model.gate, "network": model.network}
         body = {
-            "gate": gate,
+            name: None if part is None else json.loads(model_to_json(part))
+            for name, part in parts.items()
+        }
+        body |= {
             "features": list(model.features),
             "bias": model.bias,
             "accept": model.accept,
@@ -170,7 +176,8 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 column("value", np.float32),
                 float(data["accept"]),
                 data["provenance"],
-                _gate_of(data.get("gate"), name),
+                _part_of(TreeModel, data.get("gate"), name),
+                _part_of(NetworkModel, data.get("network"), name),
             )
         if data["kind"] == "network":
             return _network_of(data)
@@ -182,13 +189,13 @@ def model_from_json(text: str, name: str = "model") -> Model:
         ) from error
 
 
-def _gate_of(data: dict[str, Any] | None, name: str) -> TreeModel | None:
+def _part_of(kind: type[Part], data: dict[str, Any] | None, name: str) -> Part | None:
     if data is None:
         return None
-    gate = model_from_json(json.dumps(data), name)
-    if not isinstance(gate, TreeModel):
-        raise TypeError(f"a gate of kind {gate.kind!r}")
-    return gate
+    part = model_from_json(json.dumps(data), name)
+    if not isinstance(part, kind):
+        raise TypeError(f"a part of kind {part.kind!r}, wanted {kind.kind!r}")
+    return part
 
 
 def _network_of(data: dict[str, Any]) -> NetworkModel:

@@ -5,7 +5,7 @@ Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -46,9 +46,9 @@ SHAPES = (
     "crossbuck",
     "other",
 )
-SOURCES = ("pass1", "pass2", "level", "stack", "predicted")
-"""Where a region comes from: K-means pass one or two, a level of a map, two of these one above the other, or the place
-that other frames say (the box of a thing found there)."""
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved")
+"""Where a region comes from: K-means pass one or two, a level of a map, two of these one above the other, the place
+that other frames say (the box of a thing found there), or any of these with its box moved onto the face it lies on."""
 
 VERDICTS = (
     "open",
@@ -121,6 +121,11 @@ class Regions:
         )
 
 
+def middles(box: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Middle (n, 2) of boxes (n, 4), pixel centres at integers."""
+    return np.asarray((box[:, :2] + box[:, 2:] - 1).astype(np.float64) / 2)
+
+
 @dataclass(frozen=True, slots=True)
 class Candidates:
     """Regions with what is judged of them; a row is never dropped, its `verdict` says where it stopped.
@@ -174,11 +179,22 @@ class Candidates:
         rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
         return Candidates(self.regions.joined(others.regions), **rest)  # type: ignore[arg-type]
 
+    def moved(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> Candidates:
+        """The same with boxes moved to `box` (m, 4), and so other centres, in `rows` (m,)."""
+        boxes, source, center = (
+            self.regions.box.copy(),
+            self.regions.source.copy(),
+            self.center.copy(),
+        )
+        boxes[rows], source[rows], center[rows] = box, SOURCES.index("moved"), middles(box)
+        regions = replace(self.regions, box=boxes, source=source)
+        return replace(self, regions=regions, center=center, ideal=center.copy())
+
     @staticmethod
     def of(regions: Regions) -> Candidates:
         """Unjudged rows; centres start at the middle of the boxes."""
         n = len(regions)
-        middle = (regions.box[:, :2] + regions.box[:, 2:] - 1).astype(np.float64) / 2
+        middle = middles(regions.box)
         return Candidates(
             regions,
             middle,

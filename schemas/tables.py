@@ -166,7 +166,8 @@ OBSERVATIONS = Table(
             "source",
             _CHOICE,
             "",
-            "pass1, pass2: colours; level: of a map; stack: two together; predicted: where other frames say",
+            "pass1, pass2: colours; level: of a map; stack: two together; predicted: where other frames say; "
+            "moved: one of these, its box moved onto the face",
             _SURE,
             SOURCES,
         ),

@@ -1,7 +1,8 @@
 """The judge of one view: which boxes show the face of a sign.
 
-Boosted trees on what the box shows and where it stands; then the best of overlapping boxes. The judge of a place,
-later, sees all views together; so the bar here is low, and the score travels on.
+Boosted trees on what the box shows and where it stands; once more where the box is moved onto the face; then the best
+of overlapping boxes. The judge of a place, later, sees all views together; so the bar here is low, and the score
+travels on.
 """
 
 from __future__ import annotations
@@ -16,8 +17,17 @@ from numpy.typing import NDArray
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import NetworkModel, TreeModel
-from wayside.schemas.regions import COLORS, SHAPES, Candidates, Judged, Regions, verdict_code
+from wayside.schemas.regions import (
+    COLORS,
+    SHAPES,
+    SOURCES,
+    Candidates,
+    Judged,
+    Regions,
+    verdict_code,
+)
 from wayside.schemas.settings import CandidateSettings
+from wayside.stages.face_box import check_box_network, moved_boxes
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.colorspace import to_space
 from wayside.stages.numerics.glance import glance_names, glances
@@ -44,6 +54,9 @@ REGION_FEATURES = (
 OVERLAP = 0.4
 """Boxes that overlap a better one by more (IoU) show the same face."""
 
+REACH = 4.0
+"""How far below the bar (log odds) a box still may lie on part of a face."""
+
 
 def judge(
     items: Iterator[Judged],
@@ -52,15 +65,19 @@ def judge(
     settings: CandidateSettings,
     color: NetworkModel | None = None,
     shape: NetworkModel | None = None,
+    box: NetworkModel | None = None,
 ) -> Iterator[Judged]:
     """Look at all open candidates: `glance` is the verdict of those the model's gate refuses, unscored.
 
     The others are scored; those below the model's bar get the verdict `score`. Of overlapping survivors the best
     stays (`overlap`), of all of them the best `settings.keep` (`score`). Where networks are given that name the `color`
-    and `shape` of a face, they do so for all that pass the bar.
+    and `shape` of a face, they do so for all that pass the bar. Where one is given that moves the `box` onto the face,
+    a candidate not far below the bar is looked at there, too, and stays where it scores better.
     """
     check_network(color, COLORS)
     check_network(shape, SHAPES)
+    if box is not None:
+        check_box_network(box, view_names())
     for item in items:
         picture = item.segmented.picture
         rows = item.candidates.open_rows()
@@ -80,6 +97,14 @@ def judge(
             rows, regions = rows[passed], regions.select(passed)
         values = view_features(levels, regions, camera)
         found = log_odds(trees, values)
+        if box is not None:
+            near = np.flatnonzero(found >= trees.accept - REACH)
+            moved = moved_regions(box, values[near], regions.select(near), camera)
+            there = view_features(levels, moved, camera)
+            anew = log_odds(trees, there)
+            better = anew > found[near]
+            found[near[better]], values[near[better]] = anew[better], there[better]
+            candidates = candidates.moved(rows[near[better]], moved.box[better])
         candidates = decided(candidates, rows, found, trees.accept, settings.keep)
         passed = found >= trees.accept
         odds: list[NDArray[np.float32] | None] = [None, None]
@@ -89,6 +114,18 @@ def judge(
                 table[rows[passed]] = face_chances(network, names, values[passed])
                 odds[k] = table
         yield replace(item, candidates=replace(candidates, color_odds=odds[0], shape_odds=odds[1]))
+
+
+def moved_regions(
+    network: NetworkModel,
+    values: NDArray[np.float32],
+    regions: Regions,
+    camera: Camera | None = None,
+) -> Regions:
+    """The regions with boxes on the face, as the network sees it from their `view_features`; inside the picture."""
+    columns = np.ascontiguousarray(values[:, _columns(network.features)])
+    source = np.full(len(regions), SOURCES.index("moved"), np.uint8)
+    return replace(regions, box=moved_boxes(network, columns, regions.box, camera), source=source)
 
 
 def check_network(network: NetworkModel | None, names: tuple[str, ...]) -> None:

@@ -32,7 +32,7 @@ STEP = 4
 LASTING = 1
 """Levels over which a box must last."""
 
-NARROWEST, WIDEST = 0.2, 5.0
+NARROWEST, WIDEST = 0.2, 6.5
 """Width by height of a face's box."""
 
 SHORTEST_PX = 8

@@ -1,27 +1,37 @@
-"""The judge of one view: a quick gate on every candidate, the judge on what passes, both held out by drive."""
+"""The judge of one view: a quick gate on every candidate, the judge on what passes, there and where the face ends.
+
+All that judges a drive here has not seen it: drives are in two groups, each judged by what the other taught.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
-from wayside.pipeline.learning.samples import NEAR_FACE, OFF, ON, ON_FACE, Drive, Views
-from wayside.schemas.models import TreeModel
-from wayside.stages.judge import OVERLAP, gate_names, view_names
+from wayside.pipeline.learning.face_boxes import learn_face_box, on_faces
+from wayside.pipeline.learning.networks import Descent, fit_network
+from wayside.pipeline.learning.samples import NEAR_FACE, OFF, ON, ON_FACE, Drive, Views, labelled
+from wayside.schemas.models import NetworkModel, TreeModel
+from wayside.stages.judge import OVERLAP, gate_names, moved_regions, view_names
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.trees import log_odds
 
 GATE = Boosting(trees=80, leaves=16, pace=0.12, share_of_features=0.5)
 JUDGE = Boosting()
+BESIDE = Descent(hidden=128, shrinkage=0.01, pace=1e-3, rounds=12, batch=256)
+"""The network beside the judge's trees: they err on different boxes."""
+FACE_SHARE, NETWORK_PART = 0.2, 0.5
+"""Faces for each box off them that the network is taught with; the part of its log odds that is added to the trees'."""
 
 GATE_OFF_SHARE = 0.2
 """Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
 
-JUDGE_OFF_SHARE = 0.25
+JUDGE_OFF_SHARE = 0.125
 """The same for the judge: one background is seen in many pictures."""
 
 REAL_WEIGHT = 2.0
@@ -30,7 +40,7 @@ REAL_WEIGHT = 2.0
 PASSED = 500.0
 """Candidates of a picture that the gate lets pass, in the mean over the learning drives."""
 
-FALSE_PER_PICTURE = 2.0
+FALSE_PER_PICTURE = 3.0
 """Boxes off any face, after suppression, that pass in a held-out picture: the judge of a place decides on them."""
 
 AT = (0.1, 0.3, 1.0, 3.0)
@@ -38,6 +48,10 @@ AT = (0.1, 0.3, 1.0, 3.0)
 
 SeeViews = Callable[[Drive, Views], NDArray[np.float32]]
 """Goes through the pictures of a drive again for what the judge sees of some candidates."""
+
+
+Taught = TypeVar("Taught")
+Fitted = TypeVar("Fitted", TreeModel, NetworkModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +79,15 @@ class Held:
 
 @dataclass(frozen=True, slots=True)
 class Judges:
-    """The judge taught with all drives, and for each drive, by name, one that has not seen it; all with the gate.
+    """The judge and the network for boxes taught with all drives, and for each drive, by name, such as never saw it.
 
-    passed: what the gate let pass of each drive, for whoever learns from it next.
+    The judges come with the gate. passed: what the gate let pass of each drive, where it was and moved onto the face,
+    for whoever learns from it next.
     """
 
     judge: TreeModel
-    strangers: dict[str, TreeModel]
+    box: NetworkModel
+    strangers: dict[str, tuple[TreeModel, NetworkModel]]
     passed: tuple[Passed, ...]
 
 
@@ -87,33 +103,54 @@ def learn_judges(
     `scenes` are real pictures, a source each: they teach too, but the bar is that of the drives.
     """
     gate, passed, real = _through_gate(drives, scenes, see, seed, provenance)
-    strangers = _strangers([*passed, *real], seed)
-    held = found_at(passed, [log_odds(strangers[p.drive.name], p.values) for p in passed])
+    examples = [on_faces(one.drive, one.views, one.values, see, seed) for one in (*passed, *real)]
+    box, other_boxes = _for_strangers(
+        [one.drive.name for one in (*passed, *real)],
+        examples,
+        lambda taught: learn_face_box(taught, seed, provenance),
+    )
+    passed, real = (
+        [_with_moved(one, other_boxes[one.drive.name], see) for one in part]
+        for part in (passed, real)
+    )
+    judge, other_judges = _for_strangers(
+        [one.drive.name for one in (*passed, *real)], [*passed, *real], lambda p: _fit(p, seed)
+    )
+    held = found_at(passed, [log_odds(other_judges[p.drive.name], p.values) for p in passed])
     words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the gate"]
     words += [f"{sum(int((p.views.label == ON).sum()) for p in passed)} on faces", held.words()]
     words += [f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"]
     for one in real:
         found, wanted = faces_found(
-            one, log_odds(strangers[one.drive.name], one.values), held.accept
+            one, log_odds(other_judges[one.drive.name], one.values), held.accept
         )
         words.append(f"{one.drive.name}, held out: {found} of {wanted} faces accepted")
 
-    def completed(judge: TreeModel) -> TreeModel:
-        return replace(judge, accept=held.accept, provenance="; ".join(words), gate=gate)
+    def completed(trees: TreeModel) -> TreeModel:
+        return replace(trees, accept=held.accept, provenance="; ".join(words), gate=gate)
 
     return Judges(
-        completed(_fit([*passed, *real], seed)),
-        {name: completed(judge) for name, judge in strangers.items()},
+        completed(judge),
+        box,
+        {name: (completed(trees), other_boxes[name]) for name, trees in other_judges.items()},
         (*passed, *real),
     )
 
 
 def learn_judge(
     drives: Sequence[Drive], scenes: Sequence[Drive], see: SeeViews, seed: int, accept: float
-) -> TreeModel:
-    """Gate and judge alone, with a bar that is known: what a judge is worth without some of what there is to teach."""
+) -> tuple[TreeModel, NetworkModel]:
+    """Judge with its gate, network for boxes, no held-out figures, but a bar that is known.
+
+    What they are worth without some of what there is to teach.
+    """
     gate, passed, real = _through_gate(drives, scenes, see, seed, "")
-    return replace(_fit([*passed, *real], seed), accept=accept, gate=gate)
+    together = [*passed, *real]
+    box = learn_face_box(
+        [on_faces(one.drive, one.views, one.values, see, seed) for one in together], seed, ""
+    )
+    together = [_with_moved(one, box, see) for one in together]
+    return replace(_fit(together, seed), accept=accept, gate=gate), box
 
 
 def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
@@ -145,19 +182,20 @@ def face_weights(views: Views) -> NDArray[np.float64]:
     return weight
 
 
-def _strangers(passed: Sequence[Passed], seed: int) -> dict[str, TreeModel]:
-    """For each drive trees that have not seen it: drives in two groups, each judged by the other's trees.
+def _for_strangers(
+    names: Sequence[str], taught: Sequence[Taught], fit: Callable[[Sequence[Taught]], Fitted]
+) -> tuple[Fitted, dict[str, Fitted]]:
+    """The model fitted to all that is taught, and for each drive, by its name, one fitted to the other group.
 
     A drive alone is judged by its own: there is no other.
     """
-    judges: dict[str, TreeModel] = {}
+    models: dict[str, Fitted] = {}
     for group in (0, 1):
-        own = passed[group::2]
-        others = passed[1 - group :: 2] or own
+        own = names[group::2]
+        others = taught[1 - group :: 2] or taught[group::2]
         if own:
-            judge = _fit(others, seed)
-            judges |= {p.drive.name: judge for p in own}
-    return judges
+            models |= dict.fromkeys(own, fit(others))
+    return fit(taught), models
 
 
 def found_at(passed: Sequence[Passed], scores: Sequence[NDArray[np.float32]]) -> Held:
@@ -222,6 +260,20 @@ def _pass(drive: Drive, gate: TreeModel, see: SeeViews, weight: float = 1.0) -> 
     return Passed(drive, views, see(drive, views), weight)
 
 
+def _with_moved(one: Passed, box: NetworkModel, see: SeeViews) -> Passed:
+    """What passed, and after it the same with boxes moved onto the face, as far as that changes them."""
+    moved = moved_regions(box, one.values, one.views.regions)
+    new = np.flatnonzero((moved.box != one.views.regions.box).any(axis=1))
+    views = labelled(
+        moved.select(new), one.views.glance[new], one.views.frame[new], one.drive.shown
+    )
+    return replace(
+        one,
+        views=one.views.joined(views),
+        values=np.concatenate([one.values, see(one.drive, views)]),
+    )
+
+
 def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
     rng = np.random.default_rng(seed)
     values, positive, weight = [], [], []
@@ -236,7 +288,14 @@ def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
         values.append(one.values[taught])
         positive.append(label[taught] == ON)
         weight.append(one.weight * share[taught])
-    fitted = fit_trees(
-        np.concatenate(values), np.concatenate(positive), np.concatenate(weight), JUDGE, seed
+    seen, face = np.concatenate(values), np.concatenate(positive)
+    weights = np.concatenate(weight)
+    trees = exported_trees(fit_trees(seen, face, weights, JUDGE, seed), view_names(), 0.0, "")
+    evened = weights * np.where(face, FACE_SHARE * weights[~face].sum() / weights[face].sum(), 1.0)
+    network = fit_network(seen, face, evened, BESIDE, seed, view_names())
+    part = replace(
+        network,
+        output=np.float32(NETWORK_PART) * network.output,
+        output_bias=np.float32(NETWORK_PART) * network.output_bias,
     )
-    return exported_trees(fitted, view_names(), 0.0, "")
+    return replace(trees, network=part)

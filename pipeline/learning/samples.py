@@ -55,6 +55,10 @@ class Views:
         rest = (self.glance, self.frame, self.label, self.overlap, self.face)
         return Views(self.regions.select(rows), *(column[rows] for column in rest))
 
+    def joined(self, others: Views) -> Views:
+        """These rows and then the others."""
+        return _joined([self, others])
+
 
 @dataclass(frozen=True, slots=True)
 class FaceName:
@@ -66,20 +70,38 @@ class FaceName:
 
 
 @dataclass(frozen=True, slots=True)
+class Shown:
+    """All views of faces of a drive, m rows in order of their pictures.
+
+    frame (m,) int64; box (m, 4) float64; teaches (m,) bool: whether a box on it is an example. complete (pictures,)
+    bool: whether a picture has no face beside those.
+    """
+
+    frame: NDArray[np.int64]
+    box: NDArray[np.float64]
+    teaches: NDArray[np.bool_]
+    complete: NDArray[np.bool_]
+
+    @property
+    def height_px(self) -> NDArray[np.float64]:
+        """Heights (m,)."""
+        return np.asarray(self.box[:, 3] - self.box[:, 1])
+
+
+@dataclass(frozen=True, slots=True)
 class Drive:
     """Everything that one rendered drive teaches.
 
-    wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); height_px (m,) their heights;
-    signs (m,): whose face each is; places (signs, 2): right of the path and above the camera, metres, of the signs that
-    face the travel.
+    wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); signs (m,): whose face each
+    is; places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel.
     """
 
     name: str
     frames: int
     faces: tuple[Face, ...]
     views: Views
+    shown: Shown
     wanted: NDArray[np.bool_]
-    height_px: NDArray[np.float32]
     signs: tuple[FaceName, ...]
     places: NDArray[np.float64]
 
@@ -138,27 +160,30 @@ def read_drive_pictures(
 
     Where the faces of a picture are not `complete`, what is on none of them counts as neither.
     """
-    parts: list[Views] = []
-    faces: list[tuple[dict[str, Any], dict[str, Any]]] = []
-    for item in _candidates(pictures):
-        if item.picture.rgb is None:
-            continue
-        index = item.picture.frame.index
-        views = _views(item, seen[index], len(faces))
-        if not complete[index]:
-            label = np.where(views.label == OFF, NEITHER, views.label).astype(np.int8)
-            views = replace(views, label=label)
-        parts.append(views)
-        faces += seen[index]
+    shown = Shown(
+        np.array([index for index, here in enumerate(seen) for _ in here], np.int64),
+        np.array([v["box"] for here in seen for _, v in here], np.float64).reshape(-1, 4),
+        np.array(
+            [
+                share_seen(v) >= FACE_SHARE and height_of(v) >= FACE_PX
+                for here in seen
+                for _, v in here
+            ],
+            bool,
+        ),
+        np.array(complete, bool),
+    )
+    parts = [_views(item, shown) for item in _candidates(pictures) if item.picture.rgb is not None]
     if not parts:
         raise InputError(f"{name}: wanted pictures, found none that can be used")
+    faces = [face for here in seen for face in here]
     return Drive(
         name,
         len(parts),
         (),
         _joined(parts),
+        shown,
         np.array([share_seen(v) >= 0.5 and height_of(v) >= 10 for _, v in faces], bool),
-        np.array([height_of(view) for _, view in faces], np.float32),
         tuple(FaceName(f"{name}/{s['id']}", s["color"], s["shape"]) for s, _ in faces),
         np.zeros((0, 2)),
     )
@@ -220,30 +245,35 @@ def _candidates(pictures: Iterable[Picture]) -> Iterator[Segmented]:
     return propose(segmented, settings=CandidateSettings())
 
 
-def _views(item: Segmented, here: list[tuple[dict[str, Any], dict[str, Any]]], first: int) -> Views:
+def _views(item: Segmented, shown: Shown) -> Views:
     rgb, camera, regions = item.picture.rgb, item.picture.frame.camera, item.regions
     if rgb is None or camera is None:
         raise InputError("learning: wanted pictures with calibration, found one without")
+    glance = gate_features(picture_levels(rgb), regions, camera)
+    return labelled(regions, glance, np.full(len(regions), item.picture.frame.index), shown)
+
+
+def labelled(
+    regions: Regions,
+    glance: NDArray[np.float32],
+    frame: NDArray[np.integer[Any]],
+    shown: Shown,
+) -> Views:
+    """Regions (n,) of some pictures, `frame` (n,), labelled by the faces shown there."""
     n = len(regions)
     overlap, nearest = np.zeros(n, np.float32), np.full(n, -1, np.int32)
     label = np.full(n, OFF, np.int8)
-    if here:
-        gaps = overlap_of(regions.box, np.array([view["box"] for _, view in here]))
-        best = gaps.argmax(axis=1)
-        overlap = gaps.max(axis=1).astype(np.float32)
-        teaches = np.array(
-            [share_seen(v) >= FACE_SHARE and height_of(v) >= FACE_PX for _, v in here]
-        )
-        label = face_labels(regions.box, np.array([v["box"] for _, v in here]), teaches)
-        nearest = np.where(overlap > 0, best + first, -1).astype(np.int32)
-    return Views(
-        regions,
-        gate_features(picture_levels(rgb), regions, camera),
-        np.full(n, item.picture.frame.index, np.int32),
-        label,
-        overlap,
-        nearest,
-    )
+    for index in np.unique(frame):
+        rows, own = np.flatnonzero(frame == index), np.flatnonzero(shown.frame == index)
+        box = regions.box[rows]
+        if len(own):
+            gaps = overlap_of(box, shown.box[own])
+            overlap[rows] = gaps.max(axis=1)
+            nearest[rows] = np.where(overlap[rows] > 0, own[gaps.argmax(axis=1)], -1)
+            label[rows] = face_labels(box, shown.box[own], shown.teaches[own])
+        if not shown.complete[index]:
+            label[rows] = np.where(label[rows] == OFF, NEITHER, label[rows])
+    return Views(regions, glance, frame.astype(np.int32), label, overlap, nearest)
 
 
 def face_labels(
@@ -275,7 +305,7 @@ def face_labels(
     return label
 
 
-def _joined(parts: list[Views]) -> Views:
+def _joined(parts: Sequence[Views]) -> Views:
     def column(name: str) -> NDArray[Any]:
         return np.concatenate([getattr(part, name) for part in parts])
 

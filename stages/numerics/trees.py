@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from wayside.schemas.models import TreeModel
 from wayside.stages.numerics.compiled import compiled
 from wayside.stages.numerics.guards import require_array
+from wayside.stages.numerics.network import outputs
 
 
 def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Sum over the trees plus bias for each row of `values` (n, features of the model): (n,) log odds.
+
+    Where the model has a network beside its trees, what that says is added.
 
     Raises
     ------
@@ -39,6 +42,8 @@ def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float3
         model.bias,
         result,
     )
+    if model.network is not None:
+        result += outputs(model.network, values)[:, 0]
     return result
 
 

@@ -106,6 +106,7 @@ def test_the_script_writes_every_model_with_its_provenance(learned):
     assert files == [
         "color.json",
         "color_rgb.json",
+        "face_box.json",
         "face_color.json",
         "judge.json",
         "location.json",

@@ -8,6 +8,7 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
 from wayside.schemas.models import NetworkModel, TreeModel
 from wayside.schemas.regions import (
     COLORS,
+    SOURCES,
     VERDICTS,
     Candidates,
     Judged,
@@ -16,7 +17,8 @@ from wayside.schemas.regions import (
     verdict_code,
 )
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.judge import gate_names, judge, region_features, view_names
+from wayside.stages.face_box import SIDES
+from wayside.stages.judge import REACH, gate_names, judge, region_features, view_names
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
@@ -151,3 +153,45 @@ def test_what_passes_the_bar_is_named_and_the_rest_is_not():
 def test_a_network_of_unknown_features_or_names_is_refused(strange):
     with pytest.raises(InputError, match=r"smell|plaid"):
         next(judge(iter([]), trees=JUDGE, settings=CandidateSettings(), color=by_aspect(**strange)))
+
+
+def grown(by):
+    """A network that lowers the bottom of every box by a share of its height."""
+    names = view_names()
+    n = len(names)
+    return NetworkModel(
+        names,
+        SIDES,
+        np.zeros(n, np.float32),
+        np.ones(n, np.float32),
+        np.zeros((n, 1), np.float32),
+        np.zeros(1, np.float32),
+        np.zeros((1, 4), np.float32),
+        np.array([0, 0, 0, by], np.float32),
+        "made by hand",
+    )
+
+
+def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
+    item = judged([[20, 20, 36, 36], [100, 20, 130, 50]])
+    settings = CandidateSettings()
+    moved = next(judge(iter([item]), trees=JUDGE, settings=settings, box=grown(0.5)))
+    assert moved.candidates.regions.box.tolist() == [[20, 20, 36, 44], [100, 20, 130, 50]]
+    assert [SOURCES[s] for s in moved.candidates.regions.source] == ["moved", "pass1"]
+    assert moved.candidates.score.tolist() == [3, 3]
+    assert moved.candidates.center[0].tolist() == [27.5, 31.5]
+    assert item.candidates.regions.box[0].tolist() == [20, 20, 36, 36]
+
+
+def test_a_box_that_would_score_less_elsewhere_stays():
+    item = judged([[20, 20, 44, 44]])
+    moved = next(judge(iter([item]), trees=JUDGE, settings=CandidateSettings(), box=grown(-0.5)))
+    assert np.array_equal(moved.candidates.regions.box, item.candidates.regions.box)
+    assert moved.candidates.score.tolist() == [3]
+
+
+def test_boxes_far_below_the_bar_are_not_moved():
+    item = judged([[20, 20, 36, 31]])
+    hopeless = replace(JUDGE, bias=-REACH - 1)
+    moved = next(judge(iter([item]), trees=hopeless, settings=CandidateSettings(), box=grown(1.0)))
+    assert np.array_equal(moved.candidates.regions.box, item.candidates.regions.box)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import TreeModel, model_from_json, model_to_json
+from wayside.schemas.models import NetworkModel, TreeModel, model_from_json, model_to_json
 from wayside.stages.numerics.trees import log_odds
 
 
@@ -75,3 +75,33 @@ def test_a_gate_that_is_no_tree_is_refused_with_the_file_named():
     data["gate"] = {"kind": "gaussian", "space": "rgb", "classes": [], "provenance": ""}
     with pytest.raises(InputError, match=r"judge\.json"):
         model_from_json(json.dumps(data), "judge.json")
+
+
+def adding(by):
+    """A network that says the value of feature "b", `by` times."""
+    return NetworkModel(
+        ("a", "b"),
+        ("log_odds",),
+        np.zeros(2, np.float32),
+        np.ones(2, np.float32),
+        np.array([[0, 0], [1, -1]], np.float32),
+        np.zeros(2, np.float32),
+        np.array([[by], [-by]], np.float32),
+        np.zeros(1, np.float32),
+        "made by hand",
+    )
+
+
+def test_what_a_network_beside_the_trees_says_is_added():
+    both = replace(stump(), network=adding(2.0))
+    values = np.array([[0, 0.25], [0, 3.0], [0, -1.0]], np.float32)
+    assert log_odds(both, values).tolist() == [-0.25, 8.25, -2.75]
+    read = model_from_json(model_to_json(both))
+    assert log_odds(read, values).tolist() == [-0.25, 8.25, -2.75]
+
+
+def test_a_gate_that_is_a_network_is_refused():
+    text = json.loads(model_to_json(stump()))
+    text["gate"] = json.loads(model_to_json(adding(1.0)))
+    with pytest.raises(InputError, match="own"):
+        model_from_json(json.dumps(text), "own")
