@@ -113,7 +113,7 @@ def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Pat
         ("segment.whole_picture=maybe", "true or false"),
         ("track.matching=magic", "places or sift"),
         ("gate.largest_px=10", "no region could pass"),
-        ("track.longest=2", "no sign could be reported"),
+        ("track.fewest_views=15", "no sign could be reported"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_what_was_wanted(text: str, words: str) -> None:
