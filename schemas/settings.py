@@ -149,7 +149,7 @@ class LocateSettings:
         0.5, "", "places below this confidence get status uncertain", low=0, high=1
     )
     beyond: float = setting(
-        2.0,
+        0.8,
         "log odds",
         "a place farther than a model's threshold from all places of signs must be a sign by so much for each "
         "unit of distance beyond; a large number: none may lie there",
@@ -202,7 +202,7 @@ REPORT: dict[str, dict[str, Any]] = {
     "candidates": {"judge": "report"},
     "features": {"sift": True},
     "motion": {"always_adjust": False},
-    "track": {"fewest_views": 2, "matching": "sift"},
+    "track": {"matching": "sift"},
     "locate": {"beyond": 1e9},
 }
 """Preset `report`: the report's own choices where they differ from the defaults."""

@@ -21,7 +21,8 @@ def classify_location(
     The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
     Mahalanobis distance (eq. 3.1); a model with several classes is a mixture: near one of them is enough. Roads are
     wider and signs stand farther off than on any drive that was learned from, so a place beyond all thresholds is not
-    refused if it is a sign beyond doubt (`settings.beyond`).
+    refused if it is surely a sign (`settings.beyond`): roads differ by more than a Gaussian allows, and a place four to
+    five sigmas off loses .8 of its log odds a sigma by Student's t of three degrees of freedom.
 
     Parameters
     ----------

@@ -34,6 +34,8 @@ ENOUGH_VIEWS, MOST_TEMPLATES = 2, 3
 """With fewer in register the next view becomes the template: the nearest may be half hidden; so many are tried."""
 ALIKE = 0.8
 """Likeness from which a view counts as registered."""
+FEWEST_SAMPLES = 64
+"""Samples of a face that are compared at least: a far view mixes all of a small face with what lies behind it."""
 ALIGN_SIDE = 90
 """Longer patches are registered at half size."""
 LEAST_STRENGTH = 0.4
@@ -147,7 +149,7 @@ def _alike(
     """The template and the views that look like it where their weight is."""
     still = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
     pairs = zip(others, weights, strict=True)
-    found = [(drawn, _aligned(template, drawn, weight)) for drawn, weight in pairs]
+    found = [(drawn, aligned(template, drawn, weight)) for drawn, weight in pairs]
     return [(template, still), *((d, f) for d, f in found if f is not None and f.zncc > ALIKE)]
 
 
@@ -186,7 +188,10 @@ def _between(count: int) -> Array:
     return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))))
 
 
-def _aligned(template: Drawn, drawn: Drawn, weight: Array) -> Alignment | None:
+def aligned(template: Drawn, drawn: Drawn, weight: Array) -> Alignment | None:
+    """Where a view shows the template, compared where its weight is; None where nowhere, or too little is compared."""
+    if np.count_nonzero(weight) < FEWEST_SAMPLES:
+        return None
     blur = 0.45 * np.sqrt(max((drawn.depth / template.depth) ** 2 - 1, 0.0))
     sharp = template.grey
     first: Array = np.asarray(cv2.GaussianBlur(sharp, (0, 0), blur) if blur > 0.2 else sharp)

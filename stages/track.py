@@ -53,6 +53,9 @@ LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
 """What the vehicle sweeps beside its path, and above its camera."""
 ALIKE_DEPTH, ALIKE_DEPTH_M, ALIKE_SIGMAS, ALIKE_COVER = 0.12, 2.5, 4.0, 0.4
 """Two places are one face where their depths differ less (share, metres or sigmas) and the smaller is covered more."""
+AS_WIDE, AS_WIDE_COVER = 0.8, 0.25
+"""Widths (narrower by wider) of places of which it must be covered by so much only: the tip of a diamond reaches into
+the box of its plaque, but panels of one width stand clear of each other."""
 
 
 def track(
@@ -262,4 +265,6 @@ def same_face(sightings: Sightings, one: Fit, other: Fit) -> bool:
     )
     if near <= 0 or far - near > alike:
         return False
-    return max(overlap_share(sightings, one, other, frame)) > ALIKE_COVER
+    narrow, wide = sorted((float(one.metric[0]), float(other.metric[0])))
+    cover = AS_WIDE_COVER if narrow > AS_WIDE * wide else ALIKE_COVER
+    return max(overlap_share(sightings, one, other, frame)) > cover

@@ -52,7 +52,8 @@ def learn_place_judge(drives: Iterable[Tracked], provenance: str) -> TreeModel:
     Parameters
     ----------
     drives
-        Frames with candidates and motion, the judge of one view that has not seen them, the truth of the drive.
+        Frames with candidates and motion, the judge of one view that has not seen them, the truth of the drive. A drive
+        may come more than once, looked at by judges of different bars.
     provenance
         Where the drives are from, kept in the model.
 
@@ -87,19 +88,19 @@ def gather_places(drives: Iterable[Tracked]) -> Places:
     """All places that tracking finds, labelled by the truth."""
     values: list[tuple[float, ...]] = []
     labels: list[int] = []
-    numbers: list[int] = []
-    for number, (moved, judge, truth) in enumerate(drives):
+    names: list[str] = []
+    for moved, judge, truth in drives:
         known = faces_by_frame(truth)
         settings = TrackSettings(fewest_views=FEWEST)
         for settled in track(iter(moved), settings, view_judge=judge):
             for place in settled.places:
                 values.append(place.evidence)
                 labels.append(label_of(place, known))
-                numbers.append(number)
+                names.append(truth["name"])
     return Places(
         np.array(values, np.float32).reshape(-1, len(FEATURES)),
         np.array(labels, np.int8),
-        np.array(numbers, np.int64),
+        np.unique(names, return_inverse=True)[1].astype(np.int64),
     )
 
 

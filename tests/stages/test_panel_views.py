@@ -10,7 +10,14 @@ from wayside.schemas.frame import Picture
 from wayside.stages.numerics.facefit import Face
 from wayside.stages.numerics.path import Beside
 from wayside.stages.panel import across_path
-from wayside.stages.panel_views import register_views, usable_views, within
+from wayside.stages.panel_views import (
+    FEWEST_SAMPLES,
+    Drawn,
+    aligned,
+    register_views,
+    usable_views,
+    within,
+)
 from wayside.stages.window import Held
 
 MIDDLE = np.array([4.2, -1.1, 44.0])
@@ -88,3 +95,13 @@ def test_the_weight_keeps_from_the_edge_of_the_face_by_the_margin():
     assert far.sum() < near.sum()
     assert far[30, 17:44].all()
     assert within(face, (60, 60), 30.0).sum() == 0
+
+
+@pytest.mark.parametrize("left", [0, FEWEST_SAMPLES - 1])
+def test_views_of_which_hardly_anything_is_left_to_compare_are_not_registered(left):
+    grey = np.random.default_rng(4).normal(120, 30, (60, 60))
+    view = Drawn(0, 20.0, np.repeat(grey[..., None], 3, axis=2).astype(np.float32), grey)
+    weight = np.zeros((60, 60))
+    weight.flat[:left] = 1.0
+    assert aligned(view, view, weight) is None
+    assert aligned(view, view, np.ones((60, 60))) is not None

@@ -205,6 +205,16 @@ def test_a_place_of_unsure_depth_is_the_face_that_hides_it(sigma_ahead, same):
     assert bool(same_face(cameras, unsure, known)) == same
 
 
+@pytest.mark.parametrize(("width", "same"), [(1.6, True), (1.0, False)])
+def test_half_a_face_is_as_wide_as_the_face_and_a_plaque_under_a_diamond_is_not(width, same):
+    cameras, known = fit_at(60.0, 0.1)
+    _, other = fit_at(60.0, 0.1)
+    # three tenths of it lie in the box of the known face
+    below = known.point + np.array([0.0, (0.8 + 0.5) / 2 - 0.3 * 0.5, 0.0])
+    other = replace(other, point=below, metric=np.array([width, 0.5]))
+    assert bool(same_face(cameras, other, known)) == same
+
+
 @pytest.mark.parametrize(("alike", "passes"), [(1, False), (2, True)])
 def test_few_boxes_stand_where_two_look_alike_though_their_outline_is_of_no_known_shape(
     alike, passes

@@ -108,7 +108,8 @@ def test_places_are_gathered_from_tracked_drives(monkeypatch):
     place.evidence = tuple(range(len(FEATURES)))
     settled = [type("S", (), {"places": (place,)})]
     monkeypatch.setattr(module, "track", lambda moved, settings, view_judge: iter(settled))
-    found = module.gather_places([([], None, truth()), ([], None, {"signs": []})])
-    assert found.label.tolist() == [SIGN, NOTHING]
-    assert found.drive.tolist() == [0, 1]
-    assert found.values.shape == (2, len(FEATURES))
+    known, none = truth() | {"name": "a"}, {"name": "b", "signs": []}
+    found = module.gather_places([([], None, known), ([], None, none), ([], None, known)])
+    assert found.label.tolist() == [SIGN, NOTHING, SIGN]
+    assert found.drive.tolist() == [0, 1, 0]
+    assert found.values.shape == (3, len(FEATURES))
