@@ -27,7 +27,7 @@ SHAKEN, SHIFT, STRETCH = 12, 0.4, 0.6
 """Boxes drawn round each face beside the candidates on it, how far they lie off it at most, in face sizes, and the
 logarithm of how much larger or smaller they are at most."""
 
-BOX = Descent(hidden=64, shrinkage=1.0, pace=1e-3, rounds=8, batch=256)
+BOX = Descent(hidden=64, shrinkage=1.0, pace=1e-3, rounds=12, batch=128)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.trees import log_odds
 
 GATE = Boosting(trees=80, leaves=16, pace=0.12, share_of_features=0.5)
-JUDGE = Boosting(trees=180, pace=0.1)
+JUDGE = Boosting()
 BESIDE = Descent(hidden=128, shrinkage=0.01, pace=1e-3, rounds=12, batch=256)
 """The network beside the judge's trees: they err on different boxes."""
 FACE_SHARE, NETWORK_PART = 0.2, 0.5
@@ -31,10 +31,10 @@ FACE_SHARE, NETWORK_PART = 0.2, 0.5
 GATE_OFF_SHARE = 0.2
 """Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
 
-JUDGE_OFF_SHARE = 0.1
+JUDGE_OFF_SHARE = 0.125
 """The same for the judge: one background is seen in many pictures."""
 
-REAL_WEIGHT = 5.0
+REAL_WEIGHT = 2.0
 """How many times a candidate of a real picture counts each time it is shown: there are few, and they matter."""
 
 PASSED = 500.0
