@@ -47,6 +47,8 @@ THIRD, SURE_VIEWS = 3, 5
 STANDS_PX, PAIR_PX = 1.5, 0.5
 """Largest gap between the registered pictures of a standing panel and its place (that of boxes is gated by itself), and
 of only two, which are always near to where their rays pass each other (19 of 20 are nearer)."""
+SURE = 2.2
+"""Log odds from which a place of two pictures is a sign: nine to one."""
 REST_M = 2.0
 """How far round a duplicate the faces stand that its boxes may have covered."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
@@ -186,7 +188,10 @@ class _Tracker:
             alike, panel = 0, None
             if verdict == "sign":
                 alike, panel = measure_panel(fit, self._held, beside)
-            if verdict == "sign" and not stands(fit, alike, panel, self._settings.fewest_views):
+            sure = self._judge is None or score >= SURE
+            if verdict == "sign" and not stands(
+                fit, alike, panel, self._settings.fewest_views, sure=sure
+            ):
                 verdict = "residual"
             if verdict == "sign":
                 self._known.append(fit)
@@ -221,16 +226,18 @@ class _Tracker:
             held[frame].claim(row, track, "overlap", np.nan)
 
 
-def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int) -> bool:
+def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int, *, sure: bool) -> bool:
     """Whether the views of a place are of one thing that stands still; `alike` of its pictures look alike.
 
     Any two rays meet somewhere; that they are of one thing takes a third box to say, or the panel that the registered
-    pictures show. And of few boxes, which may be of several things in line, two must look alike.
+    pictures show. Two pictures of a vehicle may meet as well, so there it must be `sure` that the thing is a sign. And
+    of few boxes, which may be of several things in line, two must look alike.
     """
     if fit.used.sum() >= max(fewest, THIRD):
         return len(fit.rows) >= SURE_VIEWS or alike >= 2
-    nearest = STANDS_PX if alike >= THIRD else PAIR_PX
-    return panel is not None and alike >= fewest and panel.gap_px < nearest
+    if alike >= THIRD:
+        return panel is not None and alike >= fewest and panel.gap_px < STANDS_PX
+    return sure and panel is not None and alike >= fewest and panel.gap_px < PAIR_PX
 
 
 def in_the_way(fit: Fit, beside: Beside) -> bool:

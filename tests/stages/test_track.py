@@ -221,7 +221,7 @@ def test_few_boxes_stand_where_two_look_alike_though_their_outline_is_of_no_know
 ):
     _, pair = fit_at(130.0, 0.3)
     three = replace(pair, rows=np.arange(3), used=np.ones(3, bool))
-    assert stands(three, alike, None, 3) == passes
+    assert stands(three, alike, None, 3, sure=True) == passes
 
 
 class Shown:
@@ -233,16 +233,22 @@ class Shown:
 
 def test_two_boxes_stand_where_as_many_pictures_as_are_asked_for_show_one_panel():
     _, pair = fit_at(130.0, 0.3)
-    assert not stands(pair, 3, None, 3)
-    assert not stands(pair, 2, Shown(0.1), 3)
-    assert stands(pair, 3, Shown(0.9), 3)
-    assert stands(pair, 2, Shown(0.1), 2)
+    assert not stands(pair, 3, None, 3, sure=True)
+    assert not stands(pair, 2, Shown(0.1), 3, sure=True)
+    assert stands(pair, 3, Shown(0.9), 3, sure=True)
+    assert stands(pair, 2, Shown(0.1), 2, sure=True)
 
 
 def test_two_pictures_must_meet_nearer_than_three():
     _, pair = fit_at(130.0, 0.3)
-    assert not stands(pair, 2, Shown(0.9), 2)
-    assert stands(pair, 3, Shown(0.9), 2)
+    assert not stands(pair, 2, Shown(0.9), 2, sure=True)
+    assert stands(pair, 3, Shown(0.9), 2, sure=True)
+
+
+def test_two_pictures_of_what_may_be_no_sign_say_nothing_of_standing_still():
+    _, pair = fit_at(130.0, 0.3)
+    assert not stands(pair, 2, Shown(0.1), 2, sure=False)
+    assert stands(pair, 3, Shown(0.1), 2, sure=False)
 
 
 def constant_judge(value):
