@@ -233,8 +233,8 @@ def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
         "",
         "*candidate*: a box on it (IoU .5), where need be after it was moved onto the face; *past the gate*, *past the",
         "judge*: one that they accept, each at its shipped bar; *view of a sign*: one that is part of a row of",
-        "`signs.parquet` (verdict `sign`). Signs seen in fewer than three pictures are not wanted, and many large faces",
-        "stand where a drive begins: *of wanted ones* is the same without them.",
+        "`signs.parquet` (verdict `sign`). Signs seen in fewer than three pictures are not wanted, and many large",
+        "faces stand where a drive begins: *of wanted ones* is the same without them.",
         "",
         *table(
             ("height", *HEAD),
