@@ -24,6 +24,13 @@ class Boosting:
     share_of_features: float = 0.3
 
 
+def needs_scikit_learn() -> UsageError:
+    """What to say where scikit-learn is absent: only the learning needs it."""
+    return UsageError(
+        "learning: wanted scikit-learn, found none; install it with pip install 'wayside[learn]'"
+    )
+
+
 def fit_trees(
     values: NDArray[np.float32],
     positive: NDArray[np.bool_],
@@ -41,9 +48,7 @@ def fit_trees(
     try:
         from sklearn.ensemble import HistGradientBoostingClassifier
     except ImportError as error:
-        raise UsageError(
-            "learning: wanted scikit-learn, found none; install it with pip install 'wayside[learn]'"
-        ) from error
+        raise needs_scikit_learn() from error
     classifier = HistGradientBoostingClassifier(
         max_iter=how.trees,
         max_leaf_nodes=how.leaves,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.errors import UsageError
+from wayside.pipeline.learning.boosting import needs_scikit_learn
 from wayside.schemas.models import NetworkModel
 
 
@@ -55,9 +55,7 @@ def fit_network(
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPClassifier, MLPRegressor
     except ImportError as error:
-        raise UsageError(
-            "learning: wanted scikit-learn, found none; install it with pip install 'wayside[learn]'"
-        ) from error
+        raise needs_scikit_learn() from error
     known = values[weight > 0]
     mean, scale = known.mean(axis=0), known.std(axis=0) + 1e-3
     drawn = np.random.default_rng(seed).choice(
