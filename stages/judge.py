@@ -122,7 +122,10 @@ def moved_regions(
     regions: Regions,
     camera: Camera | None = None,
 ) -> Regions:
-    """The regions with boxes on the face, as the network sees it from their `view_features`; inside the picture."""
+    """The regions with boxes on the face, as the network sees it from their `view_features`.
+
+    They end at the border of the camera's picture, where one is given.
+    """
     columns = np.ascontiguousarray(values[:, _columns(network.features)])
     source = np.full(len(regions), SOURCES.index("moved"), np.uint8)
     return replace(regions, box=moved_boxes(network, columns, regions.box, camera), source=source)

@@ -19,16 +19,11 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.expectation import Expectation, expect_step
 from wayside.stages.numerics.adjust import Adjusted, adjust_two_views
 from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.epipolar import (
-    Prior,
-)
+from wayside.stages.numerics.epipolar import Prior
 from wayside.stages.numerics.midpoint import midpoint, pair_residual
 from wayside.stages.step import FINE_SCALES_PX, Measure, Step, measure_step
 from wayside.stages.step_errors import parallax_px, step_covariance
-from wayside.stages.ties import (
-    REGISTERED_SIGMA_PX,
-    View,
-)
+from wayside.stages.ties import REGISTERED_SIGMA_PX, View
 from wayside.stages.vehicle import Vehicle
 
 MOST_STEPS, MOST_DROPPED = 5, 2

@@ -47,7 +47,8 @@ def on_faces(
     seed: int,
 ) -> OnFaces:
     """Examples of a drive: its candidates on faces, each face of the same weight, and as much of shaken boxes."""
-    near = np.flatnonzero((views.overlap >= PARTLY) & drive.shown.teaches[views.face])
+    near = np.flatnonzero(views.overlap >= PARTLY)
+    near = near[drive.shown.teaches[views.face[near]]]
     face = views.face[near]
     times = np.bincount(face, minlength=len(drive.shown.frame))
     shaken = shaken_boxes(drive, seed)

@@ -17,7 +17,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Picture
 from wayside.schemas.regions import Regions, Segmented
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
-from wayside.stages.judge import gate_features, picture_levels, view_features
+from wayside.stages.judge import gate_features, picture_levels, view_features, view_names
 from wayside.stages.numerics.boxes import overlap_of, shared_of
 from wayside.stages.propose import propose
 from wayside.stages.segment import segment
@@ -81,11 +81,6 @@ class Shown:
     box: NDArray[np.float64]
     teaches: NDArray[np.bool_]
     complete: NDArray[np.bool_]
-
-    @property
-    def height_px(self) -> NDArray[np.float64]:
-        """Heights (m,)."""
-        return np.asarray(self.box[:, 3] - self.box[:, 1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +186,7 @@ def read_drive_pictures(
 
 def read_views(pictures: Iterable[Picture], views: Views) -> NDArray[np.float32]:
     """What the judge sees of `views`, (n, features): a second way through the `pictures` of their drive, in order."""
-    parts = []
+    parts = [np.zeros((0, len(view_names())), np.float32)]
     for picture in pictures:
         rows = np.flatnonzero(views.frame == picture.frame.index)
         camera = picture.frame.camera

@@ -5,10 +5,11 @@ from wayside.pipeline.learning.face_boxes import (
     SHAKEN,
     OnFaces,
     learn_face_box,
+    on_faces,
     shaken_boxes,
     sides,
 )
-from wayside.pipeline.learning.samples import Drive, Shown, Views
+from wayside.pipeline.learning.samples import Drive, Shown, Views, labelled, read_views
 from wayside.schemas.regions import Regions
 from wayside.stages.face_box import SIDES, moved_boxes
 from wayside.stages.judge import view_names
@@ -62,3 +63,19 @@ def test_a_network_learns_what_its_examples_show():
     narrow, wide = moved_boxes(network, looked_at, box)
     assert narrow[2] < 85
     assert wide[2] > 115
+
+
+def test_a_drive_without_faces_gives_no_examples():
+    empty = drive()
+    shown = Shown(np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.ones(3, bool))
+    regions = Regions(
+        np.array([[0, 0, 9, 9]], np.float32),
+        np.array([50], np.int32),
+        np.zeros((1, 3), np.float32),
+        np.zeros(1, np.uint8),
+    )
+    views = labelled(regions, np.zeros((1, 0), np.float32), np.zeros(1, np.int64), shown)
+    bare = Drive("d", 3, (), empty.views, shown, np.zeros(0, bool), (), np.zeros((0, 2)))
+    seen = np.zeros((1, len(view_names())), np.float32)
+    found = on_faces(bare, views, seen, lambda _, asked: read_views([], asked), 1)
+    assert len(found.values) == len(found.by) == len(found.weight) == 0
