@@ -46,7 +46,7 @@ held-out: .venv/.ready
 drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
 
-learn: drives
+learn: drives .venv/.learn
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
 
 clean:
@@ -58,4 +58,9 @@ clean:
 	@$(PYTHON) -m venv .venv
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# PyTorch is large and only the learning needs it.
+.venv/.learn: requirements-learn.lock .venv/.ready
+	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -r requirements-learn.lock
 	@touch $@

@@ -35,6 +35,7 @@ from wayside.pipeline.learning.samples import (
     Drive,
     Views,
     read_drive,
+    read_patches,
     read_truth,
     read_views,
     stray_places,
@@ -91,6 +92,10 @@ class Samples:
         """What the judge sees of some candidates of a drive, (n, features): goes through its pictures again."""
         return read_views(self.again[drive.name](), views)
 
+    def draw(self, drive: Drive, views: Views) -> NDArray[np.uint8]:
+        """The pixels of some candidates of a drive, (n, 32, 32, 3): goes through its pictures again."""
+        return read_patches(self.again[drive.name](), views)
+
 
 def gather(logs: Sequence[Path], real: Path | None, seed: int, say: Say) -> Samples:
     """Go through all drives and real pictures; raises InputError where one cannot be used."""
@@ -142,7 +147,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     samples = gather(logs, real, seed, say)
     origin = _origin(samples.drives, samples.crops, seed)
     models = gaussian_models(samples.drives, samples.crops, samples.strays, origin)
-    judges = learn_judges(samples.drives, samples.see, seed, origin, samples.scenes)
+    judges = learn_judges(samples.drives, samples.see, samples.draw, seed, origin, samples.scenes)
     say(judges.judge.provenance)
     models |= {"judge.json": judges.judge, "face_box.json": judges.box}
     for what in ("color", "shape"):

@@ -52,7 +52,8 @@ class TreeModel:
     feature, left, right (trees, nodes) int32; threshold, value (trees, nodes) float32. A node with
     left < 0 is a leaf. A value goes left where it is at most the threshold, and also where it is nan.
     gate: a smaller model over cheaper features that is asked first; what it does not accept goes no further. network:
-    one over the same features whose only output is added to the sum.
+    one over the same features whose only output is added to the sum. closer: looks at the pixels of what is near enough
+    to a face for it; the log odds are then those of both.
     """
 
     kind: ClassVar[str] = "trees"
@@ -67,6 +68,7 @@ class TreeModel:
     provenance: str
     gate: TreeModel | None = None
     network: NetworkModel | None = None
+    closer: ConvolutionModel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +91,39 @@ class NetworkModel:
     provenance: str
 
 
+@dataclass(frozen=True, slots=True)
+class ConvolutionModel:
+    """Convolutional network over a square patch and named features, with one output.
+
+    side: samples of the patch each way; near: log odds of the trees from which it is asked; trees_part: what they are
+    multiplied by before they are added. filters, biases: of each layer (3, 3, in, out) and (out,); halved: which are
+    followed by the largest of each 2 x 2. mean, scale (f,):
+    features enter as (x - mean) / scale, at most `farthest` from zero. hidden (m + f, h), hidden_bias (h,), output
+    (h,), output_bias (): what stands behind the m samples of the last layer and the features; float32.
+    """
+
+    kind: ClassVar[str] = "convolution"
+    features: tuple[str, ...]
+    side: int
+    near: float
+    trees_part: float
+    farthest: float
+    filters: tuple[NDArray[np.float32], ...]
+    biases: tuple[NDArray[np.float32], ...]
+    halved: tuple[bool, ...]
+    mean: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    hidden: NDArray[np.float32]
+    hidden_bias: NDArray[np.float32]
+    output: NDArray[np.float32]
+    output_bias: NDArray[np.float32]
+    provenance: str
+
+
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 
-Model = GaussianModel | TreeModel | NetworkModel
-Part = TypeVar("Part", TreeModel, NetworkModel)
+Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel
+Part = TypeVar("Part", TreeModel, NetworkModel, ConvolutionModel)
 
 
 def model_to_json(model: Model) -> str:
@@ -115,8 +146,16 @@ def model_to_json(model: Model) -> str:
     elif isinstance(model, NetworkModel):
         body = {"features": list(model.features), "classes": list(model.classes)}
         body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
+    elif isinstance(model, ConvolutionModel):
+        body = {"features": list(model.features), "side": model.side, "near": model.near}
+        body |= {"trees_part": model.trees_part, "farthest": model.farthest}
+        body |= {"halved": list(model.halved)}
+        body |= {
+            name: [_rounded(a) for a in getattr(model, name)] for name in ("filters", "biases")
+        }
+        body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
     else:
-        parts = {"gate": model.gate, "network": model.network}
+        parts = {"gate": model.gate, "network": model.network, "closer": model.closer}
         body = {
             name: None if part is None else json.loads(model_to_json(part))
             for name, part in parts.items()
@@ -178,9 +217,12 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 data["provenance"],
                 _part_of(TreeModel, data.get("gate"), name),
                 _part_of(NetworkModel, data.get("network"), name),
+                _part_of(ConvolutionModel, data.get("closer"), name),
             )
         if data["kind"] == "network":
             return _network_of(data)
+        if data["kind"] == "convolution":
+            return _convolution_of(data)
         raise KeyError(f"kind {data['kind']!r}")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
@@ -202,16 +244,52 @@ def _network_of(data: dict[str, Any]) -> NetworkModel:
     arrays = {name: np.array(data[name], np.float32) for name in NETWORK_ARRAYS}
     f, c = len(data["features"]), len(data["classes"])
     h = arrays["hidden_bias"].size
-    wanted = dict(zip(NETWORK_ARRAYS, ((f,), (f,), (f, h), (h,), (h, c), (c,)), strict=True))
-    for name, array in arrays.items():
-        if array.shape != wanted[name] or not np.isfinite(array).all():
-            raise ValueError(f"{name} of shape {array.shape}, wanted {wanted[name]}, finite")
+    _check_shapes(arrays, ((f,), (f,), (f, h), (h,), (h, c), (c,)))
     return NetworkModel(
         tuple(data["features"]), tuple(data["classes"]), **arrays, provenance=data["provenance"]
     )
 
 
+def _convolution_of(data: dict[str, Any]) -> ConvolutionModel:
+    arrays = {name: np.array(data[name], np.float32) for name in NETWORK_ARRAYS}
+    filters = tuple(np.array(a, np.float32) for a in data["filters"])
+    biases = tuple(np.array(a, np.float32) for a in data["biases"])
+    halved, side = tuple(bool(h) for h in data["halved"]), int(data["side"])
+    outs = [a.shape[-1] for a in filters]
+    ins = [filters[0].shape[2], *outs[:-1]]
+    for k, (array, bias) in enumerate(zip(filters, biases, strict=True)):
+        named = {f"filters {k}": array, f"biases {k}": bias}
+        _check_shapes(named, ((3, 3, ins[k], outs[k]), (outs[k],)))
+    f, h = len(data["features"]), arrays["hidden_bias"].size
+    if side % 2 ** sum(halved) or len(halved) != len(filters):
+        raise ValueError(f"a side of {side} halved {sum(halved)} times in {len(filters)} layers")
+    samples = (side // 2 ** sum(halved)) ** 2 * outs[-1]
+    _check_shapes(arrays, ((f,), (f,), (samples + f, h), (h,), (h,), ()))
+    return ConvolutionModel(
+        tuple(data["features"]),
+        side,
+        float(data["near"]),
+        float(data["trees_part"]),
+        float(data["farthest"]),
+        filters,
+        biases,
+        halved,
+        **arrays,
+        provenance=data["provenance"],
+    )
+
+
+def _check_shapes(
+    arrays: dict[str, NDArray[np.float32]], wanted: tuple[tuple[int, ...], ...]
+) -> None:
+    for (name, array), shape in zip(arrays.items(), wanted, strict=True):
+        if array.shape != shape or not np.isfinite(array).all():
+            raise ValueError(f"{name} of shape {array.shape}, wanted {shape}, finite")
+
+
 def _rounded(values: NDArray[np.float32]) -> Any:
+    if values.ndim == 0:
+        return float(f"{values:.5g}")
     if values.ndim > 1:
         return [_rounded(row) for row in values]
     return [float(f"{v:.5g}") for v in values]

@@ -1,8 +1,8 @@
 """The judge of one view: which boxes show the face of a sign.
 
-Boosted trees on what the box shows and where it stands; once more where the box is moved onto the face; then the best
-of overlapping boxes. The judge of a place, later, sees all views together; so the bar here is low, and the score
-travels on.
+Boosted trees on what the box shows and where it stands; a closer look at what may be a face by them, there and where
+the box is moved onto the face; then the best of overlapping boxes. The judge of a place, later, sees all views
+together; so the bar here is low, and the score travels on.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from wayside.schemas.regions import (
     verdict_code,
 )
 from wayside.schemas.settings import CandidateSettings
+from wayside.stages.closer_look import check_closer, closer_odds, told_of
 from wayside.stages.face_box import check_box_network, moved_boxes
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.colorspace import to_space
@@ -55,7 +56,7 @@ OVERLAP = 0.4
 """Boxes that overlap a better one by more (IoU) show the same face."""
 
 REACH = 4.0
-"""How far below the bar (log odds) a box still may lie on part of a face."""
+"""How far below the bar of the trees (log odds) a box may still be of a face, or lie on part of one."""
 
 
 def judge(
@@ -74,6 +75,7 @@ def judge(
     and `shape` of a face, they do so for all that pass the bar. Where one is given that moves the `box` onto the face,
     a candidate not far below the bar is looked at there, too, and stays where it scores better.
     """
+    check_closer(trees.closer)
     check_network(color, COLORS)
     check_network(shape, SHAPES)
     if box is not None:
@@ -96,12 +98,13 @@ def judge(
             candidates = replace(candidates, verdict=verdict)
             rows, regions = rows[passed], regions.select(passed)
         values = view_features(levels, regions, camera)
-        found = log_odds(trees, values)
+        first = log_odds(trees, values)
+        near = np.flatnonzero(first >= near_bar(trees))
+        found = view_odds(trees, levels, regions, values, first)
         if box is not None:
-            near = np.flatnonzero(found >= trees.accept - REACH)
             moved = moved_regions(box, values[near], regions.select(near), camera)
             there = view_features(levels, moved, camera)
-            anew = log_odds(trees, there)
+            anew = view_odds(trees, levels, moved, there, log_odds(trees, there))
             better = anew > found[near]
             found[near[better]], values[near[better]] = anew[better], there[better]
             candidates = candidates.moved(rows[near[better]], moved.box[better])
@@ -114,6 +117,31 @@ def judge(
                 table[rows[passed]] = face_chances(network, names, values[passed])
                 odds[k] = table
         yield replace(item, candidates=replace(candidates, color_odds=odds[0], shape_odds=odds[1]))
+
+
+def near_bar(trees: TreeModel) -> float:
+    """Log odds of the trees from which a box may be of a face, or lie on part of one."""
+    return trees.accept - REACH if trees.closer is None else trees.closer.near
+
+
+def view_odds(
+    trees: TreeModel,
+    levels: tuple[NDArray[np.uint8], ...],
+    regions: Regions,
+    values: NDArray[np.float32],
+    first: NDArray[np.float32],
+) -> NDArray[np.float32]:
+    """Log odds (n,) that the regions show faces: `first`, the trees' on these `values`, or with a closer look.
+
+    values (n, features): `view_features` of the regions; the closer look, where the model has one, is at those near.
+    """
+    if trees.closer is None:
+        return first
+    near = np.flatnonzero(first >= trees.closer.near)
+    told = told_of(view_names(), values[near])
+    odds = first.copy()
+    odds[near] = closer_odds(trees.closer, levels, regions.box[near], told, first[near])
+    return odds
 
 
 def moved_regions(

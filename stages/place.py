@@ -34,6 +34,9 @@ CUT_WEIGHT = 0.2
 DOUBT = -5.0
 """Logarithm of the least chance a view may give a class: each may be of a wrong box."""
 
+ASIDE_M = 10.0
+"""Metres aside from which the judge of a place sees no difference: the location model knows how far signs stand."""
+
 FEATURES = (
     "views",
     "share_seen",
@@ -89,7 +92,7 @@ def place_features(
             fit.metric[0] / fit.metric[1],
             fit.depth[nearest],
             tall_px.max(),
-            beside.right,
+            np.clip(beside.right, -ASIDE_M, ASIDE_M),
             beside.above,
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
             len(fit.covered) / count,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.models import TreeModel
 from wayside.schemas.regions import SOURCES, Regions
-from wayside.stages.judge import view_features
+from wayside.stages.judge import view_features, view_odds
 from wayside.stages.numerics.association import Gates, Sightings
 from wayside.stages.numerics.places import Fit
 from wayside.stages.numerics.trees import log_odds
@@ -127,7 +127,8 @@ def _scores(home: Held, regions: Regions, trees: TreeModel) -> NDArray[np.float3
         return np.full(len(regions), -np.inf, np.float32)
     # The judge was taught with regions of levels: what it knows of their source holds for these.
     shown = replace(regions, source=np.full(len(regions), SOURCES.index("level"), np.uint8))
-    return log_odds(trees, view_features(levels, shown, camera))
+    values = view_features(levels, shown, camera)
+    return view_odds(trees, levels, shown, values, log_odds(trees, values))
 
 
 def _extended(

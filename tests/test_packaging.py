@@ -23,8 +23,11 @@ def requirement_name(text: str) -> str:
     return re.sub(r"[-_.]+", "-", re.split(r"[^\w.-]", text.strip(), maxsplit=1)[0]).lower()
 
 
+LOCKS = ("requirements.lock", "requirements-learn.lock")
+
+
 def pins() -> dict[str, str]:
-    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    lines = [line for name in LOCKS for line in (ROOT / name).read_text().splitlines()]
     return dict(
         (requirement_name(name), number)
         for name, _, number in (line.partition("==") for line in lines if line and line[0] != "#")
@@ -92,7 +95,7 @@ def test_nothing_is_explained_that_is_no_longer_used(project: dict[str, Any]) ->
 
 
 def test_pins_hold_versions_and_no_places() -> None:
-    for line in (ROOT / "requirements.lock").read_text().splitlines():
+    for line in (line for name in LOCKS for line in (ROOT / name).read_text().splitlines()):
         assert line.startswith("#") or re.fullmatch(r"[\w.-]+==[\w.!+]+", line), line
 
 

@@ -1,4 +1,4 @@
-"""The judge of one view: a quick gate on every candidate, the judge on what passes, there and where the face ends.
+"""The judge of one view: a quick gate, trees on what passes, there and where the face ends, and a closer look.
 
 All that judges a drive here has not seen it: drives are in two groups, each judged by what the other taught.
 """
@@ -13,11 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
+from wayside.pipeline.learning.calibration import platt
+from wayside.pipeline.learning.closer import Looked, calibrated, fit_closer, said_of
 from wayside.pipeline.learning.face_boxes import learn_face_box, on_faces
 from wayside.pipeline.learning.networks import Descent, fit_network
-from wayside.pipeline.learning.samples import NEAR_FACE, OFF, ON, ON_FACE, Drive, Views, labelled
-from wayside.schemas.models import NetworkModel, TreeModel
-from wayside.stages.judge import OVERLAP, gate_names, moved_regions, view_names
+from wayside.pipeline.learning.samples import (
+    NEAR_FACE,
+    NEITHER,
+    OFF,
+    ON,
+    ON_FACE,
+    Drive,
+    Views,
+    labelled,
+)
+from wayside.schemas.models import ConvolutionModel, NetworkModel, TreeModel
+from wayside.stages.closer_look import told_of
+from wayside.stages.judge import OVERLAP, REACH, gate_names, moved_regions, view_names
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.trees import log_odds
 
@@ -47,21 +59,28 @@ AT = (0.1, 0.3, 1.0, 3.0)
 """False boxes a picture at which the share of faces found is stated."""
 
 SeeViews = Callable[[Drive, Views], NDArray[np.float32]]
-"""Goes through the pictures of a drive again for what the judge sees of some candidates."""
+"""Goes through the pictures of a drive again for what the trees see of some candidates."""
 
+DrawViews = Callable[[Drive, Views], NDArray[np.uint8]]
+"""Goes through the pictures of a drive again for the pixels of some candidates."""
 
 Taught = TypeVar("Taught")
-Fitted = TypeVar("Fitted", TreeModel, NetworkModel)
+Fitted = TypeVar("Fitted", TreeModel, NetworkModel, ConvolutionModel)
 
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """Candidates of one drive that the gate let pass, with what the judge sees of them; each counts `weight` times."""
+    """Candidates of one drive that the gate let pass, with what the judge sees of them."""
 
     drive: Drive
     views: Views
     values: NDArray[np.float32]
-    weight: float = 1.0
+    real: bool = False
+
+    @property
+    def weight(self) -> float:
+        """How many times each candidate counts."""
+        return REAL_WEIGHT if self.real else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +113,7 @@ class Judges:
 def learn_judges(
     drives: Sequence[Drive],
     see: SeeViews,
+    draw: DrawViews,
     seed: int,
     provenance: str,
     scenes: Sequence[Drive] = (),
@@ -103,54 +123,61 @@ def learn_judges(
     `scenes` are real pictures, a source each: they teach too, but the bar is that of the drives.
     """
     gate, passed, real = _through_gate(drives, scenes, see, seed, provenance)
+    names = [one.drive.name for one in (*passed, *real)]
     examples = [on_faces(one.drive, one.views, one.values, see, seed) for one in (*passed, *real)]
     box, other_boxes = _for_strangers(
-        [one.drive.name for one in (*passed, *real)],
-        examples,
-        lambda taught: learn_face_box(taught, seed, provenance),
+        names, examples, lambda taught: learn_face_box(taught, seed, provenance)
     )
     passed, real = (
         [_with_moved(one, other_boxes[one.drive.name], see) for one in part]
         for part in (passed, real)
     )
-    judge, other_judges = _for_strangers(
-        [one.drive.name for one in (*passed, *real)], [*passed, *real], lambda p: _fit(p, seed)
-    )
-    held = found_at(passed, [log_odds(other_judges[p.drive.name], p.values) for p in passed])
+    judge, other_judges = _for_strangers(names, [*passed, *real], lambda p: _fit(p, seed))
+    odds = {
+        one.drive.name: log_odds(other_judges[one.drive.name], one.values) for one in passed + real
+    }
+    held = found_at(passed, [odds[one.drive.name] for one in passed])
     words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the gate"]
     words += [f"{sum(int((p.views.label == ON).sum()) for p in passed)} on faces", held.words()]
+    near = held.accept - REACH
+    looked = [look_closer(one, odds[one.drive.name], near, draw) for one in passed + real]
+    closer, other_closers = _closer_looks(looked, near, seed)
+    for look in looked:
+        other = other_closers[look.name]
+        odds[look.name][look.rows] = other.trees_part * look.trees + said_of(other, look)
+    held = found_at(passed, [odds[one.drive.name] for one in passed])
+    words += [f"with the closer look, {held.words()}"]
     words += [f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"]
     for one in real:
-        found, wanted = faces_found(
-            one, log_odds(other_judges[one.drive.name], one.values), held.accept
-        )
+        found, wanted = faces_found(one, odds[one.drive.name], held.accept)
         words.append(f"{one.drive.name}, held out: {found} of {wanted} faces accepted")
 
-    def completed(trees: TreeModel) -> TreeModel:
-        return replace(trees, accept=held.accept, provenance="; ".join(words), gate=gate)
+    def completed(trees: TreeModel, closer: ConvolutionModel) -> TreeModel:
+        said = "; ".join(words)
+        return replace(trees, accept=held.accept, provenance=said, gate=gate, closer=closer)
 
-    return Judges(
-        completed(judge),
-        box,
-        {name: (completed(trees), other_boxes[name]) for name, trees in other_judges.items()},
-        (*passed, *real),
+    strangers = {
+        name: (completed(trees, other_closers[name]), other_boxes[name])
+        for name, trees in other_judges.items()
+    }
+    return Judges(completed(judge, closer), box, strangers, (*passed, *real))
+
+
+def look_closer(one: Passed, odds: NDArray[np.float32], near: float, draw: DrawViews) -> Looked:
+    """The pixels of what is near enough to a face by the trees' log odds (n,)."""
+    rows = np.flatnonzero(odds >= near)
+    views = one.views.select(rows)
+    return Looked(
+        one.drive.name,
+        rows,
+        draw(one.drive, views),
+        told_of(view_names(), one.values[rows]),
+        odds[rows],
+        views.label,
+        views.overlap,
+        views.face,
+        one.real,
     )
-
-
-def learn_judge(
-    drives: Sequence[Drive], scenes: Sequence[Drive], see: SeeViews, seed: int, accept: float
-) -> tuple[TreeModel, NetworkModel]:
-    """Judge with its gate, network for boxes, no held-out figures, but a bar that is known.
-
-    What they are worth without some of what there is to teach.
-    """
-    gate, passed, real = _through_gate(drives, scenes, see, seed, "")
-    together = [*passed, *real]
-    box = learn_face_box(
-        [on_faces(one.drive, one.views, one.values, see, seed) for one in together], seed, ""
-    )
-    together = [_with_moved(one, box, see) for one in together]
-    return replace(_fit(together, seed), accept=accept, gate=gate), box
 
 
 def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
@@ -180,6 +207,25 @@ def face_weights(views: Views) -> NDArray[np.float64]:
         _, which, count = np.unique(views.face[on], return_inverse=True, return_counts=True)
         weight[on] = count.mean() / count[which]
     return weight
+
+
+def _closer_looks(
+    looked: Sequence[Looked], near: float, seed: int
+) -> tuple[ConvolutionModel, dict[str, ConvolutionModel]]:
+    """The closer look, and for each drive, by name, one that has not seen it.
+
+    What it and the trees count for, so that both together are log odds, is that of drives they have not seen.
+    """
+    names = [look.name for look in looked]
+    closer, others = _for_strangers(names, looked, lambda some: fit_closer(some, near, seed))
+    known = [look for look in looked if not look.real]
+    label = np.concatenate([look.label for look in known])
+    said = [np.stack([look.trees, said_of(others[look.name], look)], axis=1) for look in known]
+    (trees_part, slope), shift = platt(
+        np.concatenate(said)[label != NEITHER], label[label != NEITHER] == ON
+    )
+    by = float(trees_part), float(slope), shift
+    return calibrated(closer, *by), {name: calibrated(others[name], *by) for name in names}
 
 
 def _for_strangers(
@@ -251,13 +297,13 @@ def _through_gate(
     """The gate, and what it lets pass of the drives and of the scenes."""
     gate = learn_gate([*drives, *scenes], seed, provenance)
     passed = [_pass(drive, gate, see) for drive in drives]
-    return gate, passed, [_pass(source, gate, see, REAL_WEIGHT) for source in scenes]
+    return gate, passed, [_pass(source, gate, see, real=True) for source in scenes]
 
 
-def _pass(drive: Drive, gate: TreeModel, see: SeeViews, weight: float = 1.0) -> Passed:
+def _pass(drive: Drive, gate: TreeModel, see: SeeViews, *, real: bool = False) -> Passed:
     rows = np.flatnonzero(log_odds(gate, drive.views.glance) >= gate.accept)
     views = drive.views.select(rows)
-    return Passed(drive, views, see(drive, views), weight)
+    return Passed(drive, views, see(drive, views), real)
 
 
 def _with_moved(one: Passed, box: NetworkModel, see: SeeViews) -> Passed:

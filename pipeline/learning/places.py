@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
+from wayside.pipeline.learning.calibration import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel
 from wayside.schemas.motion import Moved, Place, View
@@ -155,13 +156,5 @@ def calibration(
         held_out[own] = fit_trees(values[~own], sign[~own], None, SMALL, 1).decision_function(
             values[own]
         )
-    # Newton's method on the logistic loss with Platt's softened targets
-    target = np.where(sign, (sign.sum() + 1) / (sign.sum() + 2), 1 / ((~sign).sum() + 2))
-    columns = np.stack([held_out, np.ones(len(values))], axis=1)
-    slope = np.array([1.0, 0.0])
-    for _ in range(50):
-        chance = 1 / (1 + np.exp(-columns @ slope))
-        weight = np.maximum(chance * (1 - chance), 1e-6)
-        curvature = (columns * weight[:, None]).T @ columns + 1e-6 * np.eye(2)
-        slope = slope - np.linalg.solve(curvature, columns.T @ (chance - target))
-    return float(slope[0]), float(slope[1])
+    slope, shift = platt(held_out[:, None], sign)
+    return float(slope[0]), shift

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.learning.faces import Face, clear_faces, height_of, share_seen
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Picture
+from wayside.schemas.frame import Camera, Picture
 from wayside.schemas.regions import Regions, Segmented
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
 from wayside.stages.judge import gate_features, picture_levels, view_features, view_names
 from wayside.stages.numerics.boxes import overlap_of, shared_of
+from wayside.stages.numerics.patch import SIDE, drawn_patches
 from wayside.stages.propose import propose
 from wayside.stages.segment import segment
 
@@ -185,16 +186,30 @@ def read_drive_pictures(
 
 
 def read_views(pictures: Iterable[Picture], views: Views) -> NDArray[np.float32]:
-    """What the judge sees of `views`, (n, features): a second way through the `pictures` of their drive, in order."""
-    parts = [np.zeros((0, len(view_names())), np.float32)]
+    """What the judge sees of `views`, (n, features): a second way through the `pictures` of their drive."""
+    seen = np.zeros((len(views.frame), len(view_names())), np.float32)
+    for rows, levels, regions, camera in _again(pictures, views):
+        seen[rows] = view_features(levels, regions, camera)
+    return seen
+
+
+def read_patches(pictures: Iterable[Picture], views: Views) -> NDArray[np.uint8]:
+    """The pixels of `views` and their surroundings, (n, 32, 32, 3): another way through the `pictures`."""
+    seen = np.zeros((len(views.frame), SIDE, SIDE, 3), np.uint8)
+    for rows, levels, regions, _ in _again(pictures, views):
+        seen[rows] = drawn_patches(levels, regions.box)
+    return seen
+
+
+def _again(
+    pictures: Iterable[Picture], views: Views
+) -> Iterator[tuple[NDArray[np.int64], tuple[NDArray[np.uint8], ...], Regions, Camera]]:
+    """Rows of the views that each picture has, its levels, the views as regions, and its camera."""
     for picture in pictures:
         rows = np.flatnonzero(views.frame == picture.frame.index)
         camera = picture.frame.camera
-        if picture.rgb is None or camera is None or len(rows) == 0:
-            continue
-        regions = views.regions.select(rows)
-        parts.append(view_features(picture_levels(picture.rgb), regions, camera))
-    return np.concatenate(parts)
+        if picture.rgb is not None and camera is not None and len(rows):
+            yield rows, picture_levels(picture.rgb), views.regions.select(rows), camera
 
 
 def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:

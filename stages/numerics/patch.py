@@ -75,6 +75,40 @@ def patch_features(
     ValueError
         If a picture or the boxes are of another type or layout.
     """
+    box = _checked(levels, box)
+    result = np.zeros((len(box), len(patch_feature_names())), np.float32)
+    full, half, quarter = levels
+    _features(
+        full,
+        half,
+        quarter,
+        box,
+        _LOG,
+        _RIM_AT,
+        _RIM_PART,
+        _RIM_COUNT,
+        _BIN_SINE,
+        _BIN_COSINE,
+        result,
+    )
+    return result
+
+
+def drawn_patches(
+    levels: tuple[NDArray[np.uint8], ...], box: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """The patch of each box as a picture, (n, 32, 32, 3); arguments and errors are those of `patch_features`."""
+    box = _checked(levels, box)
+    result = np.zeros((len(box), SIDE, SIDE, 3), np.uint8)
+    full, half, quarter = levels
+    _draw_all(full, half, quarter, box, result)
+    return result
+
+
+def _checked(
+    levels: tuple[NDArray[np.uint8], ...], box: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The boxes as the kernels want them; raises ValueError."""
     if len(levels) != 3:
         raise ValueError(
             f"levels: wanted full, half and quarter size, found {len(levels)} pictures"
@@ -85,9 +119,7 @@ def patch_features(
             raise ValueError("levels: wanted pictures with pixels, found an empty one")
     box = np.ascontiguousarray(box, np.float32)
     require_array(box, "box", np.float32, (None, 4))
-    result = np.zeros((len(box), len(patch_feature_names())), np.float32)
-    _features(*levels, box, _LOG, _RIM_AT, _RIM_PART, _RIM_COUNT, _BIN_SINE, _BIN_COSINE, result)
-    return result
+    return box
 
 
 def _inside(outline: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -132,9 +164,9 @@ _BIN_COSINE = np.cos(np.pi * (np.arange(1, HOG_BINS)) / HOG_BINS).astype(np.floa
 
 @compiled
 def _draw(
-    full: Any, half: Any, quarter: Any, x0: Any, y0: Any, x1: Any, y1: Any, log: Any, patch: Any
+    full: Any, half: Any, quarter: Any, x0: Any, y0: Any, x1: Any, y1: Any, shown: Any
 ) -> None:
-    """Sample the patch (3, 32, 32), linear between pixels, from the size that is nearest above its own."""
+    """Sample the patch (32, 32, 3), linear between pixels, from the size that is nearest above its own."""
     longest = max(x1 - x0, y1 - y0) / INNER
     scale = 1
     picture = full
@@ -168,15 +200,31 @@ def _draw(
             w11 = at[j, 2] * b
             w00 = (256 - at[j, 2]) * (256 - b)
             w10 = (256 - at[j, 2]) * b
-            red = (
+            shown[i, j, 0] = (
                 w00 * above[c0, 0] + w01 * above[c1, 0] + w10 * below[c0, 0] + w11 * below[c1, 0]
             ) >> 16
-            green = (
+            shown[i, j, 1] = (
                 w00 * above[c0, 1] + w01 * above[c1, 1] + w10 * below[c0, 1] + w11 * below[c1, 1]
             ) >> 16
-            blue = (
+            shown[i, j, 2] = (
                 w00 * above[c0, 2] + w01 * above[c1, 2] + w10 * below[c0, 2] + w11 * below[c1, 2]
             ) >> 16
+
+
+@compiled
+def _draw_all(full: Any, half: Any, quarter: Any, box: Any, shown: Any) -> None:
+    for n in range(box.shape[0]):
+        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], shown[n])
+
+
+@compiled
+def _logarithms(shown: Any, log: Any, patch: Any) -> None:
+    """Colours of the patch (3, 32, 32) as logarithms."""
+    for i in range(SIDE):
+        for j in range(SIDE):
+            red = np.int32(shown[i, j, 0])
+            green = np.int32(shown[i, j, 1])
+            blue = np.int32(shown[i, j, 2])
             patch[0, i, j] = log[(red + green + blue) // 3]
             patch[1, i, j] = log[red] - log[green]
             patch[2, i, j] = log[blue] - log[green]
@@ -323,12 +371,14 @@ def _features(
     cosine: Any,
     result: Any,
 ) -> None:
+    shown = np.empty((SIDE, SIDE, 3), np.uint8)
     patch = np.empty((3, SIDE, SIDE), np.float32)
     gradients = CELLS * CELLS * 3
     spread = gradients + HOG_CELLS * HOG_CELLS * HOG_BINS + 1
     for n in range(box.shape[0]):
         row = result[n]
-        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], log, patch)
+        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], shown)
+        _logarithms(shown, log, patch)
         _spread(patch, row, spread)
         _cells(patch, row, row[spread])
         _gradients(patch, row, gradients, sine, cosine)

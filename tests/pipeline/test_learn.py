@@ -93,6 +93,7 @@ def write_drive(folder, name, seed):
 
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory):
+    pytest.importorskip("torch", reason="PyTorch is only needed for learning: make .venv/.learn")
     folder = tmp_path_factory.mktemp("drives")
     for seed, name in enumerate(("learn_a", "learn_b", "measured")):
         write_drive(folder, name, seed)
@@ -137,7 +138,8 @@ def test_the_judge_has_a_gate_and_held_out_figures(learned):
     model = model_from_json((learned / "models" / "judge.json").read_text())
     assert isinstance(model, TreeModel)
     assert model.gate is not None
-    assert "held out by drive" in model.provenance
+    assert model.closer is not None
+    assert "with the closer look, held out by drive" in model.provenance
 
 
 def test_the_network_names_the_colours_painted_and_one_shape_is_not_learned(learned):
