@@ -247,17 +247,19 @@ def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
         "",
         "## Candidates",
         "",
-        f"*covered*: share of faces from {CLEAR_PX:g} px with a candidate. Cost is processor time, in that of",
-        "decoding one JPEG of the drive; the pictures of `raw` are not compressed.",
+        f"*covered*: share of faces from {CLEAR_PX:g} px with a candidate, and with one that the gate, a few trees",
+        "on a glance, lets pass to the judge. Cost is processor time, in that of decoding one JPEG of the drive;",
+        "the pictures of `raw` are not compressed.",
         "",
         *table(
             (
                 "drive",
                 "pictures",
                 "faces",
-                "covered",
                 "candidates a picture",
+                "covered",
                 "past the gate",
+                "covered",
                 "cost of proposing, decodes",
             ),
             [candidates_row(drive) for drive in seen],
@@ -285,12 +287,15 @@ def lost_lines(faces: Sequence[Face]) -> Iterator[str]:
 def candidates_row(drive: Seen) -> list[str]:
     """One drive: what proposing finds and costs."""
     clear = [face.level for face in drive.faces if face.height_px >= CLEAR_PX]
+    faces, covered, passing = shares(clear, (CANDIDATE, JUDGED))
     return [
         drive.name,
         str(drive.pictures),
-        *shares(clear, (CANDIDATE,)),
+        faces,
         f"{drive.candidates / drive.pictures:.0f}",
+        covered,
         f"{drive.judged / drive.pictures:.0f}",
+        passing,
         "-" if drive.decodes is None else f"{drive.decodes:.1f}",
     ]
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from wayside.pipeline.learning.samples import Views
 from wayside.schemas.regions import Candidates, Regions
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -169,28 +168,6 @@ def test_boxes_off_every_known_face_are_false_and_those_half_on_one_are_not(scen
     candidates = Candidates.of(regions([FACE, [10, 10, 30, 19], [200, 10, 220, 30]]))
     assert scenes.strays(candidates, np.array([FACE])).tolist() == [2]
     assert scenes.strays(candidates, np.zeros((0, 4))).tolist() == [0, 1, 2]
-
-
-def test_what_was_looked_at_once_is_not_looked_at_again(scenes):
-    asked = []
-
-    def see(drive, views):
-        asked.append(views.frame.tolist())
-        return views.regions.box[:, :2] + views.frame[:, None]
-
-    class Named:
-        name = "a"
-
-    def views(frames):
-        n = len(frames)
-        rest = (np.zeros((n, 1), np.float32), np.array(frames, np.int32), np.zeros(n, np.int8))
-        return Views(regions([FACE] * n), *rest, np.zeros(n, np.float32), np.zeros(n, np.int32))
-
-    remembered = scenes.Remembered(see)
-    remembered(Named, views([0, 2]))
-    values = remembered(Named, views([0, 1, 2]))
-    assert asked == [[0, 2], [1]]
-    assert values[:, 0].tolist() == [10.0, 11.0, 12.0]
 
 
 def test_without_the_scenes_nothing_is_written(scenes, tmp_path, monkeypatch, capsys):
