@@ -37,9 +37,9 @@ class _Predicted(NamedTuple):
 
 
 def follow_back(
-    fits: Sequence[Fit], held: Sequence[Held], trees: TreeModel, gates: Gates, *, fewest: int
+    fits: Sequence[Fit], held: Sequence[Held], trees: TreeModel, gates: Gates
 ) -> tuple[Sightings, list[Fit]]:
-    """Add to each place the predicted views that the judge of one view accepts; drop places of fewer than `fewest`.
+    """Add to each place the predicted views that the judge of one view accepts.
 
     The views are added to the frames' candidates, source `predicted`; they count as seen, but do not move the place:
     they say nothing on where it is that was not known before.
@@ -64,12 +64,11 @@ def follow_back(
                 row = regions.select(np.array([k]))
                 accepted[one.place].append((frame, one, row, score))
     before = first_rows(held)
-    kept = [k for k, fit in enumerate(fits) if len(fit.rows) + len(accepted[k]) >= fewest]
-    views = [[(f, held[f].add(row, s), one) for f, one, row, s in accepted[k]] for k in kept]
+    views = [[(f, held[f].add(row, s), one) for f, one, row, s in own] for own in accepted]
     after = first_rows(held)
     followed = [
-        _extended(fits[k], new, before, after, held, gates)
-        for k, new in zip(kept, views, strict=True)
+        _extended(fit, new, before, after, held, gates)
+        for fit, new in zip(fits, views, strict=True)
     ]
     return sightings_of(held), followed
 

@@ -163,9 +163,7 @@ class _Tracker:
         )
         done = [f for f in fits if last or passed(sightings, f)]
         if self._view_judge is not None:
-            sightings, done = follow_back(
-                done, self._held, self._view_judge, self._gates, fewest=FEWEST_FOUND
-            )
+            sightings, done = follow_back(done, self._held, self._view_judge, self._gates)
         return self._finish_places(sightings, done)
 
     def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> list[Fit]:
