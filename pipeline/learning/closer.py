@@ -34,6 +34,9 @@ REAL_SHARE = 0.1
 WHOLE, NONE = 0.75, 0.25
 """Overlap (IoU) with a face from which a box is all right, and at which it would be all wrong."""
 
+BRIGHTNESS = (4.5, 0.6)
+"""Mean and scatter of the brightness of boxes, as `relative_colors` tells it: it is altered with the patch."""
+
 FARTHEST = 4.0
 """Standard deviations beyond which a feature says no more."""
 
@@ -83,7 +86,7 @@ def fit_closer(looked: Sequence[Looked], near: float, seed: int) -> ConvolutionM
     share = np.clip((overlap - NONE) / (WHOLE - NONE), 0, 1)
     target = torch.from_numpy(np.where(label == ON, share, 0).astype(np.float32))
     mean, scale = told.mean(axis=0), told.std(axis=0) + 1e-3
-    mean, scale = np.append(mean, 4.5), np.append(scale, 0.6)
+    mean, scale = np.append(mean, BRIGHTNESS[0]), np.append(scale, BRIGHTNESS[1])
     scaled = torch.from_numpy((told - mean[:-1]) / scale[:-1])
 
     layers, head = _network(torch, told.shape[1] + 1)
