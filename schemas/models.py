@@ -97,9 +97,9 @@ class ConvolutionModel:
 
     side: samples of the patch each way; near: log odds of the trees from which it is asked; trees_part: what they are
     multiplied by before they are added. filters, biases: of each layer (3, 3, in, out) and (out,); halved: which are
-    followed by the largest of each 2 x 2. mean, scale (f,):
-    features enter as (x - mean) / scale, at most `farthest` from zero. hidden (m + f, h), hidden_bias (h,), output
-    (h,), output_bias (): what stands behind the m samples of the last layer and the features; float32.
+    followed by the largest of each 2 x 2. mean, scale (f,): features enter as (x - mean) / scale, at most `farthest`
+    from zero. hidden (m + f, h), hidden_bias (h,), output (h,), output_bias (): what stands behind the m samples of the
+    last layer and the features; float32.
     """
 
     kind: ClassVar[str] = "convolution"

@@ -24,10 +24,10 @@ class Boosting:
     share_of_features: float = 0.3
 
 
-def needs_scikit_learn() -> UsageError:
-    """What to say where scikit-learn is absent: only the learning needs it."""
+def needs(package: str) -> UsageError:
+    """What to say where a package is absent that only the learning needs."""
     return UsageError(
-        "learning: wanted scikit-learn, found none; install it with pip install 'wayside[learn]'"
+        f"learning: wanted {package}, found none; install it with pip install 'wayside[learn]'"
     )
 
 
@@ -48,7 +48,7 @@ def fit_trees(
     try:
         from sklearn.ensemble import HistGradientBoostingClassifier
     except ImportError as error:
-        raise needs_scikit_learn() from error
+        raise needs("scikit-learn") from error
     classifier = HistGradientBoostingClassifier(
         max_iter=how.trees,
         max_leaf_nodes=how.leaves,

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.boosting import needs
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.errors import InputError
 from wayside.schemas.models import ConvolutionModel
 from wayside.stages.closer_look import DARK, FEATURES, patch_odds
 from wayside.stages.numerics.patch import INNER, SIDE
@@ -255,7 +256,5 @@ def _torch() -> Any:
     try:
         import torch
     except ImportError as error:
-        raise UsageError(
-            "learning: wanted PyTorch, found none; install it with pip install 'wayside[learn]'"
-        ) from error
+        raise needs("PyTorch") from error
     return torch

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.boosting import needs_scikit_learn
+from wayside.pipeline.learning.boosting import needs
 from wayside.schemas.models import NetworkModel
 
 
@@ -55,7 +55,7 @@ def fit_network(
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPClassifier, MLPRegressor
     except ImportError as error:
-        raise needs_scikit_learn() from error
+        raise needs("scikit-learn") from error
     known = values[weight > 0]
     mean, scale = known.mean(axis=0), known.std(axis=0) + 1e-3
     drawn = np.random.default_rng(seed).choice(

@@ -1,3 +1,4 @@
+import sys
 from importlib.util import find_spec
 
 import numpy as np
@@ -16,7 +17,7 @@ from wayside.pipeline.learning.closer import (
     shown_by,
 )
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.stages.closer_look import FEATURES, relative_colors
 from wayside.stages.numerics.convolution import convolved
 from wayside.stages.numerics.patch import SIDE
@@ -78,6 +79,12 @@ def test_without_any_face_nothing_is_learned():
     nothing.label[:] = OFF
     with pytest.raises(InputError, match="wanted boxes on faces"):
         shown_by([nothing])
+
+
+def test_without_pytorch_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(UsageError, match=r"wanted PyTorch, found none; install it with pip"):
+        fit_closer([looked(8)], -3.0, seed=1)
 
 
 @needs_torch
