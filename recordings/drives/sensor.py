@@ -13,6 +13,8 @@ from recordings.drives.spec import DriveSpec
 
 _STEPS_PER_LIGHT = 2048
 _STEPS = 8192
+_MIDDLE_GREY = 0.25  # share of full light that contrast leaves
+_MOSAIC_STEPS = 128  # steps a grey level
 _MEMORY = 0.93  # share of exposure and white balance that stays from picture to picture
 
 
@@ -48,7 +50,7 @@ class Sensor:
         rows = np.linspace(-1, 1, height, dtype=np.float32)[:, None] * (height / width)
         reach = 1 + (height / width) ** 2
         self.vignette = 1 - spec.sensor.vignette * (columns**2 + rows**2) / reach
-        self.curve = _response()
+        self.curve = _response(spec.sensor.contrast)
 
     def develop(self, canvas: Singles, index: int, exposure: Exposure) -> Bytes:
         """Lens distortion, blur, response curve, noise and sharpening of picture number `index`; BGR."""
@@ -64,6 +66,8 @@ class Sensor:
         noise *= np.float32(sensor.noise)
         noise += np.float32(0.5) * cv2.GaussianBlur(noise, (0, 0), 1.0)
         image += noise
+        if sensor.mosaic:
+            image = _through_mosaic(image)
         if sensor.sharpen > 0:
             image += np.float32(sensor.sharpen) * (image - cv2.GaussianBlur(image, (0, 0), 1.0))
         rounded = np.clip(np.rint(image), 0, 255).astype(np.uint8)
@@ -84,9 +88,21 @@ class Sensor:
         return np.asarray(light, np.float32)
 
 
-def _response() -> Singles:
-    """Grey level (0..255) of every step of light: a soft shoulder, then the sRGB curve."""
+def _through_mosaic(image: Singles) -> Singles:
+    """The picture (rows, columns, RGB) of a sensor that sees one colour a pixel, the rest filled in."""
+    levels = np.clip(np.rint(image * _MOSAIC_STEPS), 0, np.iinfo(np.uint16).max).astype(np.uint16)
+    mosaic = levels[..., 1].copy()
+    mosaic[::2, ::2] = levels[::2, ::2, 0]
+    mosaic[1::2, 1::2] = levels[1::2, 1::2, 2]
+    filled = cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2RGB)
+    return np.asarray(filled, np.float32) / np.float32(_MOSAIC_STEPS)
+
+
+def _response(contrast: float) -> Singles:
+    """Grey level (0..255) of every step of light: contrast about a middle grey, a soft shoulder, the sRGB curve."""
     level = np.arange(_STEPS, dtype=np.float32) / _STEPS_PER_LIGHT
+    if contrast != 1:
+        level = _MIDDLE_GREY * (level / _MIDDLE_GREY) ** np.float32(contrast)
     shoulder = np.where(level < 0.7, level, 0.7 + 0.3 * (1 - np.exp(-(level - 0.7) / 0.3)))
     power = 1.055 * np.power(np.maximum(shoulder, 1e-6), 1 / 2.4) - 0.055
     return (255 * np.where(shoulder < 0.0031308, shoulder * 12.92, power)).astype(np.float32)

@@ -118,6 +118,7 @@ class SignSpec:
     faded_share: float = 0.25
     groups: dict[str, float] = field(default_factory=lambda: {"warning": 1.0, "regulatory": 1.0})
     chevrons: bool = True
+    setback_m: float = 0.0  # how far beyond the usual strip beside the road signs may stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +130,8 @@ class SensorSpec:
     motion_blur_px: float = 0.8
     noise: float = 1.6  # grey levels at mid grey
     sharpen: float = 0.5
+    contrast: float = 1.0  # power of the light: above 1, deep shadows and early highlights
+    mosaic: bool = False  # one colour a pixel (RGGB), the others from its neighbours
     jpeg_quality: int = 90
 
 

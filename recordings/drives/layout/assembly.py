@@ -18,7 +18,13 @@ from recordings.drives.spec import SignSpec
 
 REACH_M = 420.0
 _FACE_BEFORE_POST_M = 0.06
-_BOTTOM_M = {"mile_post": (1.0, 1.3), "object_marker": (0.9, 1.3), "chevron": (1.2, 1.5)}
+_BOTTOM_M = {
+    "mile_post": (1.0, 1.3),
+    "object_marker": (0.9, 1.3),
+    "chevron": (1.2, 1.5),
+    "eu_town_end": (0.6, 1.8),
+}
+_ON_TWO_LEGS = ("eu_board", "eu_town_end")
 _POSTS = {
     "wood": ((122, 98, 72), 0.11),
     "round_metal": ((150, 152, 152), 0.065),
@@ -80,6 +86,8 @@ def _bottom(rng: np.random.Generator, panels: Assembly) -> float:
     kinds = {face.kind for face, _ in panels}
     usual = _BOTTOM_M.get(next(iter(kinds)), (1.5, 2.3)) if len(kinds) == 1 else (1.5, 2.3)
     bottom = rng.uniform(*usual)
+    if "eu_beacon" in kinds:
+        return rng.uniform(0.2, 0.9)
     return rng.uniform(1.7, 2.0) if "crossbuck" in kinds else bottom
 
 
@@ -99,13 +107,17 @@ class _Mount:
     length: float
     post: str
 
-    def posts(self, widest: float) -> list[Part]:
-        """One post, or two under a panel (m) that is too wide for one; none under a gantry."""
+    def posts(self, panels: Assembly) -> list[Part]:
+        """One post, or two under a panel that is too wide for one; none under a gantry."""
         if self.post not in _POSTS:
             return []
         color, thick = _POSTS[self.post]
         texture, axis = rod(color), self.stance.stem * (self.length - 0.04)
-        spread = [0.0] if widest <= 1.3 else [-0.3 * widest, 0.3 * widest]
+        widest, share = max(face.width for face, _ in panels), 0.3
+        limit = 1.3
+        if panels[0][0].kind in _ON_TWO_LEGS:
+            limit, share = 1.05, 0.46
+        spread = [0.0] if widest <= limit else [-share * widest, share * widest]
         feet = (self.foot + self.stance.across * x for x in spread)
         return [Sprite(foot, axis, thick, texture, casts_shadow=True) for foot in feet]
 
@@ -141,7 +153,7 @@ class Assembler:
         length = (road_z + bottom + total - foot[2]) / stance.stem[2]
         mount = _Mount(foot, stance, length, post)
         fronts, backs = self._panels(rng, panels, mount, place.forward)
-        parts = [*backs, *mount.posts(widest), *fronts]
+        parts = [*backs, *mount.posts(panels), *fronts]
         self.plan.add_unlisted("sign", foot, parts, REACH_M)
         if stance.hidden:
             self._hide(rng, place, road_z + bottom, total)

@@ -74,6 +74,8 @@ def _along_the_road(plan: Plan, assembler: Assembler, rng: np.random.Generator) 
         offset = _EDGE_M[kind] + rng.uniform(0, _VERGE_M[kind]) + wide / 2
         if on_left:
             offset = _MEDIAN_M if kind == "four_lane" else -offset
+        elif mix.setback_m > 0:
+            offset += mix.setback_m * rng.random() ** 2
         if all(abs(station - b) > 6 for b in blocked):
             normal = -plan.road.level_forward(station)
             assembler.put_up(rng, panels, Place(station, offset, normal, forward=True))

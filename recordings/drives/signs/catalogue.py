@@ -34,6 +34,7 @@ from recordings.drives.signs.guide import (
     service_large,
     street_name,
 )
+from recordings.drives.signs.invented import invented
 from recordings.drives.signs.regulatory import (
     crossbuck,
     do_not_enter,
@@ -137,7 +138,8 @@ GROUPS: dict[str, _Group] = {
     "eu_blue": _either(0.5, _stack(eu_crossing), _stack(eu_parking)),
     "eu_town": _stack(eu_town),
     "eu_town_end": _stack(eu_town_end),
-    "eu_beacon": _either(0.5, _stack(eu_beacon), _stack(eu_warning, eu_beacon, gap=0.04)),
+    "eu_beacon": _either(0.6, _stack(eu_beacon), _stack(eu_warning, eu_beacon, gap=0.4)),
     "eu_board": _stack(eu_board),
+    "invented": _either(0.7, _stack(invented), _stack(invented, invented, gap=0.03)),
 }
 """Name of a group -> the panels of one assembly."""

@@ -118,36 +118,62 @@ def eu_town(rng: np.random.Generator) -> Face:
 
 
 def eu_beacon(rng: np.random.Generator) -> Face:
-    """Tall white panel with one to three red stripes, rising to one side: so far to the crossing."""
+    """Tall panel with one to three stripes, rising to one side: so far to the crossing; often the metres above."""
     w, h = 0.3, 1.0
-    face = Face("eu_beacon", "white", "rectangle", w, h, secondary=("red",))
+    ground, ink = ("blue", "white") if rng.random() < 0.15 else ("white", "red")
+    face = Face("eu_beacon", ground, "rectangle", w, h, secondary=(ink,))
     count = int(rng.integers(1, 4))
     rise = 0.14 if rng.random() < 0.7 else -0.14
+    numbered = rng.random() < 0.6
+    top = 0.28 if numbered else 0.0
+    pitch = rng.uniform(0.19, 0.24)
+    thick = rng.uniform(0.08, 0.11)
+    middle = h - (count / 2) * pitch - 0.04 if numbered else h / 2
     for k in range(count):
-        y = h * (0.5 + 0.24 * (k - (count - 1) / 2))
-        left, right = y + rise / 2, y - rise / 2
-        face.fill([(0, left), (w, right), (w, right + 0.1), (0, left + 0.1)], "red")
+        y = middle + pitch * (k - (count - 1) / 2)
+        left, right = y + (rise - thick) / 2, y - (rise + thick) / 2
+        face.fill([(0, left), (w, right), (w, right + thick), (0, left + thick)], ink)
+    if numbered:
+        digits = "black" if ground == "white" else "white"
+        face.text(str(80 * count), (w / 2, top * 0.36), 0.085, digits, w * 0.7)
+        face.text("M", (w / 2, top * 0.78), 0.06, digits, w * 0.3)
+    if rng.random() < 0.5:
+        face.border("grey" if ground == "white" else "white", 0.012)
     face.legend = f"{count} stripes"
     return face
 
 
 def eu_town_end(rng: np.random.Generator) -> Face:
-    """End of a town: next town on white above, this town on yellow crossed out in red."""
-    w, h = float(rng.uniform(1.0, 1.3)), 0.65
+    """End of a town: next towns on white above, this town on yellow crossed out in red; or the latter alone."""
+    w, h = float(rng.uniform(0.95, 1.4)), float(rng.uniform(0.6, 0.75))
+    town = pick(rng, ["NEUDORF", "ALTHEIM", "SEEBACH", "LINDAU"])
     face = bordered("eu_town_end", "yellow", "rectangle", (w, h), "black", (0.018, 0.012))
     face.secondary = ("white", "red", "black")
-    face.box(0.03, 0.03, w - 0.03, h * 0.46, "white")
-    town = pick(rng, ["NEUDORF", "ALTHEIM", "SEEBACH", "LINDAU"])
-    face.text(town, (w / 2, h * 0.25), h * 0.2, "black", w * 0.8, 0.18)
-    face.text("BERGEN", (w / 2, h * 0.72), h * 0.2, "black", w * 0.8, 0.18)
-    face.line([(0.03, h - 0.05), (w - 0.03, h * 0.5)], "red", 0.04)
+    alone = rng.random() < 0.3
+    split = 0.0 if alone else h * rng.uniform(0.42, 0.5)
+    if not alone:
+        face.box(0.03, 0.03, w - 0.03, split, "white")
+        names = [town] if rng.random() < 0.5 else [town, "HOCHSTADT"]
+        for k, name in enumerate(names):
+            y = 0.03 + (split - 0.03) * (k + 0.5) / len(names)
+            face.text(name, (w * 0.42, y), h * 0.26 / len(names) + 0.02, "black", w * 0.6, 0.18)
+        face.arrow([(w * 0.87, split - 0.04), (w * 0.87, 0.1)], "black", 0.025)
+    face.text("BERGEN", (w / 2, (split + h) / 2), h * 0.2, "black", w * 0.8, 0.18)
+    face.line([(0.03, h - 0.04), (w - 0.03, split + 0.04)], "red", 0.04)
     return face
 
 
 def eu_board(rng: np.random.Generator) -> Face:
-    """White direction board."""
-    w, h = float(rng.uniform(0.9, 1.5)), float(rng.uniform(0.4, 0.7))
-    face = bordered("eu_board", "white", "rectangle", (w, h), "black", (0.015, 0.01))
-    places = ["ZENTRUM", "BAHNHOF", "MESSE", "KLINIK"]
-    face.lines([pick(rng, places), pick(rng, places)], "black", h * 0.14, h * 0.86)
+    """Direction board: places, at times an arrow; mostly white."""
+    w, h = float(rng.uniform(0.9, 1.5)), float(rng.uniform(0.35, 0.75))
+    ground = pick(rng, ["white", "white", "white", "yellow", "blue", "green"])
+    ink = "black" if ground in ("white", "yellow") else "white"
+    face = bordered("eu_board", ground, "rectangle", (w, h), ink, (0.015, 0.01))
+    places = ["ZENTRUM", "BAHNHOF", "MESSE", "KLINIK", "HAFEN", "STADION"]
+    if rng.random() < 0.4:
+        y = h / 2
+        face.arrow([(w * 0.1, y), (w * 0.28, y)], ink, 0.035)
+        face.text(pick(rng, places), (w * 0.64, y), min(h * 0.3, 0.16), ink, w * 0.55)
+    else:
+        face.lines([pick(rng, places), pick(rng, places)], ink, h * 0.14, h * 0.86)
     return face

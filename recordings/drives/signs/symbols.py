@@ -124,6 +124,9 @@ _SYMBOLS: dict[str, Callable[[_Pen], None]] = {
 }
 
 
+SYMBOL_NAMES = tuple(_SYMBOLS)
+
+
 def draw_symbol(face: Face, name: str, ink: str) -> None:
     """Draw the symbol of that name, or else the name as words, one line for each part between bars."""
     if name in _SYMBOLS:
