@@ -199,7 +199,8 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "",
         "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
         "complete, so precision is a lower bound; no sign was surveyed, so no position is judged. No model was learned "
-        "from these drives, but rules were chosen with their misses in view.",
+        "from these drives, but rules, the bar of the judge and the kinds of faces rendered to learn from were chosen "
+        "with their misses in view.",
         "",
         f"Versions: {made}.",
     ]

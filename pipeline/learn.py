@@ -218,7 +218,7 @@ def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iter
 def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:
     counted = ", ".join(f"{d.name} ({d.frames} pictures, {len(d.faces)} faces)" for d in drives)
     real = f"; {len(crops)} faces of real pictures" if crops else ""
-    packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn"))
+    packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn", "torch"))
     return f"rendered drives {counted}{real}; seed {seed}; {packages}"
 
 
