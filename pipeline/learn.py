@@ -69,6 +69,9 @@ LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
 SCENE_COPIES = 3
 """How often each real picture is shown, mostly altered: there are few."""
 
+REPORT_PICTURE = (1600, 1200)
+"""Width and height of the pictures of the report, in pixels."""
+
 LENIENT = (0.0, 1.0)
 """How far the bar of the judge of views is lowered to teach that of places: few places are no sign otherwise."""
 
@@ -185,8 +188,12 @@ def _tracked(logs: Sequence[Path], judges: Judges, folder: Path) -> Iterator[Tra
 def gaussian_models(
     drives: Sequence[Drive], crops: Sequence[Face], strays: NDArray[np.float64], origin: str
 ) -> dict[str, Model]:
-    """Colours, shapes and places, by the name of their file."""
-    faces = [*(face for drive in drives for face in drive.faces), *crops]
+    """Colours, shapes and places, by the name of their file.
+
+    The report's classes are those of its one camera, as far as there are drives with pictures of that size.
+    """
+    like_report = [drive for drive in drives if drive.size == REPORT_PICTURE] or drives
+    faces = [*(face for drive in like_report for face in drive.faces), *crops]
     background = np.concatenate(
         [d.views.regions.rgb[d.views.overlap < BACKGROUND_OVERLAP] for d in drives]
     )

@@ -19,8 +19,8 @@ from wayside.stages.place import FEATURES
 from wayside.stages.track import track
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
-"""Median overlap (IoU) of the nearest boxes with a true face from which a place is that face; overlap with anything
-known above which it is nobody's example."""
+"""Median overlap (IoU) of the nearest boxes with a true face from which a place is that face; overlap with one
+above which it is nobody's example."""
 NEAREST = 3
 FEWEST = 2
 """Places of fewer views than are reported teach, too: there are more of them, and the judge knows the number."""
@@ -120,20 +120,21 @@ def faces_by_frame(truth: dict[str, Any]) -> dict[int, list[Face]]:
 
 
 def label_of(place: Place, known: dict[int, list[Face]]) -> int:
-    """Whether the nearest views of a place lie on one true face, on nothing, or in between."""
+    """Whether the nearest views of a place lie on one true face, on nothing (or the back of one), or in between."""
     near = sorted(place.views, key=lambda view: -view.frame)[:NEAREST]
-    overlaps: dict[tuple[int, bool], list[float]] = {}
+    overlaps: dict[int, list[float]] = {}
     for view in near:
         for sign, front, box in known.get(view.frame, ()):
-            overlaps.setdefault((sign, front), []).append(overlap(view, box))
-    best = SIGN if any(_on_face(key[1], own, near) for key, own in overlaps.items()) else NOTHING
-    if best == NOTHING and any(max(own) > NEAR_FACE for own in overlaps.values()):
-        return NEITHER
-    return best
+            if front:
+                overlaps.setdefault(sign, []).append(overlap(view, box))
+    if any(_on_face(own, near) for own in overlaps.values()):
+        return SIGN
+    between = any(max(own) > NEAR_FACE for own in overlaps.values())
+    return NEITHER if between else NOTHING
 
 
-def _on_face(front: bool, overlaps: Sequence[float], near: Sequence[View]) -> bool:
-    return front and float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
+def _on_face(overlaps: Sequence[float], near: Sequence[View]) -> bool:
+    return float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
 
 
 def overlap(view: View, box: Sequence[float]) -> float:

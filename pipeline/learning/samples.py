@@ -35,6 +35,9 @@ a box that shows a second face as well is no example rather than a bad one."""
 
 OFF, ON, NEITHER = 0, 1, -1
 
+INVENTED = "invented"
+"""Kind of the faces of rendered drives that no catalogue holds."""
+
 
 @dataclass(frozen=True, slots=True)
 class Views:
@@ -89,7 +92,8 @@ class Drive:
     """Everything that one rendered drive teaches.
 
     wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); signs (m,): whose face each
-    is; places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel.
+    is; places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel;
+    size: width and height of its pictures, where they are all alike.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Drive:
     wanted: NDArray[np.bool_]
     signs: tuple[FaceName, ...]
     places: NDArray[np.float64]
+    size: tuple[int, int] | None = None
 
 
 def read_truth(path: Path) -> dict[str, Any]:
@@ -121,7 +126,8 @@ def read_drive(
 ) -> Drive:
     """Go through a drive: clear faces from `pictures`, candidates from the same as they are `shown` to the judge.
 
-    Both in order; `masks` is the folder of FRAME.png with sign ids.
+    Both in order; `masks` is the folder of FRAME.png with sign ids. Clear faces are for the classes of the report,
+    which were those of a catalogue: invented faces teach none.
     """
     seen: dict[int, Seen] = {}
     for sign in truth["signs"]:
@@ -134,12 +140,14 @@ def read_drive(
             continue
         index = picture.frame.index
         mask = _read_mask(masks / f"{index:04d}.png", picture.rgb.shape[:2])
-        faces.extend(clear_faces(picture.rgb, mask, seen.get(index, []), truth["name"]))
+        listed = [one for one in seen.get(index, []) if one[0]["kind"] != INVENTED]
+        faces.extend(clear_faces(picture.rgb, mask, listed, truth["name"]))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
     here = [seen.get(index, []) for index in range(last + 1)]
     drive = read_drive_pictures(truth["name"], shown, here, [True] * len(here))
-    return replace(drive, faces=tuple(faces), places=sign_places(truth))
+    size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
+    return replace(drive, faces=tuple(faces), places=sign_places(truth), size=size)
 
 
 Seen = list[tuple[dict[str, Any], dict[str, Any]]]

@@ -43,6 +43,7 @@ def write_drive(folder, name, seed):
     signs = [
         {
             "id": k + 1,
+            "kind": "plate",
             "color": color,
             "shape": "rectangle",
             "point_up": False,
@@ -79,7 +80,7 @@ def write_drive(folder, name, seed):
     }
     truth = {
         "name": name,
-        "camera": {"mount": {"height_m": 2.0}},
+        "camera": {"width": WIDTH, "height": HEIGHT, "mount": {"height_m": 2.0}},
         "signs": signs,
         "distractors": [thing],
         "frames": [{"index": k, **pose} for k in range(6)],

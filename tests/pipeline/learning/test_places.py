@@ -52,9 +52,9 @@ def test_a_part_of_a_face_is_nobodys_example(box):
     assert label_of(SeenAt(box, box, box), faces_by_frame(truth())) == NEITHER
 
 
-def test_backs_and_signs_for_others_are_nobodys_example():
+def test_backs_and_signs_for_others_are_no_signs():
     for known in (truth(side="back"), truth(faces_travel=False)):
-        assert label_of(SeenAt(FACE, FACE, FACE), faces_by_frame(known)) == NEITHER
+        assert label_of(SeenAt(FACE, FACE, FACE), faces_by_frame(known)) == NOTHING
 
 
 def test_overlap_is_intersection_over_union():
