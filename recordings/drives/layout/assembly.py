@@ -91,11 +91,16 @@ def _bottom(rng: np.random.Generator, panels: Assembly) -> float:
     return rng.uniform(1.7, 2.0) if "crossbuck" in kinds else bottom
 
 
-def _post(rng: np.random.Generator, widest: float) -> str:
-    """A post that can carry the widest panel (m)."""
-    if widest > 1.3:
+def _post(rng: np.random.Generator, width: float) -> str:
+    """A post that can carry a panel of that width (m)."""
+    if width > 1.3:
         return str(rng.choice(["steel_beam", "wood"]))
     return str(rng.choice(["wood", "u_channel", "round_metal", "round_metal"]))
+
+
+def widest(panels: Assembly) -> float:
+    """Width of the widest panel, m."""
+    return max(face.width for face, _ in panels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +118,10 @@ class _Mount:
             return []
         color, thick = _POSTS[self.post]
         texture, axis = rod(color), self.stance.stem * (self.length - 0.04)
-        widest, share = max(face.width for face, _ in panels), 0.3
-        limit = 1.3
-        if panels[0][0].kind in _ON_TWO_LEGS:
-            limit, share = 1.05, 0.46
-        spread = [0.0] if widest <= limit else [-share * widest, share * widest]
+        on_two = panels[0][0].kind in _ON_TWO_LEGS
+        limit, share = (1.05, 0.46) if on_two else (1.3, 0.3)
+        width = widest(panels)
+        spread = [0.0] if width <= limit else [-share * width, share * width]
         feet = (self.foot + self.stance.across * x for x in spread)
         return [Sprite(foot, axis, thick, texture, casts_shadow=True) for foot in feet]
 
@@ -144,10 +148,9 @@ class Assembler:
         stance = _stance(rng, self.plan.spec.signs, place)
         foot = road.surface(place.station, place.offset)
         road_z = float(road.surface(place.station, road.travel_offset_m)[2])
-        widest = max(face.width for face, _ in panels)
         total = sum(face.height + gap for face, gap in panels)
         if place.overhead_m is None:
-            bottom, post = _bottom(rng, panels), _post(rng, widest)
+            bottom, post = _bottom(rng, panels), _post(rng, widest(panels))
         else:
             bottom, post = place.overhead_m, "gantry"
         length = (road_z + bottom + total - foot[2]) / stance.stem[2]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from recordings.drives.layout.assembly import Assembler, Place
+from recordings.drives.layout.assembly import Assembler, Place, widest
 from recordings.drives.layout.placing import Plan
 from recordings.drives.paint.roadside import rod, truss
 from recordings.drives.parts import UP, Part, Quad, Sprite
@@ -42,10 +42,6 @@ class _Deck:
         return GROUPS[name](rng)
 
 
-def _widest(panels: Assembly) -> float:
-    return max(face.width for face, _ in panels)
-
-
 def place_signs(plan: Plan, assembler: Assembler) -> None:
     """Place every sign of a drive."""
     rng, road = plan.rng(0), plan.spec.road
@@ -69,7 +65,7 @@ def _along_the_road(plan: Plan, assembler: Assembler, rng: np.random.Generator) 
     station = mix.first_m
     while station < plan.end + _SIGNS_BEYOND_M:
         panels = forward_deck.draw(rng)
-        wide = _widest(panels)
+        wide = widest(panels)
         on_left = rng.random() < mix.left_share and wide < 1.3
         offset = _EDGE_M[kind] + rng.uniform(0, _VERGE_M[kind]) + wide / 2
         if on_left:
@@ -82,7 +78,7 @@ def _along_the_road(plan: Plan, assembler: Assembler, rng: np.random.Generator) 
         if rng.random() < mix.back_share:
             panels = backward_deck.draw(rng)
             where = station + rng.uniform(6, max(7.0, mix.spacing_m - 6))
-            offset = _FAR_EDGE_M[kind] + rng.uniform(0, _VERGE_M[kind]) + _widest(panels) / 2
+            offset = _FAR_EDGE_M[kind] + rng.uniform(0, _VERGE_M[kind]) + widest(panels) / 2
             normal = plan.road.level_forward(where)
             assembler.put_up(rng, panels, Place(where, -offset, normal, forward=False))
         station += mix.spacing_m * rng.uniform(0.65, 1.35)

@@ -44,7 +44,7 @@ def _drawn(rng: np.random.Generator) -> Face:
     elif shape == "triangle_up":
         height = width * 0.866
     face = Face("invented", ground, shape, width, height)
-    content = pick(rng, (_text, _text, _symbol, _stripes, _halves, _arrow, _nothing))
+    content = pick(rng, (_text, _text, _symbol, _stripes, _halves, _arrow, _text_or_nothing))
     content(face, ink, rng)
     if rng.random() < 0.75:
         small = min(width, height)
@@ -109,7 +109,7 @@ def _arrow(face: Face, ink: str, rng: np.random.Generator) -> None:
     face.arrow([(width * x, height * y) for x, y in ends], ink, 0.1 * min(width, height))
 
 
-def _nothing(face: Face, ink: str, rng: np.random.Generator) -> None:
-    """Leaves the face bare, as those in hard light or with worn print look."""
+def _text_or_nothing(face: Face, ink: str, rng: np.random.Generator) -> None:
+    """Every other one stays bare, as faces in hard light or with worn print look."""
     if rng.random() < 0.5:
         _text(face, ink, rng)
