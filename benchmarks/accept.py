@@ -185,7 +185,9 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "Made by `make accept`; exact truth. No model was learned from these drives, but rules were chosen "
         "with their misses in view. "
         "A panel is wanted where its front is at least 10 px tall and half visible in three or more pictures. "
-        "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth.",
+        "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth. "
+        "Backs: rows of status `back` that are on a panel seen from behind, of all such rows / such panels of which "
+        "three pictures show 10 px or more, were nothing before them.",
         "",
         f"Versions: {made}.",
     ]
@@ -217,7 +219,7 @@ def versions() -> str:
 
 def rendered_table(judged: list[Outcome]) -> list[str]:
     """One line a drive, and one for all together."""
-    head = "drive wanted found recall precision false along lateral up width height colour shape".split()
+    head = "drive wanted found recall precision false along lateral up width height colour shape backs".split()
     rows = [
         (o.drive.name, o.evaluation) for o in judged if isinstance(o.evaluation, RenderedEvaluation)
     ]
@@ -244,6 +246,7 @@ def rendered_line(name: str, e: RenderedEvaluation) -> str:
     cells += [
         "-" if share is None else f"{100 * share:.0f} %" for share in (e.color_right, e.shape_right)
     ]
+    cells.append(f"{e.backs.right} of {e.backs.reported} / {e.backs.in_view}")
     return "| " + " | ".join(cells) + " |"
 
 

@@ -40,12 +40,13 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
         One of them is missing, damaged or something else.
     """
     facts = _read_truth(truth)
-    signs = [row for row in _read_table(out, SIGNS, _SIGN_COLUMNS) if row["status"] == "sign"]
+    rows = _read_table(out, SIGNS, _SIGN_COLUMNS)
+    signs, backs = ([row for row in rows if row["status"] == kind] for kind in ("sign", "back"))
     try:
         if _LABEL_KEYS <= facts.keys():
             observations = _read_table(out, OBSERVATIONS, ["sign_id", "frame", "box"])
             return judge_real(signs, observations, facts)
-        return judge_rendered(signs, facts)
+        return judge_rendered(signs, facts, backs)
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
@@ -74,6 +75,8 @@ def format_evaluation(evaluation: Evaluation) -> str:
     ]
     if isinstance(evaluation, RenderedEvaluation):
         lines += ["", *_error_lines(evaluation), "", *_class_lines(evaluation)]
+        seen = evaluation.backs
+        lines += ["", f"backs      {seen.right} of {seen.reported} right, {seen.in_view} in view"]
     lines += _false_lines(evaluation)
     if evaluation.missed:
         lines += ["", "missed"]

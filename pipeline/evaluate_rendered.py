@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from wayside.pipeline.evaluation import FalseSign, Match, MissedPanel, RenderedEvaluation
+from wayside.pipeline.evaluation import Backs, FalseSign, Match, MissedPanel, RenderedEvaluation
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
 """A panel that should be found faces the camera, so tall and so visible, in so many pictures."""
@@ -23,7 +23,9 @@ _UNMATCHED = 1e6
 Row = Mapping[str, Any]
 
 
-def judge_rendered(signs: Sequence[Row], truth: Row) -> RenderedEvaluation:
+def judge_rendered(
+    signs: Sequence[Row], truth: Row, backs: Sequence[Row] = ()
+) -> RenderedEvaluation:
     """Match panels one to one in the camera frame of `best_frame` and measure the gaps.
 
     Parameters
@@ -32,15 +34,12 @@ def judge_rendered(signs: Sequence[Row], truth: Row) -> RenderedEvaluation:
         Rows of `signs.parquet` with status `sign`.
     truth
         Content of a `truth.json`.
+    backs
+        Rows with status `back`.
     """
     panels = [p for p in truth["signs"] if any(view["side"] == "front" for view in p["frames"])]
     eligible = {p["id"] for p in panels if is_eligible(p)}
-    gaps, cost = _gaps_and_cost(signs, panels, truth["frames"])
-    rows, columns = linear_sum_assignment(cost)
-    pairs = [
-        (int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _UNMATCHED
-    ]
-
+    gaps, pairs = _matched(signs, panels, truth["frames"])
     matched = {i for i, _ in pairs}
     hits = [(i, j) for i, j in pairs if panels[j]["id"] in eligible]
     found = {panels[j]["id"] for _, j in hits}
@@ -53,6 +52,7 @@ def judge_rendered(signs: Sequence[Row], truth: Row) -> RenderedEvaluation:
             for p in panels
             if p["id"] in eligible - found
         ),
+        backs=_judge_backs(backs, truth),
     )
 
 
@@ -67,6 +67,19 @@ def is_eligible(panel: Row) -> bool:
     return bool(panel["faces_travel"]) and good >= FEWEST_FRAMES
 
 
+def _judge_backs(rows: Sequence[Row], truth: Row) -> Backs:
+    def seen(panel: Row) -> list[Row]:
+        return [view for view in panel["frames"] if view["side"] == "back"]
+
+    panels = [panel for panel in truth["signs"] if seen(panel)]
+    _, pairs = _matched(rows, panels, truth["frames"])
+    tall = [
+        sum(view["box"][3] - view["box"][1] >= SMALLEST_HEIGHT_PX for view in seen(panel))
+        for panel in panels
+    ]
+    return Backs(len(rows), len(pairs), sum(count >= FEWEST_FRAMES for count in tall))
+
+
 def cover(inner: Sequence[float], outer: Sequence[float]) -> float:
     """Share of box `inner` that lies in box `outer`."""
     width = min(inner[2], outer[2]) - max(inner[0], outer[0])
@@ -75,10 +88,10 @@ def cover(inner: Sequence[float], outer: Sequence[float]) -> float:
     return width * height / area if width > 0 and height > 0 and area > 0 else 0.0
 
 
-def _gaps_and_cost(
+def _matched(
     signs: Sequence[Row], panels: Sequence[Row], frames: Sequence[Row]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Reported minus true position, (n, m, 3) metres, and cost of each match, (n, m), 1e6 where out of reach."""
+) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:
+    """Reported minus true position, (n, m, 3) metres, and the pairs of row and panel that are matched one to one."""
     poses = {frame["index"]: _pose(frame) for frame in frames}
     centres = np.array([panel["centre"] for panel in panels], np.float64).reshape(-1, 3)
     gaps = np.zeros((len(signs), len(panels), 3))
@@ -94,7 +107,9 @@ def _gaps_and_cost(
         along = np.abs(gaps[i, :, 2]) / np.maximum(ALONG_M, ALONG_SHARE * reach)
         near = (across <= 1) & (along <= 1)
         cost[i, near] = (across + along)[near]
-    return gaps, cost
+    rows, columns = linear_sum_assignment(cost)
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+    return gaps, [(i, j) for i, j in pairs if cost[i, j] < _UNMATCHED]
 
 
 def _pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

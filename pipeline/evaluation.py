@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,19 @@ class Match:
     shape: tuple[str | None, str]
 
 
+@dataclass(frozen=True, slots=True)
+class Backs:
+    """Rows of status `back`: how many there are, and how many of them are on a panel seen from behind.
+
+    `in_view`: panels seen from behind, as tall and in as many pictures as a front that should be found, but however
+    much stands before them: of backs nobody knows.
+    """
+
+    reported: int
+    right: int
+    in_view: int
+
+
 AXES = ("lateral", "up", "along")
 
 
@@ -98,6 +111,7 @@ class RenderedEvaluation:
     matches: tuple[Match, ...]
     false: tuple[FalseSign, ...]
     missed: tuple[MissedPanel, ...]
+    backs: Backs = Backs(0, 0, 0)
 
     @property
     def found_count(self) -> int:
@@ -188,6 +202,7 @@ class RenderedEvaluation:
             "color_confusion": self.color_confusion,
             "shape_confusion": self.shape_confusion,
             "found": [list(pair) for pair in self.found],
+            "backs": asdict(self.backs),
         }
 
 
@@ -199,6 +214,9 @@ def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
         matches=tuple(m for e in all_of for m in e.matches),
         false=tuple(sign for e in all_of for sign in e.false),
         missed=tuple(panel for e in all_of for panel in e.missed),
+        backs=Backs(
+            *(sum(getattr(e.backs, field.name) for e in all_of) for field in fields(Backs))
+        ),
     )
 
 

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.workers import StageClock, ordered_parallel, staged
 from wayside.schemas.frame import Frame
+from wayside.schemas.models import SideJudges
 from wayside.schemas.motion import Settled
 from wayside.schemas.regions import Look
 from wayside.schemas.settings import Settings
@@ -60,7 +61,9 @@ class Flow:
         pictures = self._stage("decode", frames, decode)
         segmented = self._stage("segment", pictures, segment, settings=s.segment, gate=s.gate)
         if not by_report:
-            segmented = self._stage("propose", segmented, propose, settings=s.candidates)
+            segmented = self._stage(
+                "propose", segmented, propose, settings=s.candidates, ranking=m.ranking
+            )
         judged = self._stage("color", segmented, classify_color, model=m.color, gate=by_report)
         if not by_report:
             judged = self._stage(
@@ -72,6 +75,7 @@ class Flow:
                 color=m.face_color,
                 shape=m.face_shape,
                 box=m.face_box,
+                back=m.back,
             )
         judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
         return self._stage("features", judged, extract_features, settings=s.features)
@@ -80,10 +84,9 @@ class Flow:
         """Do what needs the frames in order: motion, tracks, places, signs."""
         s, m = self.settings, self.models
         moved = self._stage("motion", looks, estimate_motion, settings=s.motion)
-        view_judge = None if s.candidates.judge == "report" else m.judge
-        settled = self._stage(
-            "track", moved, track, settings=s.track, place_judge=m.place, view_judge=view_judge
-        )
+        front = SideJudges(None if s.candidates.judge == "report" else m.judge, m.place)
+        back = None if m.back is None else SideJudges(m.back, m.back_place)
+        settled = self._stage("track", moved, track, settings=s.track, front=front, back=back)
         settled = self._stage(
             "location", settled, classify_location, model=m.location, settings=s.locate
         )

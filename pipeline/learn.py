@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.appearance import through_other_cameras
+from wayside.pipeline.learning.backs import BackJudges, learn_backs
 from wayside.pipeline.learning.faces import Face, real_faces
+from wayside.pipeline.learning.gating import learn_ranking
 from wayside.pipeline.learning.gaussians import (
     color_model,
     location_model,
@@ -30,7 +32,13 @@ from wayside.pipeline.learning.gaussians import (
 )
 from wayside.pipeline.learning.judging import Judges, learn_judges
 from wayside.pipeline.learning.names import learn_names
-from wayside.pipeline.learning.places import Tracked, learn_place_judge
+from wayside.pipeline.learning.places import (
+    ACCEPT,
+    ACCEPT_BACK,
+    Tracked,
+    gather_places,
+    learn_place_judge,
+)
 from wayside.pipeline.learning.samples import (
     Drive,
     Views,
@@ -153,22 +161,34 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     judges = learn_judges(samples.drives, samples.see, samples.draw, seed, origin, samples.scenes)
     say(judges.judge.provenance)
     models |= {"judge.json": judges.judge, "face_box.json": judges.box}
+    models["ranking.json"] = learn_ranking(samples.drives, samples.scenes, seed, origin)
+    backs: BackJudges | None = None
+    try:
+        backs = learn_backs(judges.passed, seed, origin)
+    except InputError as error:
+        say(f"back.json not written, backs of panels are not looked for: {error}")
+    else:
+        models["back.json"] = backs.judge
     for what in ("color", "shape"):
         try:
             models[f"face_{what}.json"] = learn_names(judges.passed, what, seed, origin)
         except InputError as error:
             say(f"face_{what}.json not written, the {what} of a face is its nearest class: {error}")
     digests = {name: _write(out / name, model, say) for name, model in models.items()}
-    try:
-        place = learn_place_judge(_tracked(logs, judges, out), origin)
-    except InputError as error:
-        say(f"place.json not written, places are judged by their fit alone: {error}")
-    else:
-        digests["place.json"] = _write(out / "place.json", place, say)
+    places = gather_places(_tracked(logs, judges, backs, out))
+    for name, back, accept in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
+        try:
+            place = learn_place_judge(places.side(back=back), origin, accept)
+        except InputError as error:
+            say(f"{name}.json not written, such places are judged by their fit alone: {error}")
+        else:
+            digests[f"{name}.json"] = _write(out / f"{name}.json", place, say)
     return digests
 
 
-def _tracked(logs: Sequence[Path], judges: Judges, folder: Path) -> Iterator[Tracked]:
+def _tracked(
+    logs: Sequence[Path], judges: Judges, backs: BackJudges | None, folder: Path
+) -> Iterator[Tracked]:
     """Each drive up to its motion, with candidates judged by trees that have not seen it, and its truth.
 
     The models of colour and shape are those just written into `folder`.
@@ -178,11 +198,14 @@ def _tracked(logs: Sequence[Path], judges: Judges, folder: Path) -> Iterator[Tra
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
         stranger, box = judges.strangers[truth["name"]]
+        back = None if backs is None else backs.strangers[truth["name"]]
         for lower in LENIENT:
             judge = replace(stranger, accept=stranger.accept - lower)
-            flow = Flow(settings, replace(models, judge=judge, face_box=box), StageClock())
+            seen_by = replace(models, judge=judge, face_box=box, back=back)
+            flow = Flow(settings, seen_by, StageClock())
             frames = read_frames(log, LEARN_READ, ReadReport())
-            yield estimate_motion(flow.look(frames), settings.motion), judge, truth
+            moved = estimate_motion(flow.look(frames), settings.motion)
+            yield Tracked(moved, judge, back, truth)
 
 
 def gaussian_models(

@@ -32,7 +32,8 @@ class Models:
     """Everything learned that a run uses.
 
     `place` judges a place over all its views; `face_color` and `face_shape` name the face in a view, `face_box` says
-    where it ends; where they exist.
+    where it ends; `back` and `back_place` judge what is seen of panels from behind; `ranking` says which regions are
+    likely faces at all; where they exist.
     """
 
     color: GaussianModel
@@ -43,6 +44,9 @@ class Models:
     face_color: NetworkModel | None = None
     face_shape: NetworkModel | None = None
     face_box: NetworkModel | None = None
+    back: TreeModel | None = None
+    back_place: TreeModel | None = None
+    ranking: TreeModel | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by its name."""
@@ -55,6 +59,9 @@ class Models:
             "face_color": self.face_color,
             "face_shape": self.face_shape,
             "face_box": self.face_box,
+            "back": self.back,
+            "back_place": self.back_place,
+            "ranking": self.ranking,
         }
         return {
             name: digest(model_to_json(model)) for name, model in named.items() if model is not None
@@ -77,16 +84,22 @@ def load_models(settings: Settings) -> Models:
     shape = _gaussian(folder, "shape.json" if by_report else "shape_oriented.json")
     location = _gaussian(folder, "location.json")
     wanted = tuple(c for c in location.classes if (c.name == REPORT_PLACE) == by_report)
+
+    def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
+        return load(folder, name) if _exists(folder, name) and not by_report else None
+
     return Models(
         color,
         shape,
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
-        *(
-            _network(folder, name) if _exists(folder, name) and not by_report else None
-            for name in ("face_color.json", "face_shape.json", "face_box.json")
-        ),
+        optional(_network, "face_color.json"),
+        optional(_network, "face_shape.json"),
+        optional(_network, "face_box.json"),
+        optional(_trees, "back.json"),
+        optional(_trees, "back_place.json"),
+        optional(_trees, "ranking.json"),
     )
 
 

@@ -135,6 +135,7 @@ class Candidates:
     shape_distance (n,) float32 Mahalanobis distances, nan where not computed; score (n,) float32 log odds
     of being a sign face, nan where not judged; verdict (n,) uint8 into `VERDICTS`. color_odds (n, colours),
     shape_odds (n, shapes) float32: logarithms of the chances of each name, nan where not named; None: nothing is.
+    back_score (n,) float32: log odds of being a panel seen from behind, nan where that is not possible; None: nowhere.
     """
 
     regions: Regions
@@ -148,6 +149,7 @@ class Candidates:
     verdict: NDArray[np.uint8]
     color_odds: NDArray[np.float32] | None = None
     shape_odds: NDArray[np.float32] | None = None
+    back_score: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         """Refuse columns of different length."""
@@ -161,17 +163,23 @@ class Candidates:
         """Rows that are still undecided."""
         return np.flatnonzero(self.verdict == 0)
 
+    def back_rows(self) -> NDArray[np.int64]:
+        """Rows that may show the back of a panel."""
+        if self.back_score is None:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero(~np.isnan(self.back_score))
+
     def joined(self, others: Candidates) -> Candidates:
         """These rows and then the others; chances that one of both lacks are nan there."""
 
         def column(name: str) -> NDArray[Any] | None:
             parts = [getattr(self, name), getattr(others, name)]
-            width = max((p.shape[1] for p in parts if p is not None and p.ndim == 2), default=0)
-            if all(part is None for part in parts):
+            known = next((part for part in parts if part is not None), None)
+            if known is None:
                 return None
             counts = (len(self), len(others))
             filled = [
-                np.full((n, width), np.nan, np.float32) if p is None else p
+                np.full((n, *known.shape[1:]), np.nan, np.float32) if p is None else p
                 for p, n in zip(parts, counts, strict=True)
             ]
             return np.concatenate(filled)

@@ -78,7 +78,7 @@ class CandidateSettings:
         "trees: learned judge on every candidate; report: colour and shape distances",
         choices=("trees", "report"),
     )
-    most: int = setting(4000, "candidates", "at most this many are judged in one picture", low=1)
+    most: int = setting(950, "candidates", "at most this many are looked at in one picture", low=1)
     keep: int = setting(
         60, "candidates", "at most this many of the best are followed in one picture", low=1
     )

@@ -30,27 +30,12 @@ from wayside.schemas.settings import CandidateSettings
 from wayside.stages.closer_look import check_closer, closer_odds, told_of
 from wayside.stages.face_box import check_box_network, moved_boxes
 from wayside.stages.numerics.boxes import suppressed_boxes
-from wayside.stages.numerics.colorspace import to_space
 from wayside.stages.numerics.glance import glance_names, glances
 from wayside.stages.numerics.maps import halved
 from wayside.stages.numerics.network import log_chances
 from wayside.stages.numerics.patch import patch_feature_names, patch_features
 from wayside.stages.numerics.trees import log_odds
-
-REGION_FEATURES = (
-    "log_height",
-    "log_width",
-    "log_aspect",
-    "up",
-    "right",
-    "beside",
-    "fill",
-    "source",
-    "region_brightness",
-    "region_red_green",
-    "region_blue_green",
-)
-"""Angular size and place, share of the box that the region fills, where it came from, its mean colour."""
+from wayside.stages.region_features import REGION_FEATURES, region_features
 
 OVERLAP = 0.4
 """Boxes that overlap a better one by more (IoU) show the same face."""
@@ -67,13 +52,15 @@ def judge(
     color: NetworkModel | None = None,
     shape: NetworkModel | None = None,
     box: NetworkModel | None = None,
+    back: TreeModel | None = None,
 ) -> Iterator[Judged]:
     """Look at all open candidates: `glance` is the verdict of those the model's gate refuses, unscored.
 
     The others are scored; those below the model's bar get the verdict `score`. Of overlapping survivors the best
     stays (`overlap`), of all of them the best `settings.keep` (`score`). Where networks are given that name the `color`
     and `shape` of a face, they do so for all that pass the bar. Where one is given that moves the `box` onto the face,
-    a candidate not far below the bar is looked at there, too, and stays where it scores better.
+    a candidate not far below the bar is looked at there, too, and stays where it scores better. Where there is a judge
+    of the `back` of a panel, what it accepts, and holds for likelier than a face, gets a `back_score`.
     """
     check_closer(trees.closer)
     check_network(color, COLORS)
@@ -116,7 +103,14 @@ def judge(
                 table = np.full((len(candidates), len(names)), np.nan, np.float32)
                 table[rows[passed]] = face_chances(network, names, values[passed])
                 odds[k] = table
-        yield replace(item, candidates=replace(candidates, color_odds=odds[0], shape_odds=odds[1]))
+        candidates = replace(candidates, color_odds=odds[0], shape_odds=odds[1])
+        if back is not None:
+            seen = log_odds(back, values)
+            behind = (seen >= back.accept) & (seen > found)
+            score = np.full(len(candidates), np.nan, np.float32)
+            score[rows[behind]] = seen[behind]
+            candidates = replace(candidates, back_score=score)
+        yield replace(item, candidates=candidates)
 
 
 def near_bar(trees: TreeModel) -> float:
@@ -220,26 +214,6 @@ def view_features(
     return np.concatenate(
         [region_features(regions, camera), patch_features(levels, regions.box)], axis=1
     )
-
-
-def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
-    """Size, place and colour of each region: (n, 11). Sizes and places are angles (tangents), whatever the camera."""
-    box = regions.box.astype(np.float64)
-    width, height = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
-    middle = (box[:, :2] + box[:, 2:] - 1) / 2
-    right = (middle[:, 0] - camera.cx) / camera.fx
-    columns = [
-        np.log(height / camera.fy),
-        np.log(width / camera.fx),
-        np.log((width / camera.fx) / (height / camera.fy)),
-        (camera.cy - middle[:, 1]) / camera.fy,
-        right,
-        np.abs(right),
-        regions.area_px / (width * height),
-        regions.source,
-        to_space(regions.rgb, "log_chromaticity"),
-    ]
-    return np.column_stack(columns).astype(np.float32)
 
 
 def decided(

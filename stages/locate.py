@@ -22,7 +22,8 @@ def classify_location(
     Mahalanobis distance (eq. 3.1); a model with several classes is a mixture: near one of them is enough. Roads are
     wider and signs stand farther off than on any drive that was learned from, so a place beyond all thresholds is not
     refused if it is surely a sign (`settings.beyond`): roads differ by more than a Gaussian allows, and a place four to
-    five sigmas off loses .8 of its log odds a sigma by Student's t of three degrees of freedom.
+    five sigmas off loses .8 of its log odds a sigma by Student's t of three degrees of freedom. Backs are those of the
+    other carriageway, of which the model knows nothing: they may stand anywhere.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ def _verdict(place: Place, model: GaussianModel, settings: LocateSettings) -> st
         return place.verdict
     thresholds = np.array([c.threshold for c in model.classes])
     beyond = float((model.distances(place.offset[None, :2])[0] - thresholds).min())
-    if beyond > 0 and not place.score > settings.beyond * beyond:
+    if not place.back and beyond > 0 and not place.score > settings.beyond * beyond:
         return "location"
     sides = (place.width_m, place.height_m)
     if min(sides) < settings.smallest_side_m or max(sides) > settings.largest_side_m:

@@ -59,8 +59,7 @@ class _Matcher:
         if self._features is not None:
             before, previous = self._held[-1], self._features
             pairs = match_points(previous.sign_descriptors, features.sign_descriptors)
-            local_before = {int(row): i for i, row in enumerate(before.open)}
-            local_now = {int(row): i for i, row in enumerate(one.open)}
+            local_before, local_now = _faces(before), _faces(one)
             for a, b in vote_regions(pairs, previous.sign_rows, features.sign_rows):
                 old, new = local_before.get(int(a)), local_now.get(int(b))
                 if old is None or new is None:
@@ -121,3 +120,8 @@ class _Matcher:
         for (held, row), residual in zip(chain.views, fit.residual_px, strict=True):
             held.claim(row, self._next_id, verdict, float(residual))
         self._next_id += 1
+
+
+def _faces(held: Held) -> dict[int, int]:
+    """Number among the followed ones of each row that is followed as a face."""
+    return {int(row): i for i, row in enumerate(held.open) if not held.back[i]}

@@ -123,9 +123,12 @@ def build_place(
     best = best_view(fit, held)
     home = held[fit.frames[best]]
     pose = home.motion.pose
-    color, color_distance = winner(*votes(fit, held, "color"), COLORS)
+    # a back bears no colour of a sign
+    colors = ({}, {}) if fit.back else votes(fit, held, "color")
+    color, color_distance = winner(*colors, COLORS)
     shape, shape_distance = winner(*votes(fit, held, "shape"), SHAPES)
     return Place(
+        back=fit.back,
         track_id=track_id,
         views=tuple(view_of(fit, held, i) for i in range(len(fit.rows))),
         position=pose.to_camera(found.point),

@@ -37,9 +37,13 @@ class _Predicted(NamedTuple):
 
 
 def follow_back(
-    fits: Sequence[Fit], held: Sequence[Held], trees: TreeModel, gates: Gates
+    fits: Sequence[Fit],
+    held: Sequence[Held],
+    trees: TreeModel | None,
+    gates: Gates,
+    back_trees: TreeModel | None = None,
 ) -> tuple[Sightings, list[Fit]]:
-    """Add to each place the predicted views that the judge of one view accepts.
+    """Add to each place the predicted views that the judge of one view accepts: of faces, or of backs.
 
     The views are added to the frames' candidates, source `predicted`; they count as seen, but do not move the place:
     they say nothing on where it is that was not known before.
@@ -49,22 +53,28 @@ def follow_back(
     Sightings, list of Fit
         The window with the views added, and the places whose rows refer to it.
     """
-    wanted: dict[int, list[_Predicted]] = {}
+    wanted: dict[tuple[int, bool], list[_Predicted]] = {}
     for place, fit in enumerate(fits):
         for frame in sorted(set(range(len(held))) - set(fit.frames.tolist())):
             found = predicted_box(fit, held[frame])
             if found is not None:
-                wanted.setdefault(frame, []).append(_Predicted(place, *found))
+                wanted.setdefault((frame, fit.back), []).append(_Predicted(place, *found))
     accepted: list[list[tuple[int, _Predicted, Regions, float]]] = [[] for _ in fits]
-    for frame, here in sorted(wanted.items()):
+    for (frame, back), here in sorted(wanted.items()):
+        judge = back_trees if back else trees
+        if judge is None:
+            continue
         regions = _regions(here, fits, held)
-        scores = _scores(held[frame], regions, trees)
+        scores = _scores(held[frame], regions, judge)
         for k, (one, score) in enumerate(zip(here, scores.tolist(), strict=True)):
-            if score >= trees.accept:
+            if score >= judge.accept:
                 row = regions.select(np.array([k]))
                 accepted[one.place].append((frame, one, row, score))
     before = first_rows(held)
-    views = [[(f, held[f].add(row, s), one) for f, one, row, s in own] for own in accepted]
+    views = [
+        [(f, held[f].add(row, score, back=fit.back), one) for f, one, row, score in own]
+        for fit, own in zip(fits, accepted, strict=True)
+    ]
     after = first_rows(held)
     followed = [
         _extended(fit, new, before, after, held, gates)

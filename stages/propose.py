@@ -13,12 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
+from wayside.schemas.models import TreeModel
 from wayside.schemas.regions import SOURCES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.numerics.boxes import distinct_boxes, patch_means, stacked_pairs
 from wayside.stages.numerics.levels import level_regions
 from wayside.stages.numerics.maps import LOWEST, face_maps, halved
+from wayside.stages.numerics.trees import log_odds
+from wayside.stages.region_features import REGION_FEATURES, region_features
 
 BANDS = ((-0.062, 0.056), (-0.16, 0.09), (-0.36, 0.13))
 """Rows looked at in full, half and quarter size, as tangents from the optical axis (up negative).
@@ -41,6 +45,9 @@ SHORTEST_PX = 8
 SAME = 0.7
 """Boxes that overlap more (IoU) are one candidate; at .45 faces were lost to their neighbours, at .6 not."""
 
+MOST = 4000
+"""Boxes of a picture that are compared with each other at most."""
+
 STACKS = 2
 """Rounds in which regions are stacked: faces of up to four pieces are put together."""
 
@@ -53,19 +60,37 @@ class _Found:
     lasted: NDArray[np.int32]
 
 
-def propose(items: Iterator[Segmented], *, settings: CandidateSettings) -> Iterator[Segmented]:
+def propose(
+    items: Iterator[Segmented], *, settings: CandidateSettings, ranking: TreeModel | None = None
+) -> Iterator[Segmented]:
     """Add regions of the sources `level` and `stack` to each picture's segments.
 
-    Segments outside the size of a face are dropped, like boxes are merged; at most `settings.most` regions
-    remain, those that lasted over most levels first. A picture that is not used passes untouched.
+    Segments outside the size of a face are dropped, like boxes are merged. At most `settings.most` regions remain:
+    those likeliest to be faces by their size, place and mean colour, if there is a `ranking` of these, or else those
+    that lasted over most levels. A picture that is not used passes untouched.
+
+    Raises
+    ------
+    InputError
+        Where the ranking is by something else.
     """
+    if ranking is not None and ranking.features != REGION_FEATURES:
+        raise InputError(
+            f"ranking: wanted the features {', '.join(REGION_FEATURES)}, found "
+            f"{', '.join(ranking.features)}; learn it again"
+        )
     for item in items:
         rgb, camera = item.picture.rgb, item.picture.frame.camera
         if rgb is None or camera is None:
             yield item
             continue
         found = [level_candidates(band, top, scale) for band, top, scale in bands(rgb, camera)]
-        yield replace(item, regions=merged(item.regions, found, settings.most))
+        regions = merged(item.regions, found)
+        if ranking is None:
+            regions = regions.select(np.arange(min(len(regions), settings.most)))
+        else:
+            regions = likeliest(regions, ranking, camera, settings.most)
+        yield replace(item, regions=regions)
 
 
 def bands(rgb: NDArray[np.uint8], camera: Camera) -> Iterator[tuple[NDArray[np.uint8], int, int]]:
@@ -105,8 +130,8 @@ def level_candidates(band: NDArray[np.uint8], top: int, scale: int) -> _Found:
     )
 
 
-def merged(segments: Regions, found: list[_Found], most: int) -> Regions:
-    """Segments and swept regions as one table, like boxes once, at most `most` rows."""
+def merged(segments: Regions, found: list[_Found]) -> Regions:
+    """Segments and swept regions as one table, like boxes once; those that lasted over most levels first."""
     size = segments.box[:, 2:] - segments.box[:, :2]
     aspect = size[:, 0] / np.maximum(size[:, 1], 1)
     plausible = (aspect >= NARROWEST) & (aspect <= WIDEST) & (size[:, 1] >= SHORTEST_PX)
@@ -121,11 +146,17 @@ def merged(segments: Regions, found: list[_Found], most: int) -> Regions:
     )
     lasted = np.concatenate([*(f.lasted for f in found), np.zeros(len(segments), np.int32)])
     order = np.argsort(-lasted, kind="stable")
-    kept = distinct_boxes(box[order], SAME)[:most]
+    kept = distinct_boxes(box[order], SAME)[:MOST]
     regions = together.select(order[kept])
     for _ in range(STACKS):
         regions = with_stacks(regions)
-    return regions.select(np.arange(min(len(regions), most)))
+    return regions.select(np.arange(min(len(regions), MOST)))
+
+
+def likeliest(regions: Regions, ranking: TreeModel, camera: Camera, most: int) -> Regions:
+    """At most so many regions, in the order they came: those that the ranking holds for the likeliest faces."""
+    odds = log_odds(ranking, region_features(regions, camera))
+    return regions.select(np.sort(np.argsort(-odds, kind="stable")[:most]))
 
 
 def with_stacks(regions: Regions) -> Regions:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import SideJudges
 from wayside.schemas.motion import Moved, Settled
 from wayside.schemas.regions import Features
 from wayside.schemas.settings import TrackSettings
@@ -63,8 +64,8 @@ the box of its plaque, but panels of one width stand clear of each other."""
 def track(
     moved: Iterator[Moved],
     settings: TrackSettings,
-    place_judge: TreeModel | None = None,
-    view_judge: TreeModel | None = None,
+    front: SideJudges | None = None,
+    back: SideJudges | None = None,
 ) -> Iterator[Settled]:
     """Settle every candidate: place it in space with its other views, or say why not.
 
@@ -77,28 +78,28 @@ def track(
         Frames with their candidates and motion.
     settings
         How far and by what to follow.
-    place_judge
-        Judge of whole places; None: every place that holds together is a sign.
-    view_judge
-        Judge of one view, for the predicted views of places; None: only candidates are views.
+    front
+        Judges of faces: of whole places (nobody: every place that holds together is a sign), and of the predicted views
+        of places (nobody: only candidates are views).
+    back
+        The same of panels seen from behind; None: they are not looked for.
     """
     if settings.matching == "sift":
         yield from match_by_descriptors(moved, settings)
         return
-    yield from through_window(moved, _Tracker(settings, place_judge, view_judge))
+    yield from through_window(moved, _Tracker(settings, front or SideJudges(), back))
 
 
 class _Tracker:
     """The window and the places proposed in it."""
 
-    def __init__(
-        self, settings: TrackSettings, judge: TreeModel | None, view_judge: TreeModel | None
-    ) -> None:
-        self._settings, self._judge, self._view_judge = settings, judge, view_judge
+    def __init__(self, settings: TrackSettings, front: SideJudges, back: SideJudges | None) -> None:
+        self._settings = settings
+        self._sides = {False: front} if back is None else {False: front, True: back}
         self._gates = Gates(gap_px=settings.gap_px)
         self._path = TravelledPath(2 * settings.longest + HOP)
         self._held: list[Held] = []
-        self._proposed: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._proposed: list[_Proposed] = []
         self._known: list[Fit] = []  # faces given already
         self._scatter = Scatter()
         self._next_id = 0
@@ -123,47 +124,53 @@ class _Tracker:
         self._held.clear()
         self._proposed.clear()
 
-    def _propose(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _propose(self) -> _Proposed:
         """Places that the newest frame proposes together with each of the few before it."""
         recent = self._held[-1 - LINK_REACH :]
         sightings = sightings_of(recent)
         newest = len(recent) - 1
-        points, sizes = [np.zeros((0, 3))], [np.zeros((0, 2))]
-        for older in range(newest):
-            links = link(sightings, older, newest, self._gates)
-            points.append(links.point)
-            sizes.append(links.size)
-            recent[older].linked[links.older - sightings.first[older], 1] = True
-            recent[newest].linked[links.newer - sightings.first[newest], 0] = True
-        return np.concatenate(points), np.concatenate(sizes)
+        points, sizes, backs = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros(0, np.bool_)]
+        for back in self._sides:
+            own = replace(sightings, leads=sightings.leads & (_backs(recent) == back))
+            for older in range(newest):
+                links = link(own, older, newest, self._gates)
+                points.append(links.point)
+                sizes.append(links.size)
+                backs.append(np.full(len(links.point), back))
+                recent[older].linked[links.older - sightings.first[older], 1] = True
+                recent[newest].linked[links.newer - sightings.first[newest], 0] = True
+        return _Proposed(np.concatenate(points), np.concatenate(sizes), np.concatenate(backs))
 
     def _solve(self, *, last: bool) -> None:
         """Find all places in the window and finish those that the vehicle has passed."""
-        points, sizes = (np.concatenate(column) for column in zip(*self._proposed, strict=True))
-        doubles = self._solve_round(points, sizes, last=last)
+        proposed = _Proposed(*(np.concatenate(part) for part in zip(*self._proposed, strict=True)))
+        doubles = self._solve_round(proposed, last=last)
         if doubles:
             # a box over two faces of which one is known by now: what is left of it may be the other
-            away = points[:, None] - np.array([fit.point for fit in doubles])
+            away = proposed.point[:, None] - np.array([fit.point for fit in doubles])
             near = (np.linalg.norm(away, axis=2) < REST_M).any(axis=1)
-            self._solve_round(points[near], sizes[near], last=last)
+            self._solve_round(_Proposed(*(part[near] for part in proposed)), last=last)
 
-    def _solve_round(
-        self, points: NDArray[np.float64], sizes: NDArray[np.float64], *, last: bool
-    ) -> list[Fit]:
+    def _solve_round(self, proposed: _Proposed, *, last: bool) -> list[Fit]:
         """Places of the candidates that are free, finished where passed; those that were faces known already."""
-        sightings = sightings_of(self._held)
-        fits = solve_places(
-            sightings,
-            points,
-            sizes,
-            ~np.concatenate([h.taken for h in self._held]),
-            self._gates,
-            fewest=self._settings.fewest_views if self._view_judge is None else FEWEST_FOUND,
-            least_total=LEAST_TOTAL,
-        )
-        done = [f for f in fits if last or passed(sightings, f)]
-        if self._view_judge is not None:
-            sightings, done = follow_back(done, self._held, self._view_judge, self._gates)
+        sightings, held = sightings_of(self._held), self._held
+        free = ~np.concatenate([h.taken for h in held])
+        done: list[Fit] = []
+        for back, judges in self._sides.items():
+            own = proposed.back == back
+            fits = solve_places(
+                sightings,
+                proposed.point[own],
+                proposed.size[own],
+                free & (_backs(held) == back),
+                self._gates,
+                fewest=self._settings.fewest_views if judges.view is None else FEWEST_FOUND,
+                least_total=LEAST_TOTAL,
+            )
+            done += [replace(f, back=back) for f in fits if last or passed(sightings, f)]
+        views = {back: judges.view for back, judges in self._sides.items()}
+        if any(view is not None for view in views.values()):
+            sightings, done = follow_back(done, held, views[False], self._gates, views.get(True))
         return self._finish_places(sightings, done)
 
     def _finish_places(self, sightings: Sightings, fits: Sequence[Fit]) -> list[Fit]:
@@ -172,7 +179,8 @@ class _Tracker:
         for fit in fits:
             beside = self._path.beside(fit.point)
             evidence = place_features(fit, self._held, sightings.score[fit.rows], beside)
-            judged.append((*judge_place(evidence, self._judge), fit, beside, evidence))
+            judge = self._sides[fit.back].place
+            judged.append((*judge_place(evidence, judge), fit, beside, evidence))
         judged.sort(key=lambda entry: -entry[0])
         self._known = [f for f in self._known if not behind(sightings, f)]
         for score, passes, fit, beside, evidence in judged:
@@ -186,7 +194,7 @@ class _Tracker:
             alike, panel = 0, None
             if verdict == "sign":
                 alike, panel = measure_panel(fit, self._held, beside)
-            sure = self._judge is None or score >= SURE
+            sure = self._sides[fit.back].place is None or score >= SURE
             if verdict == "sign" and not stands(
                 fit, alike, panel, self._settings.fewest_views, sure=sure
             ):
@@ -222,6 +230,19 @@ class _Tracker:
         frames = frames_of(fit.covered, held)
         for frame, row in zip(frames, local_rows(fit.covered, frames, held), strict=True):
             held[frame].claim(row, track, "overlap", np.nan)
+
+
+class _Proposed(NamedTuple):
+    """Places to try: point (m, 3) in the world, size (m, 2) metres, back (m,): of backs, not of faces."""
+
+    point: NDArray[np.float64]
+    size: NDArray[np.float64]
+    back: NDArray[np.bool_]
+
+
+def _backs(held: Sequence[Held]) -> NDArray[np.bool_]:
+    """Which of the window's sightings are followed as backs."""
+    return np.concatenate([h.back for h in held])
 
 
 def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int, *, sure: bool) -> bool:

@@ -27,11 +27,12 @@ WEAKEST = -7.0
 class Held:
     """One frame in the window; candidates and what is known of them change until it is released.
 
-    open (k,): candidate rows that are followed; leads (k,): those that may propose a place; ray, size (k, 2): ideal
-    image coordinates of centre and extent; whole (k,): the box does not touch the edge of the picture; taken (k,):
-    belongs to a finished place; linked (k, 2): fits something in an earlier, in a later frame; verdict, track,
-    residual: of all rows; rgb: the picture, None where it is gone; levels: it at full, half and quarter size, made when
-    first asked for.
+    open (k,): candidate rows that are followed; back (k,): as the back of a panel (a row may be followed as its face,
+    too); leads (k,): those that may propose a place; ray, size (k, 2): ideal image coordinates of centre and extent;
+    score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge of the picture;
+    taken (k,): belongs to a finished place; linked (k, 2): fits something in an earlier, in a later frame; verdict,
+    track, residual: of all rows; rgb: the picture, None where it is gone; levels: it at full, half and quarter size,
+    made when first asked for.
     """
 
     frame: Frame
@@ -40,6 +41,7 @@ class Held:
     region_count: int
     rows: tuple[int, int]
     open: NDArray[np.int64]
+    back: NDArray[np.bool_]
     leads: NDArray[np.bool_]
     ray: NDArray[np.float64]
     size: NDArray[np.float64]
@@ -61,10 +63,14 @@ class Held:
         """Take what tracking needs of a frame."""
         look = moved.look
         table = look.candidates
-        rows = followed_rows(table)
+        faces, backs = followed_rows(table), table.back_rows()
+        rows = np.concatenate([faces, backs])
+        back = np.arange(len(rows)) >= len(faces)
         box = table.regions.box[rows].astype(np.float64)
         ray = rays_of_ideal(camera, table.ideal[rows])
         score = table.score[rows].astype(np.float64)
+        if table.back_score is not None:
+            score[back] = table.back_score[backs]
         edge = (box[:, :2] < 2).any(axis=1)
         edge |= (box[:, 2] > camera.width - 2) | (box[:, 3] > camera.height - 2)
         return cls(
@@ -74,7 +80,8 @@ class Held:
             region_count=look.region_count,
             rows=look.rows,
             open=rows,
-            leads=table.verdict[rows] != verdict_code("score"),
+            back=back,
+            leads=back | (table.verdict[rows] != verdict_code("score")),
             ray=np.ascontiguousarray(ray),
             size=ideal_size(box, camera),
             score=np.nan_to_num(score),
@@ -96,7 +103,7 @@ class Held:
             self.levels = picture_levels(self.rgb)
         return self.levels
 
-    def add(self, region: Regions, score: float) -> int:
+    def add(self, region: Regions, score: float, *, back: bool = False) -> int:
         """Take one more candidate, as if it had been followed from the start; its number among the followed ones."""
         camera = self.frame.camera
         if camera is None:
@@ -104,13 +111,12 @@ class Held:
                 "wanted a frame with calibration, found none; such frames are not used"
             )
         one = Candidates.of(region)
-        one = replace(
-            one,
-            ideal=ideal_points(camera, one.center),
-            score=np.array([score], np.float32),
-        )
+        told = np.array([score], np.float32)
+        one = replace(one, ideal=ideal_points(camera, one.center))
+        one = replace(one, back_score=told) if back else replace(one, score=told)
         self.open = np.append(self.open, len(self.candidates))
         self.candidates = self.candidates.joined(one)
+        self.back = np.append(self.back, back)
         self.leads = np.append(self.leads, False)
         self.ray = np.vstack([self.ray, rays_of_ideal(camera, one.ideal)])
         self.size = np.vstack([self.size, ideal_size(region.box.astype(np.float64), camera)])
@@ -124,11 +130,12 @@ class Held:
         return len(self.open) - 1
 
     def claim(self, local: int, track: int, verdict: str, residual: float) -> None:
-        """Give one followed candidate to a place."""
+        """Give one followed candidate to a place; a row that is part of a sign stays that."""
         row = self.open[local]
         self.taken[local] = True
-        self.track[row], self.residual[row] = track, residual
-        self.verdict[row] = verdict_code(verdict)
+        if self.verdict[row] != verdict_code("sign"):
+            self.track[row], self.residual[row] = track, residual
+            self.verdict[row] = verdict_code(verdict)
 
     def settle(self) -> Settled:
         """The frame with every candidate decided.
@@ -136,8 +143,9 @@ class Held:
         What no place took is `unmatched` where it fits nothing nearby, `moving` where it fits something before and
         something after but no one standing thing, and else `few_views`.
         """
-        rest = ~self.taken & (self.candidates.verdict[self.open] == verdict_code("open"))
         rows = self.open
+        rest = ~self.back & (self.track[rows] == NO_TRACK)
+        rest &= self.candidates.verdict[rows] == verdict_code("open")
         before, after = self.linked[:, 0], self.linked[:, 1]
         self.verdict[rows[rest]] = verdict_code("unmatched")
         self.verdict[rows[rest & (before | after)]] = verdict_code("few_views")

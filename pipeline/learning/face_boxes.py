@@ -14,8 +14,9 @@ from wayside.pipeline.learning.samples import Drive, Views, labelled
 from wayside.schemas.models import NetworkModel
 from wayside.schemas.regions import SOURCES, Regions
 from wayside.stages.face_box import FARTHEST, SIDES
-from wayside.stages.judge import REGION_FEATURES, view_names
+from wayside.stages.judge import view_names
 from wayside.stages.propose import SHORTEST_PX
+from wayside.stages.region_features import REGION_FEATURES
 
 REGION_ONLY = REGION_FEATURES[REGION_FEATURES.index("fill") :]
 """What the judge knows of the region rather than of what its box shows: not looked at."""

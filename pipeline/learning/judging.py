@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_tre
 from wayside.pipeline.learning.calibration import platt
 from wayside.pipeline.learning.closer import Looked, calibrated, fit_closer, said_of
 from wayside.pipeline.learning.face_boxes import learn_face_box, on_faces
+from wayside.pipeline.learning.gating import learn_gate
 from wayside.pipeline.learning.networks import Descent, fit_network
 from wayside.pipeline.learning.samples import (
     NEAR_FACE,
@@ -25,32 +25,27 @@ from wayside.pipeline.learning.samples import (
     ON_FACE,
     Drive,
     Views,
+    face_weights,
     labelled,
 )
+from wayside.pipeline.learning.strangers import for_strangers
 from wayside.schemas.models import ConvolutionModel, NetworkModel, TreeModel
 from wayside.stages.closer_look import told_of
-from wayside.stages.judge import OVERLAP, REACH, gate_names, moved_regions, view_names
+from wayside.stages.judge import OVERLAP, REACH, moved_regions, view_names
 from wayside.stages.numerics.boxes import suppressed_boxes
 from wayside.stages.numerics.trees import log_odds
 
-GATE = Boosting(trees=80, leaves=16, pace=0.12, share_of_features=0.5)
 JUDGE = Boosting()
 BESIDE = Descent(hidden=128, shrinkage=0.01, pace=1e-3, rounds=12, batch=256)
 """The network beside the judge's trees: they err on different boxes."""
 FACE_SHARE, NETWORK_PART = 0.2, 0.5
 """Faces for each box off them that the network is taught with; the part of its log odds that is added to the trees'."""
 
-GATE_OFF_SHARE = 0.2
-"""Share of the candidates off any face that the gate is taught with: there are a hundred to one."""
-
 JUDGE_OFF_SHARE = 0.1
-"""The same for the judge: one background is seen in many pictures."""
+"""Share of the candidates off any face that the judge is taught with: one background is seen in many pictures."""
 
 REAL_WEIGHT = 2.0
 """How many times a candidate of a real picture counts each time it is shown: there are few, and they matter."""
-
-PASSED = 500.0
-"""Candidates of a picture that the gate lets pass, in the mean over the learning drives."""
 
 FALSE_PER_PICTURE = 5.0
 """Boxes off any face, after suppression, that pass in a held-out picture: the judge of a place decides on them."""
@@ -66,9 +61,6 @@ SeeViews = Callable[[Drive, Views], NDArray[np.float32]]
 
 DrawViews = Callable[[Drive, Views], NDArray[np.uint8]]
 """Goes through the pictures of a drive again for the pixels of some candidates."""
-
-Taught = TypeVar("Taught")
-Fitted = TypeVar("Fitted", TreeModel, NetworkModel, ConvolutionModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,14 +120,14 @@ def learn_judges(
     gate, passed, real = _through_gate(drives, scenes, see, seed, provenance)
     names = [one.drive.name for one in (*passed, *real)]
     examples = [on_faces(one.drive, one.views, one.values, see, seed) for one in (*passed, *real)]
-    box, other_boxes = _for_strangers(
+    box, other_boxes = for_strangers(
         names, examples, lambda taught: learn_face_box(taught, seed, provenance)
     )
     passed, real = (
         [_with_moved(one, other_boxes[one.drive.name], see) for one in part]
         for part in (passed, real)
     )
-    judge, other_judges = _for_strangers(names, [*passed, *real], lambda p: _fit(p, seed))
+    judge, other_judges = for_strangers(names, [*passed, *real], lambda p: fit_judge(p, seed))
     odds = {
         one.drive.name: log_odds(other_judges[one.drive.name], one.values) for one in passed + real
     }
@@ -183,35 +175,6 @@ def look_closer(one: Passed, odds: NDArray[np.float32], near: float, draw: DrawV
     )
 
 
-def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
-    """Learn the gate; it lets pass `PASSED` candidates a picture of its own drives."""
-    label = np.concatenate([d.views.label for d in drives])
-    values = np.concatenate([d.views.glance for d in drives])
-    some = np.random.default_rng(seed).random(len(label)) < GATE_OFF_SHARE
-    far = np.concatenate([d.views.overlap for d in drives]) < NEAR_FACE
-    taught = (label == ON) | ((label == OFF) & some & far)
-    weight = np.concatenate([face_weights(d.views) for d in drives])
-    fitted = fit_trees(values[taught], label[taught] == ON, weight[taught], GATE, seed)
-    gate = exported_trees(fitted, gate_names(), 0.0, provenance)
-    count = min(round(PASSED * sum(d.frames for d in drives)), len(values))
-    score = np.sort(log_odds(gate, values))[::-1]
-    words = f"{provenance}; accept at {PASSED:g} candidates a picture"
-    return replace(gate, accept=float(score[count - 1]), provenance=words)
-
-
-def face_weights(views: Views) -> NDArray[np.float64]:
-    """Weights (n,) that give each view of a face the same, however many boxes are on it; 1 off the faces.
-
-    Narrow and torn faces (mile posts, crossbucks) have few boxes, and would hardly be taught otherwise.
-    """
-    on = views.label == ON
-    weight = np.ones(len(views.label))
-    if on.any():
-        _, which, count = np.unique(views.face[on], return_inverse=True, return_counts=True)
-        weight[on] = count.mean() / count[which]
-    return weight
-
-
 def _closer_looks(
     looked: Sequence[Looked], near: float, seed: int
 ) -> tuple[ConvolutionModel, dict[str, ConvolutionModel]]:
@@ -220,7 +183,7 @@ def _closer_looks(
     What it and the trees count for, so that both together are log odds, is that of drives they have not seen.
     """
     names = [look.name for look in looked]
-    closer, others = _for_strangers(names, looked, lambda some: fit_closer(some, near, seed))
+    closer, others = for_strangers(names, looked, lambda some: fit_closer(some, near, seed))
     known = [look for look in looked if not look.real]
     label = np.concatenate([look.label for look in known])
     said = [np.stack([look.trees, said_of(others[look.name], look)], axis=1) for look in known]
@@ -229,22 +192,6 @@ def _closer_looks(
     )
     by = float(trees_part), float(slope), shift
     return calibrated(closer, *by), {name: calibrated(others[name], *by) for name in names}
-
-
-def _for_strangers(
-    names: Sequence[str], taught: Sequence[Taught], fit: Callable[[Sequence[Taught]], Fitted]
-) -> tuple[Fitted, dict[str, Fitted]]:
-    """The model fitted to all that is taught, and for each drive, by its name, one fitted to the other group.
-
-    A drive alone is judged by its own: there is no other.
-    """
-    models: dict[str, Fitted] = {}
-    for group in (0, 1):
-        own = names[group::2]
-        others = taught[1 - group :: 2] or taught[group::2]
-        if own:
-            models |= dict.fromkeys(own, fit(others))
-    return fit(taught), models
 
 
 def found_at(
@@ -328,7 +275,8 @@ def _with_moved(one: Passed, box: NetworkModel, see: SeeViews) -> Passed:
     )
 
 
-def _fit(passed: Sequence[Passed], seed: int) -> TreeModel:
+def fit_judge(passed: Sequence[Passed], seed: int) -> TreeModel:
+    """Trees, and the network beside them, that tell what is on a face from what is off all of them."""
     rng = np.random.default_rng(seed)
     values, positive, weight = [], [], []
     for one in passed:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.judging import Passed, face_weights
+from wayside.pipeline.learning.judging import Passed
 from wayside.pipeline.learning.networks import Descent, fit_network
-from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.learning.samples import ON, face_weights
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkModel
 from wayside.schemas.regions import COLORS, SHAPES

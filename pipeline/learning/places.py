@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
 from wayside.pipeline.learning.calibration import platt
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import SideJudges, TreeModel
 from wayside.schemas.motion import Moved, Place, View
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.place import FEATURES
@@ -27,47 +27,70 @@ FEWEST = 2
 SMALL = Boosting(
     trees=80, leaves=5, pace=0.06, shrinkage=2.0, smallest_leaf=8, share_of_features=0.5
 )
-ACCEPT = -1.4
-"""Log odds below which a place is refused outright; between that and the confidence setting it is uncertain."""
+ACCEPT, ACCEPT_BACK = -1.4, 0.0
+"""Log odds below which a place is refused outright; between that and the confidence setting a face is uncertain. A back
+is reported where that is likelier than not."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
 
 
-Tracked = tuple[Iterable[Moved], TreeModel | None, dict[str, Any]]
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """A drive with truth up to its motion: frames with candidates, and the judges of one view that made them."""
+
+    moved: Iterable[Moved]
+    face: TreeModel | None
+    back: TreeModel | None
+    truth: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Places of drives with truth: values (n, features), label (n,) int8, drive (n,) number of the drive."""
+    """Places of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
+
+    back (n,) bool: whether it was followed as the back of a panel.
+    """
 
     values: NDArray[np.float32]
     label: NDArray[np.int8]
     drive: NDArray[np.int64]
+    back: NDArray[np.bool_]
+
+    def side(self, *, back: bool) -> Places:
+        """Those that were followed as backs, or as faces."""
+        own = self.back == back
+        return Places(self.values[own], self.label[own], self.drive[own], self.back[own])
 
 
-def learn_place_judge(drives: Iterable[Tracked], provenance: str) -> TreeModel:
-    """Learn the judge of places from tracked drives with truth.
+def gather_places(drives: Iterable[Tracked]) -> Places:
+    """All places that tracking finds on drives with truth, labelled by it.
 
-    The scores of the candidates must come from a judge of views that has not seen the drive, or the places look surer
-    than places of a new drive ever will.
-
-    Parameters
-    ----------
-    drives
-        Frames with candidates and motion, the judge of one view that has not seen them, the truth of the drive. A drive
-        may come more than once, looked at by judges of different bars.
-    provenance
-        Where the drives are from, kept in the model.
-
-    Raises
-    ------
-    InputError
-        Where there are too few places of either kind.
+    The scores of the candidates must come from judges of views that have not seen the drive, or the places look surer
+    than places of a new drive ever will. A drive may come more than once, looked at by judges of different bars.
     """
-    return fit_place_judge(gather_places(drives), provenance)
+    values: list[tuple[float, ...]] = []
+    labels: list[int] = []
+    names: list[str] = []
+    backs: list[bool] = []
+    for drive in drives:
+        known = panels_by_frame(drive.truth)
+        settings = TrackSettings(fewest_views=FEWEST)
+        behind = None if drive.back is None else SideJudges(drive.back)
+        for settled in track(iter(drive.moved), settings, SideJudges(drive.face), behind):
+            for place in settled.places:
+                values.append(place.evidence)
+                labels.append(label_of(place, known))
+                names.append(drive.truth["name"])
+                backs.append(place.back)
+    return Places(
+        np.array(values, np.float32).reshape(-1, len(FEATURES)),
+        np.array(labels, np.int8),
+        np.unique(names, return_inverse=True)[1].astype(np.int64),
+        np.array(backs, np.bool_),
+    )
 
 
-def fit_place_judge(places: Places, provenance: str) -> TreeModel:
-    """Fit and calibrate the judge; raises InputError where there are too few places of either kind."""
+def learn_place_judge(places: Places, provenance: str, accept: float = ACCEPT) -> TreeModel:
+    """Fit and calibrate the judge of places; raises InputError where there are too few of either kind."""
     known = places.label != NEITHER
     values, sign = places.values[known], places.label[known] == SIGN
     drive = places.drive[known]
@@ -77,7 +100,7 @@ def fit_place_judge(places: Places, provenance: str) -> TreeModel:
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
     slope, shift = calibration(values, sign, drive)
-    model = exported_trees(fit_trees(values, sign, None, SMALL, 1), FEATURES, ACCEPT, provenance)
+    model = exported_trees(fit_trees(values, sign, None, SMALL, 1), FEATURES, accept, provenance)
     return replace(
         model,
         bias=slope * model.bias + shift,
@@ -85,47 +108,28 @@ def fit_place_judge(places: Places, provenance: str) -> TreeModel:
     )
 
 
-def gather_places(drives: Iterable[Tracked]) -> Places:
-    """All places that tracking finds, labelled by the truth."""
-    values: list[tuple[float, ...]] = []
-    labels: list[int] = []
-    names: list[str] = []
-    for moved, judge, truth in drives:
-        known = faces_by_frame(truth)
-        settings = TrackSettings(fewest_views=FEWEST)
-        for settled in track(iter(moved), settings, view_judge=judge):
-            for place in settled.places:
-                values.append(place.evidence)
-                labels.append(label_of(place, known))
-                names.append(truth["name"])
-    return Places(
-        np.array(values, np.float32).reshape(-1, len(FEATURES)),
-        np.array(labels, np.int8),
-        np.unique(names, return_inverse=True)[1].astype(np.int64),
-    )
+Panel = tuple[int, bool, tuple[float, float, float, float]]
+"""Sign, whether it is seen from behind, box."""
 
 
-Face = tuple[int, bool, tuple[float, float, float, float]]
-"""Sign, whether its front faces the travel, box."""
-
-
-def faces_by_frame(truth: dict[str, Any]) -> dict[int, list[Face]]:
-    """True boxes of each frame."""
-    known: dict[int, list[Face]] = {}
+def panels_by_frame(truth: dict[str, Any]) -> dict[int, list[Panel]]:
+    """True boxes of each frame; fronts as far as they face the travel."""
+    known: dict[int, list[Panel]] = {}
     for sign in truth["signs"]:
         for view in sign["frames"]:
-            front = sign["faces_travel"] and view["side"] == "front"
-            known.setdefault(view["frame"], []).append((sign["id"], front, tuple(view["box"])))
+            back = view["side"] == "back"
+            if back or sign["faces_travel"]:
+                known.setdefault(view["frame"], []).append((sign["id"], back, tuple(view["box"])))
     return known
 
 
-def label_of(place: Place, known: dict[int, list[Face]]) -> int:
-    """Whether the nearest views of a place lie on one true face, on nothing (or the back of one), or in between."""
+def label_of(place: Place, known: dict[int, list[Panel]]) -> int:
+    """Whether the nearest views of a place lie on one true panel, seen from its side, on none, or in between."""
     near = sorted(place.views, key=lambda view: -view.frame)[:NEAREST]
     overlaps: dict[int, list[float]] = {}
     for view in near:
-        for sign, front, box in known.get(view.frame, ()):
-            if front:
+        for sign, back, box in known.get(view.frame, ()):
+            if back == place.back:
                 overlaps.setdefault(sign, []).append(overlap(view, box))
     if any(_on_face(own, near) for own in overlaps.values()):
         return SIGN

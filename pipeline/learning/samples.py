@@ -20,7 +20,7 @@ from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSet
 from wayside.stages.judge import gate_features, picture_levels, view_features, view_names
 from wayside.stages.numerics.boxes import overlap_of, shared_of
 from wayside.stages.numerics.patch import SIDE, drawn_patches
-from wayside.stages.propose import propose
+from wayside.stages.propose import MOST, propose
 from wayside.stages.segment import segment
 
 FACE_SHARE, FACE_PX = 0.4, 8
@@ -34,6 +34,9 @@ TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
 a box that shows a second face as well is no example rather than a bad one."""
 
 OFF, ON, NEITHER = 0, 1, -1
+
+Seen = list[tuple[dict[str, Any], dict[str, Any]]]
+"""Signs of which a picture shows the front (or the back), each with its view there (box, share visible)."""
 
 INVENTED = "invented"
 """Kind of the faces of rendered drives that no catalogue holds."""
@@ -86,14 +89,27 @@ class Shown:
     teaches: NDArray[np.bool_]
     complete: NDArray[np.bool_]
 
+    @staticmethod
+    def of(seen: Sequence[Seen], complete: Sequence[bool]) -> Shown:
+        """The views of each picture; how much of a back is visible nobody knows."""
+        views = [view for here in seen for _, view in here]
+        clear = [view.get("side") == "back" or share_seen(view) >= FACE_SHARE for view in views]
+        tall = [height_of(view) >= FACE_PX for view in views]
+        return Shown(
+            np.array([index for index, here in enumerate(seen) for _ in here], np.int64),
+            np.array([view["box"] for view in views], np.float64).reshape(-1, 4),
+            np.array(clear, bool) & np.array(tall, bool),
+            np.array(complete, bool),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Drive:
     """Everything that one rendered drive teaches.
 
     wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); signs (m,): whose face each
-    is; places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel;
-    size: width and height of its pictures, where they are all alike.
+    is; places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel; backs: all
+    views of panels from behind; size: width and height of its pictures, where they are all alike.
     """
 
     name: str
@@ -104,6 +120,7 @@ class Drive:
     wanted: NDArray[np.bool_]
     signs: tuple[FaceName, ...]
     places: NDArray[np.float64]
+    backs: Shown
     size: tuple[int, int] | None = None
 
 
@@ -130,10 +147,13 @@ def read_drive(
     which were those of a catalogue: invented faces teach none.
     """
     seen: dict[int, Seen] = {}
+    behind: dict[int, Seen] = {}
     for sign in truth["signs"]:
         for view in sign["frames"]:
             if sign["faces_travel"]:
                 seen.setdefault(view["frame"], []).append((sign, view))
+            if view["side"] == "back":
+                behind.setdefault(view["frame"], []).append((sign, view))
     faces: list[Face] = []
     for picture in pictures:
         if picture.rgb is None:
@@ -147,11 +167,14 @@ def read_drive(
     here = [seen.get(index, []) for index in range(last + 1)]
     drive = read_drive_pictures(truth["name"], shown, here, [True] * len(here))
     size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
-    return replace(drive, faces=tuple(faces), places=sign_places(truth), size=size)
-
-
-Seen = list[tuple[dict[str, Any], dict[str, Any]]]
-"""Signs whose front is in a picture, each with its view there (box, share visible)."""
+    backs = [behind.get(index, []) for index in range(last + 1)]
+    return replace(
+        drive,
+        faces=tuple(faces),
+        places=sign_places(truth),
+        backs=Shown.of(backs, [True] * len(backs)),
+        size=size,
+    )
 
 
 def read_drive_pictures(
@@ -164,19 +187,7 @@ def read_drive_pictures(
 
     Where the faces of a picture are not `complete`, what is on none of them counts as neither.
     """
-    shown = Shown(
-        np.array([index for index, here in enumerate(seen) for _ in here], np.int64),
-        np.array([v["box"] for here in seen for _, v in here], np.float64).reshape(-1, 4),
-        np.array(
-            [
-                share_seen(v) >= FACE_SHARE and height_of(v) >= FACE_PX
-                for here in seen
-                for _, v in here
-            ],
-            bool,
-        ),
-        np.array(complete, bool),
-    )
+    shown = Shown.of(seen, complete)
     parts = [_views(item, shown) for item in _candidates(pictures) if item.picture.rgb is not None]
     if not parts:
         raise InputError(f"{name}: wanted pictures, found none that can be used")
@@ -190,6 +201,7 @@ def read_drive_pictures(
         np.array([share_seen(v) >= 0.5 and height_of(v) >= 10 for _, v in faces], bool),
         tuple(FaceName(f"{name}/{s['id']}", s["color"], s["shape"]) for s, _ in faces),
         np.zeros((0, 2)),
+        Shown.of([[]] * len(seen), complete),
     )
 
 
@@ -258,9 +270,9 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
 
 def _candidates(pictures: Iterable[Picture]) -> Iterator[Segmented]:
-    """The pictures with the candidates that a run of preset `default` judges."""
+    """The pictures with all candidates that a run of preset `default` ranks."""
     segmented = segment(iter(pictures), SegmentSettings(), GateSettings())
-    return propose(segmented, settings=CandidateSettings())
+    return propose(segmented, settings=CandidateSettings(most=MOST))
 
 
 def _views(item: Segmented, shown: Shown) -> Views:
@@ -321,6 +333,19 @@ def face_labels(
     label[second & (nearest < UNION) & tight] = OFF
     label[second & (nearest >= UNION)] = NEITHER
     return label
+
+
+def face_weights(views: Views) -> NDArray[np.float64]:
+    """Weights (n,) that give each view of a face the same, however many boxes are on it; 1 off the faces.
+
+    Narrow and torn faces (mile posts, crossbucks) have few boxes, and would hardly be taught otherwise.
+    """
+    on = views.label == ON
+    weight = np.ones(len(views.label))
+    if on.any():
+        _, which, count = np.unique(views.face[on], return_inverse=True, return_counts=True)
+        weight[on] = count.mean() / count[which]
+    return weight
 
 
 def _joined(parts: Sequence[Views]) -> Views:

@@ -42,8 +42,8 @@ class Fit:
     was fitted to; point (3,), covariance (3, 3) in the world; residual_px, depth (v,): pixels, metres; metric,
     spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what the views were
     weighted by, and the scatter of their rays alone; chi: sum of squares of the used residuals in that scatter; empty:
-    expected views left empty; total: sum of values;
-    covered: rows of other candidates that show the same face.
+    expected views left empty; total: sum of values; covered: rows of other candidates that show the same face;
+    back: it is followed as the back of a panel.
     """
 
     rows: NDArray[np.int64]
@@ -61,6 +61,7 @@ class Fit:
     empty: int
     total: float
     covered: NDArray[np.int64]
+    back: bool = False
 
     @property
     def rms_px(self) -> float:

@@ -11,6 +11,7 @@ from types import ModuleType
 import pytest
 
 from wayside.pipeline.evaluation import (
+    Backs,
     FalseSign,
     Match,
     MissedPanel,
@@ -49,7 +50,7 @@ def found(along: float) -> Match:
 
 FALSE = FalseSign("d-0002", 3, (0.0, 0.0, 9.0, 9.0), None, None, (0.0, 0.0, 9.0), "unknown")
 MISSED = MissedPanel(7, "stop", "red", "octagon", 0.75, 0.75, 4.0, 30.0)
-GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), (), ())
+GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), (), (), Backs(3, 2, 5))
 POOR = RenderedEvaluation(2, (found(0.8),), (FALSE,), (MISSED,))
 
 
@@ -69,9 +70,10 @@ def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> Non
     lines = accept.rendered_table(outcomes)
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| good", "| poor", "| **together**"]
     assert lines[2] == (
-        "| good | 2 | 2 | 1.000 | 1.000 | 0 | 0.20 / 0.29 | 0.00 / 0.00 | 0.00 / 0.00 | 10.0 / 10.0 | - | 100 % | 0 % |"
+        "| good | 2 | 2 | 1.000 | 1.000 | 0 | 0.20 / 0.29 | 0.00 / 0.00 | 0.00 / 0.00 | 10.0 / 10.0 | - | 100 % "
+        "| 0 % | 2 of 3 / 5 |"
     )
-    assert {line.count("|") for line in lines} == {14}
+    assert {line.count("|") for line in lines} == {15}
 
 
 def test_the_table_of_real_drives_leaves_rendered_ones_out(accept: ModuleType) -> None:

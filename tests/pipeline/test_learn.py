@@ -10,9 +10,9 @@ from wayside.pipeline.importing import import_pictures
 from wayside.pipeline.learn import main
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
-from wayside.pipeline.learning.judging import face_weights
 from wayside.pipeline.learning.samples import (
     Views,
+    face_weights,
     read_truth,
     sign_places,
     stray_places,
@@ -20,6 +20,7 @@ from wayside.pipeline.learning.samples import (
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel, model_from_json
 from wayside.schemas.regions import Regions
+from wayside.stages.region_features import REGION_FEATURES
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 
@@ -31,6 +32,7 @@ distortion_model: plumb_bob
 distortion_coefficients: {{rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}}
 """
 COLORS = {"red": (180, 30, 40), "green": (20, 120, 70), "yellow": (235, 190, 30)}
+BEHIND = {"id": 9, "faces_travel": False, "lateral_m": -5.0, "eligible_frames": 0}
 
 
 def write_drive(folder, name, seed):
@@ -55,6 +57,7 @@ def write_drive(folder, name, seed):
         }
         for k, color in enumerate(COLORS)
     ]
+    backs = []
     for frame in range(6):
         rgb = rng.normal(110, 6, (HEIGHT, WIDTH, 3))
         mask = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -69,9 +72,15 @@ def write_drive(folder, name, seed):
             sign["frames"].append(
                 {"frame": frame, "box": box, "side": "front", "visible_fraction": 1.0}
             )
+        # its back is bare metal
+        rgb[150:174, 40:60] = 190 + rng.normal(0, 6, (24, 20, 1))
+        backs.append(
+            {"frame": frame, "box": [40, 150, 60, 174], "side": "back", "visible_fraction": None}
+        )
         bgr = np.clip(rgb, 0, 255).astype(np.uint8)[..., ::-1]
         cv2.imwrite(str(pictures / f"{frame:04d}.png"), bgr)
         cv2.imwrite(str(masks / f"{frame:04d}.png"), mask)
+    signs.append(signs[0] | BEHIND | {"frames": backs})
     pose = {"position": [0, 0, 2.0], "quaternion": [-0.5, 0.5, -0.5, 0.5]}
     thing = {
         "kind": "barn",
@@ -106,12 +115,14 @@ def learned(tmp_path_factory):
 def test_the_script_writes_every_model_with_its_provenance(learned):
     files = sorted(path.name for path in (learned / "models").iterdir())
     assert files == [
+        "back.json",
         "color.json",
         "color_rgb.json",
         "face_box.json",
         "face_color.json",
         "judge.json",
         "location.json",
+        "ranking.json",
         "shape.json",
         "shape_oriented.json",
     ]
@@ -141,6 +152,24 @@ def test_the_judge_has_a_gate_and_held_out_figures(learned):
     assert model.gate is not None
     assert model.closer is not None
     assert "with the closer look, held out by drive" in model.provenance
+
+
+def test_the_ranking_states_how_many_faces_it_keeps_where_it_was_not_taught(learned):
+    model = model_from_json((learned / "models" / "ranking.json").read_text())
+    assert model.features == REGION_FEATURES
+    assert "held out by drive, 36 of the 36 wanted faces" in model.provenance
+
+
+def test_drives_without_backs_teach_none(learned, tmp_path, capsys):
+    for seed, name in enumerate(("learn_a", "learn_b")):
+        write_drive(tmp_path, name, seed)
+        path = tmp_path / f"{name}.truth.json"
+        truth = json.loads(path.read_text())
+        truth["signs"] = [sign for sign in truth["signs"] if sign["faces_travel"]]
+        path.write_text(json.dumps(truth))
+    assert main(["--drives", str(tmp_path), "-o", str(tmp_path / "out")]) == 0
+    assert not (tmp_path / "out" / "back.json").exists()
+    assert "found 0; add drives" in capsys.readouterr().out
 
 
 def test_the_network_names_the_colours_painted_and_one_shape_is_not_learned(learned):

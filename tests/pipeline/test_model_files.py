@@ -9,15 +9,20 @@ from wayside.schemas.models import digest, model_from_json, model_to_json
 from wayside.schemas.regions import COLORS, SHAPES
 from wayside.stages.judge import check_network, gate_names, view_names
 from wayside.stages.place import FEATURES
+from wayside.stages.region_features import REGION_FEATURES
 
 NAMES = (
+    "back.json",
+    "back_place.json",
     "color.json",
     "color_rgb.json",
+    "face_box.json",
     "face_color.json",
     "face_shape.json",
     "judge.json",
     "location.json",
     "place.json",
+    "ranking.json",
     "shape.json",
     "shape_oriented.json",
 )
@@ -44,6 +49,16 @@ def test_the_judge_knows_the_features_that_the_stage_computes():
     assert judge.features == view_names()
     assert judge.gate is not None
     assert judge.gate.features == gate_names()
+
+
+def test_the_judge_of_backs_and_the_ranking_know_the_features_that_the_stages_compute():
+    models = load_models(settings())
+    assert models.back is not None
+    assert models.back.features == view_names()
+    assert models.back_place is not None
+    assert models.back_place.features == FEATURES
+    assert models.ranking is not None
+    assert models.ranking.features == REGION_FEATURES
 
 
 def test_the_judge_of_places_knows_the_features_that_the_stage_computes():

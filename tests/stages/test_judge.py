@@ -18,7 +18,8 @@ from wayside.schemas.regions import (
 )
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.face_box import SIDES
-from wayside.stages.judge import REACH, gate_names, judge, region_features, view_names
+from wayside.stages.judge import REACH, gate_names, judge, view_names
+from wayside.stages.region_features import region_features
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
@@ -107,6 +108,22 @@ def test_what_the_gate_refuses_is_never_judged():
 def test_a_picture_whose_candidates_all_fail_the_gate_has_none_open():
     gated = replace(JUDGE, gate=by_height(gate_names(), 99.0))
     assert verdicts(run(judged([[10, 10, 30, 25]]), gated)) == ["glance"]
+
+
+def test_what_is_likelier_a_back_than_a_face_is_marked_so():
+    lower = replace(by_height(view_names(), 0.5), bias=0.5)
+    boxes = [[10, 10, 30, 20], [100, 10, 120, 25], [200, 10, 230, 40]]
+    found = next(
+        judge(iter([judged(boxes)]), trees=JUDGE, settings=CandidateSettings(), back=lower)
+    )
+    # by the judge of backs they are at -.5, 1.5 and 3.5, by that of faces at -1, 1 and 3
+    np.testing.assert_allclose(found.candidates.back_score, [np.nan, 1.5, 3.5])
+    assert verdicts(found) == ["score", "open", "open"]
+    higher = replace(by_height(view_names(), 0.5), bias=-0.5)
+    found = next(
+        judge(iter([judged(boxes)]), trees=JUDGE, settings=CandidateSettings(), back=higher)
+    )
+    assert found.candidates.back_rows().tolist() == []
 
 
 @pytest.mark.parametrize("item", [judged([]), judged([[1, 1, 20, 20]], status=THINNED)])

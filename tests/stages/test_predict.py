@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import SideJudges, TreeModel
 from wayside.schemas.regions import SOURCES, Candidates, Regions, verdict_code
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.judge import view_names
@@ -113,7 +113,7 @@ def test_what_the_judge_refuses_there_is_no_view(shown, panel):
 def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
     def settled(judge):
         frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
-        return list(track(iter(frames), TrackSettings(), view_judge=judge))
+        return list(track(iter(frames), TrackSettings(), SideJudges(judge)))
 
     (alone,) = [p for s in settled(None) for p in s.places]
     followed = settled(reddish())
@@ -128,7 +128,7 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
 
 def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    settled = track(iter(frames), TrackSettings(), view_judge=reddish())
+    settled = track(iter(frames), TrackSettings(), SideJudges(reddish()))
     assert {p.verdict for s in settled for p in s.places} == {"residual"}
 
 

@@ -2,11 +2,14 @@ import cv2
 import numpy as np
 import pytest
 
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
+from wayside.schemas.models import TreeModel
 from wayside.schemas.regions import SOURCES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.numerics.boxes import overlap_of
 from wayside.stages.propose import propose, with_stacks
+from wayside.stages.region_features import REGION_FEATURES
 
 CAMERA = Camera(800, 600, 700.0, 700.0, 399.5, 299.5)
 SETTINGS = CandidateSettings()
@@ -85,6 +88,37 @@ def test_no_more_regions_than_asked_for():
     few = CandidateSettings(most=9)
     (found,) = propose(iter([segmented(road())]), settings=few)
     assert len(found.regions) == 9
+
+
+def by_width(features=REGION_FEATURES):
+    """A ranking by which what is at least .1 rad wide is likelier a face than the rest."""
+    column = REGION_FEATURES.index("log_width")
+    return TreeModel(
+        features,
+        0.0,
+        np.array([[column, 0, 0]], np.int32),
+        np.array([[np.log(0.1), 0, 0]], np.float32),
+        np.array([[1, -1, -1]], np.int32),
+        np.array([[2, -1, -1]], np.int32),
+        np.array([[0, -1, 1]], np.float32),
+        0.0,
+        "made by hand",
+    )
+
+
+def test_the_likeliest_by_the_ranking_stay_in_the_order_they_came():
+    (everything,) = propose(iter([segmented(road())]), settings=SETTINGS)
+    wide = everything.regions.box[:, 2] - everything.regions.box[:, 0] > 0.1 * CAMERA.fx
+    assert 5 < wide.sum() < len(wide) - 5
+    few = CandidateSettings(most=int(wide.sum()))
+    (found,) = propose(iter([segmented(road())]), settings=few, ranking=by_width())
+    np.testing.assert_array_equal(found.regions.box, everything.regions.box[wide])
+
+
+def test_a_ranking_by_something_else_is_refused():
+    strange = by_width(("smell", *REGION_FEATURES[1:]))
+    with pytest.raises(InputError, match=r"found smell"):
+        next(propose(iter([segmented(road())]), settings=SETTINGS, ranking=strange))
 
 
 def test_the_same_picture_gives_the_same_regions():

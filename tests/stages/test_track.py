@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import SideJudges, TreeModel
 from wayside.schemas.regions import VERDICTS
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.numerics.association import Sightings
@@ -23,7 +23,7 @@ def verdicts_of(settled):
 
 
 def run(frames, settings=SETTINGS, judge=None):
-    return list(track(iter(frames), settings, judge))
+    return list(track(iter(frames), settings, SideJudges(place=judge)))
 
 
 def test_a_panel_is_placed_where_it_stands(panel, drive):

@@ -27,7 +27,7 @@ def drive():
         np.zeros((0, 0), np.float32),
         *(np.zeros(0, kind) for kind in (np.int32, np.int8, np.float32, np.int32)),
     )
-    return Drive("d", 3, (), none, shown, np.ones(3, bool), (), np.zeros((0, 2)))
+    return Drive("d", 3, (), none, shown, np.ones(3, bool), (), np.zeros((0, 2)), shown)
 
 
 def test_the_sides_lead_from_the_box_to_the_face():
@@ -75,7 +75,7 @@ def test_a_drive_without_faces_gives_no_examples():
         np.zeros(1, np.uint8),
     )
     views = labelled(regions, np.zeros((1, 0), np.float32), np.zeros(1, np.int64), shown)
-    bare = Drive("d", 3, (), empty.views, shown, np.zeros(0, bool), (), np.zeros((0, 2)))
+    bare = Drive("d", 3, (), empty.views, shown, np.zeros(0, bool), (), np.zeros((0, 2)), shown)
     seen = np.zeros((1, len(view_names())), np.float32)
     found = on_faces(bare, views, seen, lambda _, asked: read_views([], asked), 1)
     assert len(found.values) == len(found.by) == len(found.weight) == 0

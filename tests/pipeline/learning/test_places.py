@@ -11,10 +11,10 @@ from wayside.pipeline.learning.places import (
     NOTHING,
     SIGN,
     Places,
-    faces_by_frame,
-    fit_place_judge,
     label_of,
+    learn_place_judge,
     overlap,
+    panels_by_frame,
 )
 from wayside.schemas.errors import InputError
 from wayside.schemas.motion import View
@@ -25,7 +25,8 @@ from wayside.stages.place import FEATURES
 class SeenAt:
     """A place as far as labels need it."""
 
-    def __init__(self, *boxes):
+    def __init__(self, *boxes, back=False):
+        self.back = back
         self.views = tuple(View(i, 0, 0.0, 0.0, box, 0.0) for i, box in enumerate(boxes))
 
 
@@ -38,23 +39,31 @@ FACE, HALF, AWAY = (102, 101, 139, 142), (100, 100, 140, 114), (400, 100, 440, 1
 
 
 def test_a_place_on_a_face_is_a_sign_and_one_on_nothing_is_none():
-    known = faces_by_frame(truth())
+    known = panels_by_frame(truth())
     assert label_of(SeenAt(FACE, FACE, FACE), known) == SIGN
     assert label_of(SeenAt(AWAY, AWAY, AWAY), known) == NOTHING
 
 
 def test_one_good_view_of_three_does_not_make_a_sign():
-    assert label_of(SeenAt(FACE, AWAY, AWAY), faces_by_frame(truth())) == NEITHER
+    assert label_of(SeenAt(FACE, AWAY, AWAY), panels_by_frame(truth())) == NEITHER
 
 
 @pytest.mark.parametrize("box", [HALF])
 def test_a_part_of_a_face_is_nobodys_example(box):
-    assert label_of(SeenAt(box, box, box), faces_by_frame(truth())) == NEITHER
+    assert label_of(SeenAt(box, box, box), panels_by_frame(truth())) == NEITHER
 
 
 def test_backs_and_signs_for_others_are_no_signs():
     for known in (truth(side="back"), truth(faces_travel=False)):
-        assert label_of(SeenAt(FACE, FACE, FACE), faces_by_frame(known)) == NOTHING
+        assert label_of(SeenAt(FACE, FACE, FACE), panels_by_frame(known)) == NOTHING
+
+
+def test_what_is_followed_as_a_back_is_one_where_a_panel_is_seen_from_behind():
+    behind = SeenAt(FACE, FACE, FACE, back=True)
+    assert label_of(behind, panels_by_frame(truth(side="back", faces_travel=False))) == SIGN
+    assert label_of(behind, panels_by_frame(truth())) == NOTHING
+    away = SeenAt(AWAY, AWAY, AWAY, back=True)
+    assert label_of(away, panels_by_frame(truth(side="back"))) == NOTHING
 
 
 def test_overlap_is_intersection_over_union():
@@ -73,12 +82,12 @@ def examples(count=400, seed=4):
     values = rng.normal(size=(count, len(FEATURES))).astype(np.float32)
     chance = 1 / (1 + np.exp(-2 * values[:, 3]))
     label = np.where(rng.random(count) < chance, SIGN, NOTHING).astype(np.int8)
-    return Places(values, label, np.arange(count) % 4), chance
+    return Places(values, label, np.arange(count) % 4, np.zeros(count, bool)), chance
 
 
 def test_the_judge_states_odds_that_hold():
     learned, _ = examples()
-    model = fit_place_judge(learned, "test")
+    model = learn_place_judge(learned, "test")
     fresh, chance = examples(seed=5)
     stated = 1 / (1 + np.exp(-log_odds(model, fresh.values)))
     for low, high in ((0.0, 0.3), (0.3, 0.7), (0.7, 1.0)):
@@ -92,24 +101,27 @@ def test_examples_of_neither_kind_teach_nothing():
         np.concatenate([learned.values, learned.values[:50] + 9]),
         np.concatenate([learned.label, np.full(50, NEITHER, np.int8)]),
         np.concatenate([learned.drive, learned.drive[:50]]),
+        np.concatenate([learned.back, learned.back[:50]]),
     )
-    one, other = fit_place_judge(learned, "t"), fit_place_judge(garbage, "t")
+    one, other = learn_place_judge(learned, "t"), learn_place_judge(garbage, "t")
     np.testing.assert_array_equal(one.value, other.value)
 
 
 def test_too_few_places_are_refused_with_what_to_do():
     few, _ = examples(12)
     with pytest.raises(InputError, match="add drives"):
-        fit_place_judge(few, "test")
+        learn_place_judge(few, "test")
 
 
 def test_places_are_gathered_from_tracked_drives(monkeypatch):
     place = SeenAt(FACE, FACE, FACE)
     place.evidence = tuple(range(len(FEATURES)))
     settled = [type("S", (), {"places": (place,)})]
-    monkeypatch.setattr(module, "track", lambda moved, settings, view_judge: iter(settled))
+    monkeypatch.setattr(module, "track", lambda moved, settings, front, back: iter(settled))
     known, none = truth() | {"name": "a"}, {"name": "b", "signs": []}
-    found = module.gather_places([([], None, known), ([], None, none), ([], None, known)])
+    found = module.gather_places(
+        module.Tracked([], None, None, truth) for truth in (known, none, known)
+    )
     assert found.label.tolist() == [SIGN, NOTHING, SIGN]
     assert found.drive.tolist() == [0, 1, 0]
     assert found.values.shape == (3, len(FEATURES))

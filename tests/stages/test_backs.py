@@ -1,0 +1,111 @@
+"""Panels seen from behind: what the judge takes for a back, and what tracking makes of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.models import SideJudges, TreeModel
+from wayside.schemas.regions import VERDICTS, Candidates, Regions, verdict_code
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.place import FEATURES
+from wayside.stages.track import track
+
+BEHIND = SideJudges()
+
+
+def seen_from_behind(frames, score, faces="score"):
+    """The same frames: all candidates may be backs, and are faces as far as `faces` says."""
+    made = []
+    for one in frames:
+        table = one.look.candidates
+        rows = len(table)
+        told = replace(
+            table,
+            back_score=np.full(rows, score, np.float32),
+            verdict=np.full(rows, verdict_code(faces), np.uint8),
+            score=np.full(rows, -9.0 if faces == "score" else 3.0, np.float32),
+        )
+        made.append(replace(one, look=replace(one.look, candidates=told)))
+    return made
+
+
+def places_of(settled):
+    return [place for item in settled for place in item.places]
+
+
+def sure(odds):
+    """A judge of places that is always as sure."""
+    one = np.zeros((1, 1), np.int32)
+    return TreeModel(
+        FEATURES,
+        odds,
+        one,
+        one.astype(np.float32),
+        one - 1,
+        one - 1,
+        one * np.float32(0),
+        0.0,
+        "made up",
+    )
+
+
+def test_a_panel_seen_from_behind_is_placed_as_a_back_without_a_colour(panel, drive):
+    frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
+    settled = list(track(iter(frames), TrackSettings(), back=BEHIND))
+    (place,) = places_of(settled)
+    assert place.back
+    assert place.verdict == "sign"
+    assert place.color is None
+    np.testing.assert_allclose(place.best_pose.to_world(place.position), [-6, -1.2, 120], atol=0.02)
+    verdicts = {VERDICTS[v] for item in settled for v in item.candidates.verdict}
+    assert verdicts == {"sign"}
+
+
+def test_backs_are_not_looked_for_where_nobody_judges_them(panel, drive):
+    frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
+    settled = list(track(iter(frames), TrackSettings()))
+    assert places_of(settled) == []
+    assert {VERDICTS[v] for item in settled for v in item.candidates.verdict} == {"score"}
+
+
+@pytest.mark.parametrize(("face", "back"), [(1.0, 3.0), (3.0, 1.0)])
+def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(panel, drive, face, back):
+    frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0, faces="open")
+    judges = SideJudges(place=sure(face)), SideJudges(place=sure(back))
+    settled = list(track(iter(frames), TrackSettings(), *judges))
+    reported = [place for place in places_of(settled) if place.verdict == "sign"]
+    assert [place.back for place in reported] == [back > face]
+    kept = {track for item in settled for track in item.track_id.tolist()}
+    assert kept == {reported[0].track_id}
+
+
+def test_a_face_and_a_back_apart_are_both_reported(panel, drive):
+    stand = [panel(3.5, 1.2, 120.0), panel(-6.0, 1.2, 120.0)]
+    frames = []
+    for one in drive(stand, 20):
+        table = one.look.candidates
+        left = table.center[:, 0] < 800
+        told = replace(
+            table,
+            back_score=np.where(left, 2.0, np.nan).astype(np.float32),
+            verdict=np.where(left, verdict_code("score"), 0).astype(np.uint8),
+            score=np.where(left, -9, 3).astype(np.float32),
+        )
+        frames.append(replace(one, look=replace(one.look, candidates=told)))
+    found = places_of(track(iter(frames), TrackSettings(), back=BEHIND))
+    assert sorted((place.back, place.color) for place in found) == [(False, "yellow"), (True, None)]
+
+
+def test_candidates_of_which_only_some_may_be_backs_are_joined():
+    one = Regions(
+        np.array([[0, 0, 9, 9]], np.float32),
+        np.ones(1, np.int32),
+        np.zeros((1, 3)),
+        np.zeros(1, np.uint8),
+    )
+    plain = Candidates.of(one)
+    back = replace(plain, back_score=np.array([1.5], np.float32))
+    assert plain.joined(back).back_rows().tolist() == [1]
+    assert back.joined(plain).back_rows().tolist() == [0]
+    assert plain.joined(plain).back_rows().tolist() == []
