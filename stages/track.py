@@ -48,8 +48,9 @@ THIRD, SURE_VIEWS = 3, 5
 STANDS_PX, PAIR_PX = 1.5, 0.5
 """Largest gap between the registered pictures of a standing panel and its place (that of boxes is gated by itself), and
 of only two, which are always near to where their rays pass each other (19 of 20 are nearer)."""
-SURE = 2.2
-"""Log odds from which a place of two pictures is a sign: nine to one."""
+SURE, CERTAIN = 2.2, 4.0
+"""Log odds from which a place of two pictures that look alike is believed (nine to one), and from which one of three is
+whatever they look like (fifty to one): a branch or the edge of a picture may make each look different."""
 REST_M = 2.0
 """How far round a duplicate the faces stand that its boxes may have covered."""
 LANE_HALF_M, CLEARANCE_M = 1.3, 2.0
@@ -194,9 +195,9 @@ class _Tracker:
             alike, panel = 0, None
             if verdict == "sign":
                 alike, panel = measure_panel(fit, self._held, beside)
-            sure = self._sides[fit.back].place is None or score >= SURE
+            odds = SURE if self._sides[fit.back].place is None else score
             if verdict == "sign" and not stands(
-                fit, alike, panel, self._settings.fewest_views, sure=sure
+                fit, alike, panel, self._settings.fewest_views, odds
             ):
                 verdict = "residual"
             if verdict == "sign":
@@ -245,18 +246,21 @@ def _backs(held: Sequence[Held]) -> NDArray[np.bool_]:
     return np.concatenate([h.back for h in held])
 
 
-def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int, *, sure: bool) -> bool:
+def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int, odds: float) -> bool:
     """Whether the views of a place are of one thing that stands still; `alike` of its pictures look alike.
 
     Any two rays meet somewhere; that they are of one thing takes a third box to say, or the panel that the registered
-    pictures show. Two pictures of a vehicle may meet as well, so there it must be `sure` that the thing is a sign. And
-    of few boxes, which may be of several things in line, two must look alike.
+    pictures show. Two pictures of a vehicle may meet as well, so there the log odds that the thing is a panel must be
+    those of a `SURE` one. And of few boxes, which may be of several things in line, two must look alike, if it is not
+    `CERTAIN` that they are of a panel.
     """
+    if odds >= CERTAIN and len(fit.rows) >= max(fewest, THIRD):
+        return True
     if fit.used.sum() >= max(fewest, THIRD):
         return len(fit.rows) >= SURE_VIEWS or alike >= 2
     if alike >= THIRD:
         return panel is not None and alike >= fewest and panel.gap_px < STANDS_PX
-    return sure and panel is not None and alike >= fewest and panel.gap_px < PAIR_PX
+    return odds >= SURE and panel is not None and alike >= fewest and panel.gap_px < PAIR_PX
 
 
 def in_the_way(fit: Fit, beside: Beside) -> bool:

@@ -9,7 +9,7 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.numerics.association import Sightings
 from wayside.stages.numerics.places import fit_views
 from wayside.stages.place import BORDER, FEATURES
-from wayside.stages.track import HOP, same_face, stands, track
+from wayside.stages.track import CERTAIN, HOP, SURE, same_face, stands, track
 
 SETTINGS = TrackSettings()
 
@@ -221,7 +221,7 @@ def test_few_boxes_stand_where_two_look_alike_though_their_outline_is_of_no_know
 ):
     _, pair = fit_at(130.0, 0.3)
     three = replace(pair, rows=np.arange(3), used=np.ones(3, bool))
-    assert stands(three, alike, None, 3, sure=True) == passes
+    assert stands(three, alike, None, 3, SURE) == passes
 
 
 class Shown:
@@ -233,22 +233,31 @@ class Shown:
 
 def test_two_boxes_stand_where_as_many_pictures_as_are_asked_for_show_one_panel():
     _, pair = fit_at(130.0, 0.3)
-    assert not stands(pair, 3, None, 3, sure=True)
-    assert not stands(pair, 2, Shown(0.1), 3, sure=True)
-    assert stands(pair, 3, Shown(0.9), 3, sure=True)
-    assert stands(pair, 2, Shown(0.1), 2, sure=True)
+    assert not stands(pair, 3, None, 3, SURE)
+    assert not stands(pair, 2, Shown(0.1), 3, SURE)
+    assert stands(pair, 3, Shown(0.9), 3, SURE)
+    assert stands(pair, 2, Shown(0.1), 2, SURE)
 
 
 def test_two_pictures_must_meet_nearer_than_three():
     _, pair = fit_at(130.0, 0.3)
-    assert not stands(pair, 2, Shown(0.9), 2, sure=True)
-    assert stands(pair, 3, Shown(0.9), 2, sure=True)
+    assert not stands(pair, 2, Shown(0.9), 2, SURE)
+    assert stands(pair, 3, Shown(0.9), 2, SURE)
 
 
 def test_two_pictures_of_what_may_be_no_sign_say_nothing_of_standing_still():
     _, pair = fit_at(130.0, 0.3)
-    assert not stands(pair, 2, Shown(0.1), 2, sure=False)
-    assert stands(pair, 3, Shown(0.1), 2, sure=False)
+    assert not stands(pair, 2, Shown(0.1), 2, SURE - 0.1)
+    assert stands(pair, 3, Shown(0.1), 2, SURE - 0.1)
+
+
+def test_three_views_of_what_is_certainly_a_panel_need_not_look_alike():
+    _, pair = fit_at(130.0, 0.3)
+    three = replace(pair, rows=np.arange(3))
+    assert stands(three, 1, None, 2, CERTAIN)
+    assert not stands(three, 1, None, 2, CERTAIN - 0.1)
+    assert not stands(three, 1, None, 4, CERTAIN)
+    assert not stands(pair, 1, None, 2, CERTAIN)
 
 
 def constant_judge(value):
