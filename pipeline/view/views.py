@@ -342,6 +342,8 @@ def candidate_words(candidates: Candidates, row: int) -> str:
     parts = [VERDICTS[candidates.verdict[row]]]
     if np.isfinite(candidates.score[row]):
         parts.append(f"score {candidates.score[row]:.1f}")
+    if candidates.back_score is not None and np.isfinite(candidates.back_score[row]):
+        parts.append(f"back {candidates.back_score[row]:.1f}")
     for names, kind, distance in (
         (COLORS, candidates.color, candidates.color_distance),
         (SHAPES, candidates.shape, candidates.shape_distance),

@@ -244,3 +244,11 @@ def test_nothing_is_left_behind_when_a_run_is_given_up(tmp_path):
     writer.append(drive()[0])
     writer.discard()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_panel_seen_from_behind_is_a_back_however_sure(tmp_path):
+    seen = place(4, 1, 30.0, -6.0, back=True, color=None, score=-0.2)
+    write(tmp_path, [settled(0), settled(1, seen)])
+    (row,) = pq.read_table(tmp_path / SIGNS.file).to_pylist()
+    assert (row["status"], row["color"]) == ("back", None)
+    assert row["confidence"] == pytest.approx(0.45, abs=0.01)

@@ -8,6 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
@@ -19,9 +20,17 @@ import wayside.stages
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.view.places import rejection
 from wayside.pipeline.view.sinks import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
-from wayside.pipeline.view.views import LAST_STAGE, VIEWS, NoViewError, Scene, entities_of
+from wayside.pipeline.view.views import (
+    LAST_STAGE,
+    VIEWS,
+    NoViewError,
+    Scene,
+    candidate_words,
+    entities_of,
+)
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.motion import Motion, Place, Settled, View
 from wayside.schemas.regions import Candidates, Regions
@@ -221,6 +230,17 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
     assert text.startswith("location: blue rectangle 5.10 x 1.90 m")
     assert "+24.2 m right, +1.6 m above the camera, station 198.1 m" in text
+    behind = replace(place, back=True, color=None, verdict="place_score")
+    assert rejection(behind).startswith("place_score: back, 5.10 x 1.90 m")
+
+
+def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
+    box = np.array([[0, 0, 9, 9]], np.float32)
+    region = Regions(box, np.ones(1, np.int32), np.zeros((1, 3), np.float32), np.zeros(1, np.uint8))
+    one = replace(Candidates.of(region), score=np.array([-4.0], np.float32))
+    assert candidate_words(one, 0) == "open, score -4.0"
+    told = replace(one, back_score=np.array([2.5], np.float32))
+    assert candidate_words(told, 0) == "open, score -4.0, back 2.5"
 
 
 def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(tmp_path):
