@@ -32,8 +32,9 @@ OFF_SHARE = 0.2
 TALL_PX, TALL_SHARE = 20.0, (0.5, 8.0)
 """Height of a face that counts once for the ranking, and the least and most that a face counts as tall as it."""
 
-PASSED = 500.0
-"""Candidates of a picture that the gate lets pass, in the mean over the learning drives."""
+TAUGHT, PASSED = 500.0, 800.0
+"""Candidates of a picture that the gate lets pass to teach the judge, and in a run, in the mean over what is learned
+from and before the ranking: the judge knows what to make of more than can be held in memory to teach it."""
 
 
 def learn_ranking(
@@ -50,14 +51,19 @@ def learn_ranking(
     return replace(_fit_ranking([*drives, *scenes], seed), provenance=words)
 
 
-def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> TreeModel:
-    """Learn the gate; it lets pass `PASSED` candidates a picture of its own drives."""
+def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> tuple[TreeModel, TreeModel]:
+    """Learn the gate; with the bar by which it lets pass `TAUGHT` candidates a picture, and that for `PASSED`."""
     weight = np.concatenate([face_weights(d.views) for d in drives])
     gate = _fit(drives, gate_names(), weight, seed)
-    score = np.concatenate([log_odds(gate, d.views.glance) for d in drives])
-    count = min(round(PASSED * sum(d.frames for d in drives)), len(score))
-    words = f"{provenance}; accept at {PASSED:g} candidates a picture"
-    return replace(gate, accept=float(np.sort(score)[::-1][count - 1]), provenance=words)
+    score = np.sort(np.concatenate([log_odds(gate, d.views.glance) for d in drives]))[::-1]
+    frames = sum(d.frames for d in drives)
+
+    def letting_pass(most: float) -> TreeModel:
+        count = min(round(most * frames), len(score))
+        words = f"{provenance}; accept at {most:g} candidates a picture"
+        return replace(gate, accept=float(score[count - 1]), provenance=words)
+
+    return letting_pass(TAUGHT), letting_pass(PASSED)
 
 
 def _fit_ranking(drives: Sequence[Drive], seed: int) -> TreeModel:

@@ -249,10 +249,10 @@ def faces_found(one: Passed, score: NDArray[np.float32], accept: float) -> tuple
 def _through_gate(
     drives: Sequence[Drive], scenes: Sequence[Drive], see: SeeViews, seed: int, provenance: str
 ) -> tuple[TreeModel, list[Passed], list[Passed]]:
-    """The gate, and what it lets pass of the drives and of the scenes."""
-    gate = learn_gate([*drives, *scenes], seed, provenance)
-    passed = [_pass(drive, gate, see) for drive in drives]
-    return gate, passed, [_pass(source, gate, see, real=True) for source in scenes]
+    """The gate of a run, and what one lets pass of the drives and of the scenes to teach the judge."""
+    taught, gate = learn_gate([*drives, *scenes], seed, provenance)
+    passed = [_pass(drive, taught, see) for drive in drives]
+    return gate, passed, [_pass(source, taught, see, real=True) for source in scenes]
 
 
 def _pass(drive: Drive, gate: TreeModel, see: SeeViews, *, real: bool = False) -> Passed:

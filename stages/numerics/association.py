@@ -129,7 +129,8 @@ def link(sightings: Sightings, older: int, newer: int, gates: Gates) -> Links:
     if not (0 <= older < n and 0 <= newer < n):
         raise ValueError(f"wanted frames below {n}, found {older}, {newer}")
     s = sightings
-    most = int((s.first[older + 1] - s.first[older]) * (s.first[newer + 1] - s.first[newer]))
+    leading = [np.count_nonzero(s.leads[s.first[f] : s.first[f + 1]]) for f in (older, newer)]
+    most = leading[0] * leading[1]
     rows, point = np.empty((most, 2), np.int64), np.empty((most, 3))
     size = np.empty((most, 2))
     count = _link(
