@@ -189,7 +189,7 @@ def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
 def sign_figures(row: Mapping[str, Any]) -> str:
     """One sign's row as a markdown table of two columns."""
     lines = [
-        f"# {row['sign_id']}: {row['color'] or '?'} {row['shape'] or '?'}",
+        f"# {row['sign_id']}: {' '.join(_look(row))}",
         "",
         "| | |",
         "|---|---|",
@@ -216,9 +216,15 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
                 "sigma_along_m",
             )
         ]
-        cells = (row["sign_id"], row["color"] or "?", row["shape"] or "?", *numbers)
+        cells = (row["sign_id"], *_look(row), *numbers)
         lines.append(f"| {' | '.join(cells)} | {row['views']} | {row['confidence']:.2f} |")
     return "\n".join(lines) + "\n"
+
+
+def _look(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Colour and shape in words; a back bears no colour."""
+    color = "back" if row["status"] == "back" else row["color"] or "?"
+    return color, row["shape"] or "?"
 
 
 def _number(value: float | None) -> str:
