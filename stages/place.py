@@ -118,15 +118,22 @@ def build_place(
     score: float,
     verdict: str,
     evidence: NDArray[np.float64] | None = None,
+    outline: str | None = None,
 ) -> Place:
-    """The place as it was measured, in the frame where it is largest and whole."""
+    """The place as it was measured, in the frame where it is largest and whole.
+
+    A back bears no colour of a sign, and its shape is that of the `outline` of its panel, where one is known.
+    """
     best = best_view(fit, held)
     home = held[fit.frames[best]]
     pose = home.motion.pose
-    # a back bears no colour of a sign
-    colors = ({}, {}) if fit.back else votes(fit, held, "color")
-    color, color_distance = winner(*colors, COLORS)
-    shape, shape_distance = winner(*votes(fit, held, "shape"), SHAPES)
+    if fit.back:
+        color, color_distance = None, float("nan")
+        # an outline tells which way a triangle points
+        shape, shape_distance = outline and outline.removesuffix("_up"), float("nan")
+    else:
+        color, color_distance = winner(*votes(fit, held, "color"), COLORS)
+        shape, shape_distance = winner(*votes(fit, held, "shape"), SHAPES)
     return Place(
         back=fit.back,
         track_id=track_id,

@@ -214,6 +214,7 @@ class _Tracker:
                 score=score,
                 verdict=verdict,
                 evidence=evidence,
+                outline=None if panel is None else panel.shape,
             )
             self._held[fit.frames[0]].places.append(place)
             self._claim(fit, verdict)

@@ -8,6 +8,7 @@ import pytest
 from wayside.schemas.models import SideJudges, TreeModel
 from wayside.schemas.regions import VERDICTS, Candidates, Regions, verdict_code
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.panel import Panel, box_rays
 from wayside.stages.place import FEATURES
 from wayside.stages.track import track
 
@@ -60,6 +61,35 @@ def test_a_panel_seen_from_behind_is_placed_as_a_back_without_a_colour(panel, dr
     np.testing.assert_allclose(place.best_pose.to_world(place.position), [-6, -1.2, 120], atol=0.02)
     verdicts = {VERDICTS[v] for item in settled for v in item.candidates.verdict}
     assert verdicts == {"sign"}
+
+
+@pytest.mark.parametrize(
+    ("outline", "shape"), [("triangle_up", "triangle"), ("diamond", "diamond")]
+)
+def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
+    panel, drive, monkeypatch, outline, shape
+):
+    def measured(fit, held, beside):
+        return 3, Panel(
+            fit.point,
+            fit.frames[fit.used],
+            box_rays(fit, held),
+            fit.weight_sigma[fit.used],
+            fit.ray_sigma[fit.used],
+            np.full(2, 0.01),
+            fit.metric,
+            np.full(2, 0.02),
+            0.0,
+            5.0,
+            outline,
+            0.9,
+            0.1,
+        )
+
+    monkeypatch.setattr("wayside.stages.track.measure_panel", measured)
+    frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
+    (place,) = places_of(track(iter(frames), TrackSettings(), back=BEHIND))
+    assert (place.color, place.shape) == (None, shape)
 
 
 def test_backs_are_not_looked_for_where_nobody_judges_them(panel, drive):
