@@ -159,7 +159,7 @@ def reseeded(text: str, name: str) -> str:
 
 
 def result_of(drive: Drive, folder: Path, bar: float | None) -> Result:
-    """Rows of `signs.parquet` of a run, all regions listed, and the truth; `bar` replaces that of the place judge."""
+    """Rows of `signs.parquet` but backs, all regions listed, and the truth; `bar` replaces that of the place judge."""
     options = {"read.spacing_m": parse_length(drive.spacing)} if drive.spacing else {}
     settings, _ = load_settings("default", None, [], options | {"run.workers": 1})
     models = load_models(settings)
@@ -168,7 +168,8 @@ def result_of(drive: Drive, folder: Path, bar: float | None) -> Result:
     run_log(drive.log, folder / drive.name, settings, models, arguments=[], every_region=True)
     print(drive.name, file=sys.stderr, flush=True)
     truth: Row = json.loads(drive.truth.read_text())
-    return pq.read_table(folder / drive.name / SIGNS.file).to_pylist(), truth
+    rows = pq.read_table(folder / drive.name / SIGNS.file).to_pylist()
+    return [row for row in rows if row["status"] != "back"], truth
 
 
 def seen_on(drive: Drive, out: Path) -> Seen:
