@@ -207,7 +207,8 @@ def page(sources: Sequence[Source], learned: str) -> str:
         "Made by `python benchmarks/scenes.py` where the scenes are at hand; they are not part of the repository.",
         f"{pictures} single pictures with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
         "source is looked at with a judge learned as `make learn` does it, in two groups with every other source and",
-        f"every other of {learned}: the one of the group that it is not in. The gate is that of all.",
+        f"every other of {learned}: the one of the group that it is not in. The gate is that of all, the ranking "
+        "the one that ships.",
         "Many pictures are of one place and the sources are few: a share of 50 faces is known to seven per cent at",
         "best, that of a rare colour hardly at all.",
         "",
