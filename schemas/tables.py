@@ -129,7 +129,7 @@ SIGNS = Table(
             "facing_deg",
             _SINGLE,
             "deg",
-            "panel normal against the reverse of travel: 0 faces the camera, right turn positive",
+            "normal of the side seen against the reverse of travel: 0 faces the camera, right turn positive",
         ),
         Column("sigma_facing_deg", _SINGLE, "deg", "standard deviation of the facing"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),
