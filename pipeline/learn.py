@@ -8,9 +8,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +37,10 @@ from wayside.pipeline.learning.names import learn_names
 from wayside.pipeline.learning.places import (
     ACCEPT,
     ACCEPT_BACK,
+    Places,
     Tracked,
     gather_places,
+    joined,
     learn_place_judge,
 )
 from wayside.pipeline.learning.samples import (
@@ -60,7 +64,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Picture
-from wayside.schemas.models import Model, digest, model_to_json
+from wayside.schemas.models import Model, NetworkModel, TreeModel, digest, model_to_json
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.decode import decode
 from wayside.stages.motion import estimate_motion
@@ -82,6 +86,9 @@ REPORT_PICTURE = (1600, 1200)
 
 LENIENT = (0.0, 1.0)
 """How far the bar of the judge of views is lowered to teach that of places: few places are no sign otherwise."""
+
+PROCESSES = 2
+"""How many drives are tracked at a time."""
 
 Say = Callable[[str], None]
 
@@ -175,7 +182,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
         except InputError as error:
             say(f"face_{what}.json not written, the {what} of a face is its nearest class: {error}")
     digests = {name: _write(out / name, model, say) for name, model in models.items()}
-    places = gather_places(_tracked(logs, judges, backs, out))
+    places = _places(logs, judges, backs, out)
     for name, back, accept in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
         try:
             place = learn_place_judge(places.side(back=back), origin, accept)
@@ -186,26 +193,41 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
     return digests
 
 
-def _tracked(
-    logs: Sequence[Path], judges: Judges, backs: BackJudges | None, folder: Path
-) -> Iterator[Tracked]:
-    """Each drive up to its motion, with candidates judged by trees that have not seen it, and its truth.
+def _places(logs: Sequence[Path], judges: Judges, backs: BackJudges | None, folder: Path) -> Places:
+    """What tracking finds on each drive, two drives at a time, judged by trees that have not seen it.
 
     The models of colour and shape are those just written into `folder`.
     """
+    names = [read_truth(log.with_suffix(".truth.json"))["name"] for log in logs]
+    behind = [None if backs is None else backs.strangers[name] for name in names]
+    faces = [judges.strangers[name] for name in names]
+    with ProcessPoolExecutor(
+        PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
+    ) as processes:
+        return joined(list(processes.map(partial(_places_of, folder), logs, faces, behind)))
+
+
+def _places_of(
+    folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
+) -> Places:
+    return gather_places(_tracked(folder, log, face, back))
+
+
+def _tracked(
+    folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
+) -> Iterator[Tracked]:
+    """A drive up to its motion, with its truth, once for each bar of the judge of views."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    for log in logs:
-        truth = read_truth(log.with_suffix(".truth.json"))
-        stranger, box = judges.strangers[truth["name"]]
-        back = None if backs is None else backs.strangers[truth["name"]]
-        for lower in LENIENT:
-            judge = replace(stranger, accept=stranger.accept - lower)
-            seen_by = replace(models, judge=judge, face_box=box, back=back)
-            flow = Flow(settings, seen_by, StageClock())
-            frames = read_frames(log, LEARN_READ, ReadReport())
-            moved = estimate_motion(flow.look(frames), settings.motion)
-            yield Tracked(moved, judge, back, truth)
+    truth = read_truth(log.with_suffix(".truth.json"))
+    stranger, box = face
+    for lower in LENIENT:
+        judge = replace(stranger, accept=stranger.accept - lower)
+        seen_by = replace(models, judge=judge, face_box=box, back=back)
+        flow = Flow(settings, seen_by, StageClock())
+        frames = read_frames(log, LEARN_READ, ReadReport())
+        moved = estimate_motion(flow.look(frames), settings.motion)
+        yield Tracked(moved, judge, back, truth)
 
 
 def gaussian_models(

@@ -41,14 +41,15 @@ def learn_ranking(
     drives: Sequence[Drive], scenes: Sequence[Drive], seed: int, provenance: str
 ) -> TreeModel:
     """Learn the ranking; its provenance says how many faces it keeps in a picture where it has not seen the drive."""
-    names = [drive.name for drive in drives]
-    _, others = for_strangers(names, drives, lambda some: _fit_ranking(some, seed))
+    taught = [*drives, *scenes]
+    names = [drive.name for drive in taught]
+    ranking, others = for_strangers(names, taught, lambda some: _fit_ranking(some, seed))
     most = CandidateSettings().most
     kept = [_faces_kept(drive, others[drive.name], most) for drive in drives]
     found, known = (sum(column) for column in zip(*kept, strict=True))
     words = f"{provenance}; held out by drive, {found} of the {known} wanted faces with a region "
     words += f"have one among the first {most} of the picture"
-    return replace(_fit_ranking([*drives, *scenes], seed), provenance=words)
+    return replace(ranking, provenance=words)
 
 
 def learn_gate(drives: Sequence[Drive], seed: int, provenance: str) -> tuple[TreeModel, TreeModel]:

@@ -89,6 +89,16 @@ def gather_places(drives: Iterable[Tracked]) -> Places:
     )
 
 
+def joined(parts: Sequence[Places]) -> Places:
+    """The places of several drives, a part each, in one; drives are numbered by the order of the parts."""
+    return Places(
+        np.concatenate([part.values for part in parts]),
+        np.concatenate([part.label for part in parts]),
+        np.repeat(np.arange(len(parts)), [len(part.label) for part in parts]),
+        np.concatenate([part.back for part in parts]),
+    )
+
+
 def learn_place_judge(places: Places, provenance: str, accept: float = ACCEPT) -> TreeModel:
     """Fit and calibrate the judge of places; raises InputError where there are too few of either kind."""
     known = places.label != NEITHER

@@ -125,3 +125,12 @@ def test_places_are_gathered_from_tracked_drives(monkeypatch):
     assert found.label.tolist() == [SIGN, NOTHING, SIGN]
     assert found.drive.tolist() == [0, 1, 0]
     assert found.values.shape == (3, len(FEATURES))
+
+
+def test_places_of_several_drives_are_numbered_by_drive():
+    one, _ = examples(3)
+    one = replace(one, drive=np.zeros_like(one.drive))
+    both = module.joined([one, one.side(back=True), one])
+    assert len(both.label) == 2 * len(one.label)
+    assert both.drive.tolist() == [0] * len(one.label) + [2] * len(one.label)
+    np.testing.assert_array_equal(both.values, np.concatenate([one.values, one.values]))
