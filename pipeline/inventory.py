@@ -103,6 +103,8 @@ class InventoryWriter:
         if motion is not None and math.isfinite(motion.camera_height_m):
             self._heights.append(motion.camera_height_m)
         self._frames.append(frame_row(settled))
+        if settled.left_out:
+            self._verdicts["left_out"] += settled.left_out
         batch = self._observations(settled)
         if batch.num_rows:
             try:

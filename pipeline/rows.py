@@ -20,7 +20,7 @@ from wayside.stages.numerics.compiled import Array
 FRAME_COLUMNS = (
     *("frame", "log_time_ns", "header_time_ns", "status", "station_m", "motion_source"),
     *("baseline_m", "ties", "residual_straight_px", "residual_px", "adjusted", "iterations"),
-    *("regions", "candidates"),
+    *("regions", "left_out", "candidates"),
 )
 _STATION, _BASELINE = FRAME_COLUMNS.index("station_m"), FRAME_COLUMNS.index("baseline_m")
 _ON_EARTH = ("lon_deg", "lat_deg", "alt_m", "sigma_east_m", "sigma_north_m", "sigma_alt_m")
@@ -35,13 +35,14 @@ def frame_row(settled: Settled) -> tuple[Any, ...]:
     frame, motion = settled.frame, settled.motion
     head = (frame.index, frame.log_time_ns, frame.header_time_ns, frame.status)
     if motion is None:
-        return (*head, *(None,) * 10)
+        return (*head, *(None,) * (len(FRAME_COLUMNS) - len(head)))
     return (
         *head,
         motion.station_m,
         motion.source,
         *_step(motion),
         settled.region_count,
+        settled.left_out,
         len(settled.candidates),
     )
 

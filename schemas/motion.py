@@ -157,3 +157,4 @@ class Settled:
     region_count: int
     rows: tuple[int, int]
     places: tuple[Place, ...] = field(default=())
+    left_out: int = 0

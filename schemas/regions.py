@@ -222,7 +222,8 @@ class Segmented:
 
     palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
     pass two; rows (2,): first and one past the last picture row that was segmented; labels: class of each pixel of
-    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept).
+    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); left_out: candidates that
+    are not among the regions because others are likelier.
     """
 
     picture: Picture
@@ -232,6 +233,7 @@ class Segmented:
     difference_levels: NDArray[np.float32]
     rows: tuple[int, int]
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
+    left_out: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +269,7 @@ class Look:
     features: Features
     region_count: int
     rows: tuple[int, int]
+    left_out: int = 0
 
 
 def _same_length(table: object) -> None:

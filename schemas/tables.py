@@ -223,6 +223,13 @@ FRAMES = Table(
         Column(
             "regions", _WHOLE, "", "connected regions found; null where the picture is not used"
         ),
+        Column(
+            "left_out",
+            _WHOLE,
+            "",
+            "candidates that were not looked at, as size, place and colour made others likelier; null where the "
+            "picture is not used",
+        ),
         Column("candidates", _WHOLE, "", "regions judged; null where the picture is not used"),
     ),
 )

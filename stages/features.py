@@ -49,6 +49,7 @@ def extract_features(judged: Iterator[Judged], settings: FeatureSettings) -> Ite
             features,
             item.segmented.region_count,
             item.segmented.rows,
+            item.segmented.left_out,
         )
 
 

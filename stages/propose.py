@@ -67,7 +67,7 @@ def propose(
 
     Segments outside the size of a face are dropped, like boxes are merged. At most `settings.most` regions remain:
     those likeliest to be faces by their size, place and mean colour, if there is a `ranking` of these, or else those
-    that lasted over most levels. A picture that is not used passes untouched.
+    that lasted over most levels; the rest is counted. A picture that is not used passes untouched.
 
     Raises
     ------
@@ -85,12 +85,13 @@ def propose(
             yield item
             continue
         found = [level_candidates(band, top, scale) for band, top, scale in bands(rgb, camera)]
-        regions = merged(item.regions, found)
+        regions, left_out = merged(item.regions, found)
+        left_out += max(len(regions) - settings.most, 0)
         if ranking is None:
             regions = regions.select(np.arange(min(len(regions), settings.most)))
         else:
             regions = likeliest(regions, ranking, camera, settings.most)
-        yield replace(item, regions=regions)
+        yield replace(item, regions=regions, left_out=left_out)
 
 
 def bands(rgb: NDArray[np.uint8], camera: Camera) -> Iterator[tuple[NDArray[np.uint8], int, int]]:
@@ -130,8 +131,11 @@ def level_candidates(band: NDArray[np.uint8], top: int, scale: int) -> _Found:
     )
 
 
-def merged(segments: Regions, found: list[_Found]) -> Regions:
-    """Segments and swept regions as one table, like boxes once; those that lasted over most levels first."""
+def merged(segments: Regions, found: list[_Found]) -> tuple[Regions, int]:
+    """Segments and swept regions as one table, like boxes once; those that lasted over most levels first.
+
+    And how many found no room in it.
+    """
     size = segments.box[:, 2:] - segments.box[:, :2]
     aspect = size[:, 0] / np.maximum(size[:, 1], 1)
     plausible = (aspect >= NARROWEST) & (aspect <= WIDEST) & (size[:, 1] >= SHORTEST_PX)
@@ -146,11 +150,12 @@ def merged(segments: Regions, found: list[_Found]) -> Regions:
     )
     lasted = np.concatenate([*(f.lasted for f in found), np.zeros(len(segments), np.int32)])
     order = np.argsort(-lasted, kind="stable")
-    kept = distinct_boxes(box[order], SAME)[:MOST]
-    regions = together.select(order[kept])
+    distinct = distinct_boxes(box[order], SAME)
+    regions = together.select(order[distinct[:MOST]])
     for _ in range(STACKS):
         regions = with_stacks(regions)
-    return regions.select(np.arange(min(len(regions), MOST)))
+    cut = max(len(distinct) - MOST, 0) + max(len(regions) - MOST, 0)
+    return regions.select(np.arange(min(len(regions), MOST))), cut
 
 
 def likeliest(regions: Regions, ranking: TreeModel, camera: Camera, most: int) -> Regions:

@@ -40,6 +40,7 @@ class Held:
     candidates: Candidates
     region_count: int
     rows: tuple[int, int]
+    left_out: int
     open: NDArray[np.int64]
     back: NDArray[np.bool_]
     leads: NDArray[np.bool_]
@@ -79,6 +80,7 @@ class Held:
             candidates=table,
             region_count=look.region_count,
             rows=look.rows,
+            left_out=look.left_out,
             open=rows,
             back=back,
             leads=back | (table.verdict[rows] != verdict_code("score")),
@@ -159,6 +161,7 @@ class Held:
             self.region_count,
             self.rows,
             tuple(self.places),
+            self.left_out,
         )
 
 
@@ -226,6 +229,7 @@ def settle_unused(moved: Moved) -> Settled:
         np.full(len(table), np.nan, np.float32),
         moved.look.region_count,
         moved.look.rows,
+        left_out=moved.look.left_out,
     )
 
 

@@ -38,9 +38,9 @@ def reprojected_box(place: Place, pose: Pose, camera: Camera) -> tuple[float, fl
 
 def place_words(place: Place) -> str:
     """A place in a few words."""
-    look = "back," if place.back else f"{place.color or '?'} {place.shape or '?'}"
+    look = "back" if place.back else place.color or "?"
     return (
-        f"{look} {place.width_m:.2f} x {place.height_m:.2f} m, "
+        f"{look} {place.shape or '?'} {place.width_m:.2f} x {place.height_m:.2f} m, "
         f"{place.verdict}, track {place.track_id}"
     )
 

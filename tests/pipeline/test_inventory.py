@@ -149,6 +149,15 @@ def test_every_region_is_listed_on_request(tmp_path):
     assert pq.read_metadata(tmp_path / OBSERVATIONS.file).num_rows == 4
 
 
+def test_candidates_that_were_left_out_are_counted_by_picture_and_in_all(tmp_path):
+    room = zip(drive(), (5, 0, 6, 7), strict=True)
+    frames = [dataclasses.replace(frame, left_out=count) for frame, count in room]
+    inventory = write(tmp_path, frames)
+    rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    assert [r["left_out"] for r in rows] == [5, None, 6, 7]
+    assert inventory.verdicts["left_out"] == 18
+
+
 def test_every_picture_has_a_row_used_or_not(tmp_path):
     write(tmp_path, drive())
     rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
@@ -160,6 +169,7 @@ def test_every_picture_has_a_row_used_or_not(tmp_path):
     ]
     assert rows[1]["x"] is None
     assert rows[1]["candidates"] is None
+    assert rows[1]["left_out"] is None
     assert rows[0]["baseline_m"] is None
     assert rows[2]["ties"] == 0
     assert rows[3]["x"] == pytest.approx(24.0)

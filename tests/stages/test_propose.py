@@ -7,6 +7,7 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
 from wayside.schemas.models import TreeModel
 from wayside.schemas.regions import SOURCES, Regions, Segmented
 from wayside.schemas.settings import CandidateSettings
+from wayside.stages import propose as module
 from wayside.stages.numerics.boxes import overlap_of
 from wayside.stages.propose import propose, with_stacks
 from wayside.stages.region_features import REGION_FEATURES
@@ -88,6 +89,17 @@ def test_no_more_regions_than_asked_for():
     few = CandidateSettings(most=9)
     (found,) = propose(iter([segmented(road())]), settings=few)
     assert len(found.regions) == 9
+
+
+def test_regions_for_which_there_is_no_room_are_counted(monkeypatch):
+    (everything,) = propose(iter([segmented(road())]), settings=SETTINGS)
+    assert everything.left_out == 0
+    (few,) = propose(iter([segmented(road())]), settings=CandidateSettings(most=9))
+    assert few.left_out == len(everything.regions) - 9
+    monkeypatch.setattr(module, "MOST", 9)
+    (fewer,) = propose(iter([segmented(road())]), settings=CandidateSettings(most=9))
+    assert len(fewer.regions) == 9
+    assert fewer.left_out > 9
 
 
 def by_width(features=REGION_FEATURES):

@@ -231,7 +231,7 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     assert text.startswith("location: blue rectangle 5.10 x 1.90 m")
     assert "+24.2 m right, +1.6 m above the camera, station 198.1 m" in text
     behind = replace(place, back=True, color=None, verdict="place_score")
-    assert rejection(behind).startswith("place_score: back, 5.10 x 1.90 m")
+    assert rejection(behind).startswith("place_score: back rectangle 5.10 x 1.90 m")
 
 
 def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
