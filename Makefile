@@ -28,8 +28,9 @@ demo: .venv/.ready
 	@echo
 	@echo 'next: .venv/bin/wayside view out/demo      opens the recording of every step (--serve: in a browser)'
 
+# Threads of the learning libraries wait for each other longer than they work on samples as small as those of tests.
 test: .venv/.ready
-	@$(RUN) pytest -q
+	@OMP_NUM_THREADS=1 $(RUN) pytest -q
 
 check: .venv/.ready
 	@$(RUN) ruff check

@@ -3,9 +3,10 @@
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/scenes.py [--real FOLDER] [--drives FOLDER] [--every N]
 
 The judges are learned anew as `make learn` does it, in two groups, from every fourth rendered learning drive and the
-sources of the scenes; then the pictures of each source go through the stages of a run with the judge of the group that
-it is not in. Writes benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are
-not part of the repository: without them it says so and ends with status 2. Wants what `make learn` installs.
+sources of the scenes; then the pictures of each source go through the stages of a run with the judge of the group
+that it is not in, and with a ranking and a gate learned from the drives alone. Writes benchmarks/scenes.md and prints
+every face that was not seen and every false box. The scenes are not part of the repository: without them it says so
+and ends with status 2. Wants what `make learn` installs.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from reached import (
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import gather, learning_logs
+from wayside.pipeline.learning.gating import learn_gate, learn_ranking
 from wayside.pipeline.learning.judging import learn_judges
 from wayside.pipeline.learning.samples import NEAR_FACE
 from wayside.pipeline.learning.scenes import read_scenes, scene_pictures, scene_sources
@@ -58,8 +60,13 @@ STAGES = (CANDIDATE, JUDGED, PASSED, KEPT)
 HEAD = ("faces", "candidate", "past the gate", "past the judge", "seen")
 
 
-ViewJudge = tuple[TreeModel, NetworkModel]
-"""The judge of one view and the network that moves boxes onto faces."""
+@dataclass(frozen=True, slots=True)
+class Seeing:
+    """All that looks at one picture: ranking, judge of one view with its gate, network that moves boxes onto faces."""
+
+    ranking: TreeModel
+    judge: TreeModel
+    face_box: NetworkModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,31 +128,35 @@ def say(text: str) -> None:
 
 
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
-    """Every source, looked at with a judge that has not seen it; and how the judges were learned, in words."""
+    """Every source, looked at with models that have not seen it; and how they were learned, in words."""
     samples = gather(logs, real, SEED, say)
     judges = learn_judges(
         samples.drives, samples.see, samples.draw, SEED, "", samples.scenes
     ).strangers
+    ranking = learn_ranking(samples.drives, (), SEED, "")
+    _, gate = learn_gate(samples.drives, SEED, "")
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():
-        found.append(looked_at(source, real, listed, judges[source]))
+        judge, face_box = judges[source]
+        by = Seeing(ranking, replace(judge, gate=gate), face_box)
+        found.append(looked_at(source, real, listed, by))
         say(f"looked at the {len(listed)} pictures of {source}")
     pictures = sum(drive.frames for drive in samples.drives)
     return found, f"{len(samples.drives)} rendered drives ({pictures} pictures)"
 
 
-def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], judge: ViewJudge) -> Source:
+def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Source:
     """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
     faces: list[Seen] = []
     false: list[tuple[str, tuple[float, ...], float]] = []
-    for scene, own in zip(scenes, looks(real, scenes, judge), strict=True):
+    for scene, own in zip(scenes, looks(real, scenes, by), strict=True):
         verdicts = names_of(own)
         for sign in scene["signs"]:
             box = tuple(float(v) for v in sign["box"])
             if box[3] - box[1] < SMALLEST_PX:
                 continue
             level = reached(box, own.regions.box, verdicts)
-            score = best_score(box, own) - judge[0].accept
+            score = best_score(box, own) - by.judge.accept
             faces.append(Seen(source, scene["file"], box, sign["color"], level, score))
         if scene["complete"]:
             known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
@@ -153,7 +164,7 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], judge: View
                 (
                     scene["file"],
                     tuple(own.regions.box[row].tolist()),
-                    own.score[row] - judge[0].accept,
+                    own.score[row] - by.judge.accept,
                 )
                 for row in strays(own, known)
             ]
@@ -161,12 +172,13 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], judge: View
     return Source(source, len(scenes), tuple(faces), complete, tuple(false))
 
 
-def looks(real: Path, scenes: list[dict[str, Any]], judge: ViewJudge) -> Iterator[Candidates]:
-    """The candidates of each picture after all stages that look at one picture, with that judge."""
+def looks(real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Iterator[Candidates]:
+    """The candidates of each picture after all stages that look at one picture."""
     settings, _ = load_settings("default")
-    flow = Flow(
-        settings, replace(load_models(settings), judge=judge[0], face_box=judge[1]), StageClock()
+    models = replace(
+        load_models(settings), ranking=by.ranking, judge=by.judge, face_box=by.face_box
     )
+    flow = Flow(settings, models, StageClock())
     return (look.candidates for look in flow.look(scene_frames(real, scenes)))
 
 
@@ -207,8 +219,8 @@ def page(sources: Sequence[Source], learned: str) -> str:
         "Made by `python benchmarks/scenes.py` where the scenes are at hand; they are not part of the repository.",
         f"{pictures} single pictures with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
         "source is looked at with a judge learned as `make learn` does it, in two groups with every other source and",
-        f"every other of {learned}: the one of the group that it is not in. The gate is that of all, the ranking "
-        "the one that ships.",
+        f"every other of {learned}: the one of the group that it is not in. Ranking and gate",
+        "are learned from these drives alone.",
         "Many pictures are of one place and the sources are few: a share of 50 faces is known to seven per cent at",
         "best, that of a rare colour hardly at all.",
         "",
