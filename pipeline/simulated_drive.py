@@ -18,12 +18,13 @@ from wayside.schemas.frame import USED, Camera, Frame, Picture, Pose, PosePrior
 from wayside.schemas.motion import Moved
 from wayside.schemas.regions import Candidates, Features, Look, Regions
 from wayside.schemas.settings import MotionSettings
+from wayside.stages.coarse_motion import fit_coarse_motion
 from wayside.stages.expectation import Expectation
 from wayside.stages.motion import Drive
 from wayside.stages.numerics.compiled import Array
 from wayside.stages.numerics.undistort import ideal_of_rays, rays_of_ideal
 from wayside.stages.step import Step, fit_ties
-from wayside.stages.ties import Tied, View, fit_coarse_motion
+from wayside.stages.ties import Tied, View
 from wayside.stages.vehicle import Vehicle
 
 HILL_M = 400.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wayside.stages.coarse_motion import HELD_SIGMA, find_coarse_motion, near_coarse_motions
 from wayside.stages.expectation import Expectation
 from wayside.stages.numerics.compiled import Array
 from wayside.stages.numerics.epipolar import (
@@ -18,12 +19,10 @@ from wayside.stages.numerics.epipolar import (
 )
 from wayside.stages.numerics.undistort import rays_of_ideal
 from wayside.stages.ties import (
-    HELD_SIGMA,
     REGISTERED_SIGMA_PX,
     Ground,
     Tied,
     View,
-    find_coarse_motion,
     register_road,
     register_ties,
 )
@@ -52,6 +51,11 @@ class Step:
     current: Array
     inlier: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
+    @property
+    def clear(self) -> bool:
+        """Whether most of the ties agree."""
+        return bool(self.inlier.sum() >= CLEAR_SHARE * len(self.previous))
+
 
 Measure = Callable[[View, View, Expectation, Vehicle, int], Step | None]
 
@@ -73,6 +77,12 @@ def measure_step(
         return None
     ground = vehicle.ground(expected.baseline_m)
     step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior, ground)
+    if not step.clear:
+        # Ties of a wrong turn are few and quarrel; of all that may have been, most ties agree with the right one.
+        near = near_coarse_motions(before, now, expected.prior, expected.search, expected.slack_px)
+        starts = [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in near)]
+        others = [_refine(before, now, *start, expected.prior, ground) for start in starts]
+        step = max(step, *others, key=lambda one: int(one.inlier.sum()))
     if vehicle.strays(step.rotation, step.direction):
         law = vehicle.law
         kept = expected.prior._replace(

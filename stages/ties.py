@@ -1,4 +1,4 @@
-"""Tie points of two pictures: match corners, find the coarse motion, register the rest to a hundredth of a pixel.
+"""Tie points of two pictures: match corners in bands, register them to a hundredth of a pixel.
 
 Prediction needs no depth: from where a point at infinity would stand, nearer ones lie further out on the line from
 the focus of expansion. So a step that is longer than thought cannot confirm the wrong length.
@@ -7,7 +7,6 @@ the focus of expansion. So a step that is longer than thought cannot confirm the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import radians
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +15,8 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera
 from wayside.schemas.regions import Look
 from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.epipolar import EpipolarFit, Prior, fit_epipolar, sampson_px
 from wayside.stages.numerics.hamming import match_in_bands
 from wayside.stages.numerics.register import register_patches
-from wayside.stages.numerics.rotation import rotation_from_vector
 from wayside.stages.numerics.undistort import (
     distort_points,
     ideal_of_rays,
@@ -27,16 +24,11 @@ from wayside.stages.numerics.undistort import (
     rays_of_ideal,
 )
 
-FARTHEST_BITS, FARTHEST_RATIO = 64, 0.85
 GUIDED_BITS, GUIDED_RATIO = 80, 0.92
-"""Descriptor distance of a match, and its share of the next best's: in wide and in narrow bands."""
+"""Descriptor distance of a match in narrow bands, and its share of the next best's."""
 LARGEST_GROWTH = 2.6
 """Nothing that grows more than this between two pictures is matched."""
 LONGEST_PX = 500.0
-OTHER_STARTS_DEG, CLEAR_SHARE = (-1.5, 1.5), 0.5
-"""Yaws off the prediction that are tried too where fewer of the matches agree with what was found from it."""
-COARSE_SCALES_PX = (20.0, 5.0, 1.5)
-COARSE_SIGMA_PX = 1.0
 GUIDED_WIDTH_PX = 4.0
 CELL_PX, PER_CELL = 100.0, 6
 """Matches that are registered: at most so many of the best in each cell of the picture."""
@@ -47,7 +39,6 @@ NEAREST_ROAD_M, FARTHEST_ROAD_M, ROAD_HALF_WIDTH_M, ROAD_SEARCH_PX = 4.0, 35.0, 
 ALIKE = 0.85
 """Smallest correlation of a registered patch."""
 REGISTERED_SIGMA_PX = 0.08
-HELD_SIGMA = radians(0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,79 +91,6 @@ class Tied(NamedTuple):
     tried: tuple[NDArray[np.int64], Array]
 
 
-def find_coarse_motion(
-    before: View, now: View, prior: Prior, predicted: Array, slack_px: float
-) -> tuple[EpipolarFit | None, int]:
-    """Rotation and direction from matched corners, and how many of them agree.
-
-    Parameters
-    ----------
-    before, now
-        The two views.
-    prior
-        What is known of the step.
-    predicted
-        Rotation (3, 3) to search around.
-    slack_px
-        How far off the prediction matches are looked for.
-    """
-    direction = prior.direction
-    pairs = _match(before, now, predicted, direction, slack_px, FARTHEST_BITS, FARTHEST_RATIO)
-    if len(pairs) < 8:
-        return None, 0
-    previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
-    current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
-    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px)
-
-
-def fit_coarse_motion(
-    previous: Array, current: Array, prior: Prior, predicted: Array, focal_px: float
-) -> tuple[EpipolarFit, int]:
-    """Rotation and direction from matched rays (n, 2), good to a pixel or so, and how many of them agree."""
-    best = _released(previous, current, predicted, prior, focal_px)
-    agreeing = _agreeing(previous, current, best, focal_px)
-    if agreeing < CLEAR_SHARE * len(previous):
-        for yaw_deg in OTHER_STARTS_DEG:
-            turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
-            fit = _released(previous, current, turn @ predicted, prior, focal_px)
-            best = fit if fit.cost < best.cost else best
-        agreeing = _agreeing(previous, current, best, focal_px)
-    return best, agreeing
-
-
-def _agreeing(previous: Array, current: Array, fit: EpipolarFit, focal_px: float) -> int:
-    gaps = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
-    return int((np.abs(gaps) < 3 * COARSE_SIGMA_PX).sum())
-
-
-def _released(
-    previous: Array, current: Array, rotation: Array, prior: Prior, focal_px: float
-) -> EpipolarFit:
-    # Forward motion leaves a free direction and the yaw to imitate each other: hold the direction first.
-    held = prior._replace(sigma_direction=np.minimum(prior.sigma_direction, HELD_SIGMA))
-    start = (rotation, prior.direction)
-    for scale in COARSE_SCALES_PX:
-        fit = fit_epipolar(
-            previous,
-            current,
-            start,
-            held,
-            focal_px=focal_px,
-            sigma_px=COARSE_SIGMA_PX,
-            scale_px=scale,
-        )
-        start = (fit.rotation, fit.direction)
-    return fit_epipolar(
-        previous,
-        current,
-        start,
-        prior,
-        focal_px=focal_px,
-        sigma_px=COARSE_SIGMA_PX,
-        scale_px=COARSE_SCALES_PX[-1],
-    )
-
-
 def register_ties(
     before: View,
     now: View,
@@ -185,7 +103,9 @@ def register_ties(
 
     Matches that `last` has tried already keep their result: it does not depend on the motion.
     """
-    pairs = _match(before, now, rotation, direction, GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
+    pairs = match_corners(
+        before, now, rotation, direction, GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO
+    )
     pairs = _spread(pairs, before.corners)
     found = np.full((len(pairs), 6), np.nan)
     fresh = np.ones(len(pairs), np.bool_)
@@ -298,7 +218,7 @@ def _on_road(
     return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
 
 
-def _match(
+def match_corners(
     before: View,
     now: View,
     rotation: Array,
@@ -307,6 +227,10 @@ def _match(
     farthest: int,
     ratio: float,
 ) -> NDArray[np.int64]:
+    """Rows (n, 2) of corners of both views that look alike in bands along the epipolar lines, `slack_px` wide.
+
+    farthest and ratio: descriptor distance of a match, and its share of the next best's.
+    """
     far, epipole = _far_points(before, now, rotation, direction, slice(None))
     outward = far - epipole
     reach = np.linalg.norm(outward, axis=1)

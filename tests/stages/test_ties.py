@@ -5,9 +5,10 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import USED, Camera, Frame, Picture
 from wayside.schemas.regions import Candidates, Features, Look, Regions
+from wayside.stages.coarse_motion import find_coarse_motion
 from wayside.stages.features import tie_corners
 from wayside.stages.numerics.epipolar import Prior
-from wayside.stages.ties import Ground, View, find_coarse_motion, register_road, register_ties
+from wayside.stages.ties import Ground, View, register_road, register_ties
 
 CAMERA = Camera(900, 700, 800.0, 800.0, 449.5, 349.5)
 AHEAD = np.array([0.0, 0.0, 1.0])
