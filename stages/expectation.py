@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, inf, radians, sqrt
+from math import cos, inf, nan, radians, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,8 @@ POSE_SLACK_PX, TURN_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
 """How far from the prediction corners are looked for: with a pose; with the turn of the step before; with nothing."""
 SHORTEST_M, FASTEST_MPS = 0.02, 150.0
 """A step is no shorter, and nothing on a road that fast: fixes further apart jump, and say nothing of the way."""
+MOST_TRIGGERS, HARDEST_MPS2 = 5, 12.0
+"""Triggers that one step may have lost, with its own; more than tyres hold, whichever way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +33,7 @@ class Expectation:
 
     prior: of rotation and direction; baseline_m with sigma_m; straight: rotation and direction to fall back on;
     search: rotation (3, 3) round which corners are matched, slack_px far; source: "straight", "odometry", "poses"
-    or "fixes".
+    or "fixes"; triggers: so many spacings make the baseline, by the times of the pictures.
     """
 
     prior: Prior
@@ -40,6 +43,7 @@ class Expectation:
     search: Array
     slack_px: float
     source: str
+    triggers: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,16 @@ class Law:
     sigma: Array
 
 
+class Pace(NamedTuple):
+    """Length and duration of a step; nan: not known."""
+
+    length_m: float
+    seconds: float
+
+
+UNKNOWN_PACE = Pace(nan, nan)
+
+
 def expect_step(
     before: Frame,
     now: Frame,
@@ -57,8 +71,11 @@ def expect_step(
     last_turn: Array | None,
     *,
     spacing_sigma_m: float,
+    pace: Pace = UNKNOWN_PACE,
 ) -> Expectation:
     """The step between two frames by the best source there is: poses, then spacing, then fixes.
+
+    last_turn (3, 3): rotation of the step before, None where it is not known; pace: that of the step before.
 
     Raises
     ------
@@ -69,8 +86,10 @@ def expect_step(
         step = now.pose.pose.relative_to(before.pose.pose)
         if float(np.linalg.norm(step.centre)) > SHORTEST_M:
             return _by_poses(before.pose, now.pose, step, law)
+    triggers = 1
     if now.spacing_m is not None:
-        baseline, sigma, source = now.spacing_m, spacing_sigma_m, "straight"
+        triggers = triggers_between(now.spacing_m, seconds_between(before, now), pace)
+        baseline, sigma, source = triggers * now.spacing_m, spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
         baseline, sigma = _between_fixes(before.fix, now.fix, (now.time_ns - before.time_ns) * 1e-9)
         source = "fixes"
@@ -85,10 +104,33 @@ def expect_step(
         max(baseline, SHORTEST_M),
         sigma,
         (np.eye(3), law.direction),
-        np.eye(3) if last_turn is None else last_turn,
+        np.eye(3) if last_turn is None else np.linalg.matrix_power(last_turn, triggers),
         FIRST_SLACK_PX if last_turn is None else TURN_SLACK_PX,
         source,
+        triggers,
     )
+
+
+def seconds_between(before: Frame, now: Frame) -> float:
+    """Time between two pictures; nan where the log does not say when they were taken."""
+    if before.header_time_ns is None or now.header_time_ns is None:
+        return nan
+    seconds = (now.header_time_ns - before.header_time_ns) * 1e-9
+    return seconds if seconds > 0 else nan
+
+
+def triggers_between(spacing_m: float, seconds: float, pace: Pace) -> int:
+    """How many spacings apart two pictures are by their times.
+
+    A camera that is triggered by the way of its vehicle takes a picture every spacing. Where one is lost, the next
+    comes so late that the vehicle would have had to brake harder than tyres hold: then as many were lost as keep its
+    speed best. Nothing is known without times, or where the vehicle is slow enough to brake.
+    """
+    speed_mps, most_mps = pace.length_m / pace.seconds, HARDEST_MPS2 * (seconds + pace.seconds) / 2
+    change_mps = np.abs(np.arange(1, MOST_TRIGGERS + 1) * spacing_m / seconds - speed_mps)
+    if not (change_mps[0] > most_mps and change_mps.min() <= most_mps):
+        return 1
+    return 1 + int(change_mps.argmin())
 
 
 def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: Law) -> Expectation:

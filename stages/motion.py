@@ -16,18 +16,25 @@ from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, Moved, StepPrior, Ties
 from wayside.schemas.regions import Look
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.expectation import Expectation, expect_step
+from wayside.stages.expectation import (
+    MOST_TRIGGERS,
+    UNKNOWN_PACE,
+    Expectation,
+    Pace,
+    expect_step,
+    seconds_between,
+)
 from wayside.stages.numerics.adjust import Adjusted, adjust_two_views
 from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.epipolar import Prior
+from wayside.stages.numerics.epipolar import Prior, half_turn
 from wayside.stages.numerics.midpoint import midpoint, pair_residual
 from wayside.stages.step import FINE_SCALES_PX, Measure, Step, measure_step
 from wayside.stages.step_errors import parallax_px, step_covariance
 from wayside.stages.ties import REGISTERED_SIGMA_PX, View
 from wayside.stages.vehicle import Vehicle
 
-MOST_STEPS, MOST_DROPPED = 5, 2
-"""Triggers that one step may have lost, with its own, and how many steps in a row may have lost some."""
+MOST_DROPPED = 2
+"""How many steps in a row may have lost triggers."""
 UNSEEN_TURN_SIGMA = np.radians(1.0)
 RATIO_TIES, RATIO_SLACK, SMALLEST_PARALLAX_PX, RATIO_SIGMA = 5, 0.15, 6.0, 0.004
 """Length of a step against the one before by common points: fewest points, how near to a multiple of the spacing it
@@ -69,6 +76,7 @@ class Drive:
     sigma_m: float = 0.0
     dropped: int = 0
     doubts: int = 0
+    pace: Pace = UNKNOWN_PACE
     vehicle: Vehicle = field(default_factory=Vehicle)
 
     def follow(self, look: Look) -> Motion:
@@ -86,8 +94,10 @@ class Drive:
                 self.vehicle.law,
                 self.turn,
                 spacing_sigma_m=self.settings.spacing_sigma_m,
+                pace=self.pace,
             )
             motion = self._step(self.motion, view, expected)
+            self.pace = Pace(motion.baseline_m, seconds_between(self.frame, frame))
         self.view, self.frame, self.motion = view, frame, motion
         return motion
 
@@ -97,7 +107,8 @@ class Drive:
             fewest = self.settings.smallest_ties
             step = self.measure(self.view, view, expected, self.vehicle, fewest)
         if step is None or view is None or self.view is None:
-            self.depths, self.turn = np.zeros(0), None
+            # On a curve the next step turns like the last one; after two of these nothing is known of it any more.
+            self.depths, self.turn = np.zeros(0), None if last.ties is None else self.turn
             return _unmeasured(last, expected, self.vehicle.height_m)
         focal = (view.camera.fx, view.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
@@ -155,20 +166,25 @@ class Drive:
         """The step's length and its sigma, metres, from what the points carry over and what is expected.
 
         Points that were measured over the last step too say how long this one is against it; none of them was found by
-        its depth. A known spacing is held, or a multiple of it where triggers were dropped; distances between poses or
-        fixes are noisy, so they are averaged with what the points carry over from the steps before. Where both are far
-        apart, a fix has jumped, out and back again at most: if they stay so, the points are wrong.
+        its depth. A known spacing is held, or a multiple of it where triggers were dropped, by the points or, if they
+        are too few, by the times; distances between poses or fixes are noisy, so they are averaged with what the points
+        carry over from the steps before. Where both are far apart, a fix has jumped, out and back again at most: if
+        they stay so, the points are wrong.
         """
         given, sigma = expected.baseline_m, expected.sigma_m
         carried, scatter = by_points
         if not np.isfinite(carried):
             return given, sigma
         if expected.source == "straight":
-            steps = round(carried / given)
-            dropped = 1 < steps <= MOST_STEPS and abs(carried / given - steps) < RATIO_SLACK * steps
+            spacing = given / expected.triggers
+            steps = round(carried / spacing)
+            near = abs(carried / spacing - steps) < RATIO_SLACK * steps
+            dropped = near and 1 < steps <= MOST_TRIGGERS
             self.dropped = self.dropped + 1 if dropped else 0
+            if near and steps == 1:
+                return spacing, sigma
             # Triggers are not dropped time and again: then the points have a wrong scale.
-            return (steps * given if 0 < self.dropped <= MOST_DROPPED else given), sigma
+            return (steps * spacing if 0 < self.dropped <= MOST_DROPPED else given), sigma
         carried_sigma = hypot(self.sigma_m, max(scatter, RATIO_SIGMA * carried))
         if abs(carried - given) > 3 * hypot(sigma, carried_sigma):
             self.doubts += 1
@@ -239,8 +255,10 @@ def _known_before(
 
 
 def _unmeasured(last: Motion, expected: Expectation, height_m: float) -> Motion:
-    # Too few ties: the expectation as it is.
-    rotation, direction = expected.straight
+    """Too few ties: the expectation as it is, with the turn of the step before."""
+    rotation, direction = expected.search, expected.straight[1]
+    if expected.prior.halfway:
+        direction = half_turn(rotation, expected.prior.direction)
     baseline = expected.baseline_m
     turn = min(expected.prior.sigma_rotation, UNSEEN_TURN_SIGMA)
     aside = baseline * float(expected.prior.sigma_direction.max())

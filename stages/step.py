@@ -64,24 +64,19 @@ def measure_step(
     before: View, now: View, expected: Expectation, vehicle: Vehicle, fewest: int
 ) -> Step | None:
     """Step between two pictures: coarse motion, then ties registered by it; None with fewer than `fewest` ties."""
-    coarse, agreeing = find_coarse_motion(
-        before, now, expected.prior, expected.search, expected.slack_px
-    )
+    prior, ground = expected.prior, vehicle.ground(expected.baseline_m)
+    coarse, agreeing = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
     if agreeing < ENOUGH_AGREEING:
-        wide, more = find_coarse_motion(
-            before, now, expected.prior, expected.straight[0], WIDE_SLACK_PX
-        )
+        wide, more = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
         if more > agreeing:
             coarse, agreeing = wide, more
     if coarse is None or agreeing < fewest:
         return None
-    ground = vehicle.ground(expected.baseline_m)
-    step = _refine(before, now, coarse.rotation, coarse.direction, expected.prior, ground)
+    step = _refine(before, now, coarse.rotation, coarse.direction, prior, ground)
     if not step.clear:
         # Ties of a wrong turn are few and quarrel; of all that may have been, most ties agree with the right one.
-        near = near_coarse_motions(before, now, expected.prior, expected.search, expected.slack_px)
-        starts = [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in near)]
-        others = [_refine(before, now, *start, expected.prior, ground) for start in starts]
+        starts = _other_starts(before, now, expected, step)
+        others = [_refine(before, now, *start, prior, ground) for start in starts]
         step = max(step, *others, key=lambda one: int(one.inlier.sum()))
     if vehicle.strays(step.rotation, step.direction):
         law = vehicle.law
@@ -94,6 +89,17 @@ def measure_step(
             before, now, step.rotation, half_turn(step.rotation, law.direction), kept, ground
         )
     return step if step.inlier.sum() >= fewest else None
+
+
+def _other_starts(
+    before: View, now: View, expected: Expectation, step: Step
+) -> list[tuple[Array, Array]]:
+    """Rotations and directions to start from: where the step is by now, near the prediction, far off it."""
+    prior = expected.prior
+    fits = near_coarse_motions(before, now, prior, expected.search, expected.slack_px)
+    wide, _ = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
+    fits += [] if wide is None else [wide]
+    return [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in fits)]
 
 
 def _refine(

@@ -261,9 +261,24 @@ def test_with_too_few_ties_the_expectation_is_kept_and_said_so():
     found = motions(pictures, spacing_m=[SPACING] * 5)
     assert [m.adjusted for m in found] == [False, True, False, False, True]
     assert found[2].ties is None
-    np.testing.assert_array_equal(found[2].step.rotation, np.eye(3))
+    np.testing.assert_array_equal(found[2].step.rotation, found[1].step.rotation)
     assert found[2].baseline_m == SPACING
     assert found[2].covariance[0, 0] > 100 * found[1].covariance[0, 0]
+
+
+def test_a_curve_goes_on_where_ties_are_too_few_but_not_for_ever():
+    poses, pictures = painted(4, 2.0)
+    blank = np.full_like(pictures[0], 90)
+    found = motions([*pictures[:3], blank, blank, blank, blank], spacing_m=[SPACING] * 7)
+    turn = poses[1].relative_to(poses[0]).rotation
+    assert [m.ties is None for m in found] == [True, False, False, True, True, True, True]
+    for motion in found[3:5]:
+        off = Rotation.from_matrix(turn.T @ motion.step.rotation).magnitude()
+        assert np.degrees(off) < 0.5
+        # the mount is not known yet
+        np.testing.assert_allclose(motion.step.centre, found[2].step.centre, atol=0.1)
+    for motion in found[5:]:
+        np.testing.assert_array_equal(motion.step.rotation, np.eye(3))
 
 
 def test_a_frame_that_is_not_used_passes_and_is_stepped_over():
