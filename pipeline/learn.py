@@ -276,7 +276,8 @@ def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:
 
 def _version(package: str) -> str:
     try:
-        return version(package)
+        # without the name of the build, which says where the package came from
+        return version(package).partition("+")[0]
     except PackageNotFoundError:
         return "absent"
 
