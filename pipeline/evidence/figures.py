@@ -66,7 +66,7 @@ def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
 
 
 def _panel(sign: dict[str, Any]) -> list[Figure]:
-    facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:.0f}°"
+    facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
     return [
         Figure("Colour", spoken(sign["color"]), _distance(sign["color_distance"])),
         Figure("Shape", spoken(sign["shape"]), _distance(sign["shape_distance"])),
@@ -86,7 +86,7 @@ def _measurement(sign: dict[str, Any]) -> list[Figure]:
 
 
 def _metres(value: float | None) -> str:
-    return UNKNOWN if value is None else f"{value:.2f} m"
+    return UNKNOWN if value is None else f"{value:z.2f} m"
 
 
 def _sigma(value: float | None, unit: str) -> str:

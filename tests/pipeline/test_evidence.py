@@ -475,6 +475,13 @@ def test_what_is_not_known_is_said_to_be_unknown():
     assert not any("None" in f.value + f.remark for f in figures)
 
 
+def test_nothing_is_less_than_zero_by_less_than_is_shown():
+    sign = dict.fromkeys(column.name for column in SIGNS.columns) | sign_row("a-0001")
+    about = figures_of(sign | {"facing_deg": -0.3, "bottom_m": -0.004}, "enu")
+    values = {figure.label: figure.value for group in about.values() for figure in group}
+    assert (values["Facing"], values["Lower edge above it"]) == ("0°", "0.00 m")
+
+
 @pytest.mark.parametrize("width", [30, 80, 200, 2000])
 def test_long_words_are_cut_to_the_room_they_have(width):
     words = "a_very_long_name_of_a_drive_2026-11-21_front_camera-0001"
