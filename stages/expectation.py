@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, nan, radians, sqrt
-from typing import NamedTuple
+from math import cos, inf, isfinite, nan, radians, sqrt
 
 import numpy as np
 
@@ -24,7 +24,9 @@ POSE_SLACK_PX, TURN_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
 SHORTEST_M, FASTEST_MPS = 0.02, 150.0
 """A step is no shorter, and nothing on a road that fast: fixes further apart jump, and say nothing of the way."""
 MOST_TRIGGERS, HARDEST_MPS2 = 5, 12.0
-"""Triggers that one step may have lost, with its own; more than tyres hold, whichever way."""
+"""Triggers that one step may have lost, with its own; more than tyres hold."""
+FEWEST_SPEEDS, MOST_SPEEDS, ALIKE_SPEED = 3, 5, 0.25
+"""Steps that say the usual speed, at least and at most, and how far off it a step may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +56,6 @@ class Law:
     sigma: Array
 
 
-class Pace(NamedTuple):
-    """Length and duration of a step; nan: not known."""
-
-    length_m: float
-    seconds: float
-
-
-UNKNOWN_PACE = Pace(nan, nan)
-
-
 def expect_step(
     before: Frame,
     now: Frame,
@@ -71,11 +63,12 @@ def expect_step(
     last_turn: Array | None,
     *,
     spacing_sigma_m: float,
-    pace: Pace = UNKNOWN_PACE,
+    speeds: Sequence[float] = (),
 ) -> Expectation:
     """The step between two frames by the best source there is: poses, then spacing, then fixes.
 
-    last_turn (3, 3): rotation of the step before, None where it is not known; pace: that of the step before.
+    last_turn (3, 3): rotation of the step before, None where it is not known; speeds: those of the last few steps as
+    `trigger_speed` gives them, the newest last.
 
     Raises
     ------
@@ -88,7 +81,7 @@ def expect_step(
             return _by_poses(before.pose, now.pose, step, law)
     triggers = 1
     if now.spacing_m is not None:
-        triggers = triggers_between(now.spacing_m, seconds_between(before, now), pace)
+        triggers = triggers_between(trigger_speed(before, now), now.spacing_m, speeds)
         baseline, sigma, source = triggers * now.spacing_m, spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
         baseline, sigma = _between_fixes(before.fix, now.fix, (now.time_ns - before.time_ns) * 1e-9)
@@ -111,26 +104,35 @@ def expect_step(
     )
 
 
-def seconds_between(before: Frame, now: Frame) -> float:
-    """Time between two pictures; nan where the log does not say when they were taken."""
-    if before.header_time_ns is None or now.header_time_ns is None:
+def trigger_speed(before: Frame, now: Frame) -> float:
+    """Speed between two pictures if no trigger was lost, metres a second; nan where the log does not say when or where.
+
+    Of times that the camera gave: those of the log follow what writes it.
+    """
+    if before.header_time_ns is None or now.header_time_ns is None or now.spacing_m is None:
         return nan
     seconds = (now.header_time_ns - before.header_time_ns) * 1e-9
-    return seconds if seconds > 0 else nan
+    return now.spacing_m / seconds if seconds > 0 else nan
 
 
-def triggers_between(spacing_m: float, seconds: float, pace: Pace) -> int:
-    """How many spacings apart two pictures are by their times.
+def triggers_between(speed: float, spacing_m: float, speeds: Sequence[float]) -> int:
+    """How many spacings apart two pictures are, by their speed if it were one, and those of the steps before.
 
     A camera that is triggered by the way of its vehicle takes a picture every spacing. Where one is lost, the next
     comes so late that the vehicle would have had to brake harder than tyres hold: then as many were lost as keep its
-    speed best. Nothing is known without times, or where the vehicle is slow enough to brake.
+    usual speed. Nothing is known of the first few steps, or where the vehicle is slow enough to brake.
     """
-    speed_mps, most_mps = pace.length_m / pace.seconds, HARDEST_MPS2 * (seconds + pace.seconds) / 2
-    change_mps = np.abs(np.arange(1, MOST_TRIGGERS + 1) * spacing_m / seconds - speed_mps)
-    if not (change_mps[0] > most_mps and change_mps.min() <= most_mps):
+    known = [one for one in speeds if isfinite(one)]
+    if len(known) < FEWEST_SPEEDS or not isfinite(speed):
         return 1
-    return 1 + int(change_mps.argmin())
+    usual, last = float(np.median(known)), known[-1]
+    hardest = HARDEST_MPS2 * 0.5 * (spacing_m / speed + spacing_m / last)
+    triggers = min(max(round(usual / speed), 1), MOST_TRIGGERS)
+    return (
+        triggers
+        if last - speed > hardest and abs(triggers * speed / usual - 1) < ALIKE_SPEED
+        else 1
+    )
 
 
 def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: Law) -> Expectation:

@@ -6,6 +6,7 @@ say what to expect; tie points over the whole picture say what was; the adjustme
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import hypot, inf, nan, sqrt
@@ -17,12 +18,11 @@ from wayside.schemas.motion import Motion, Moved, StepPrior, Ties
 from wayside.schemas.regions import Look
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.expectation import (
+    MOST_SPEEDS,
     MOST_TRIGGERS,
-    UNKNOWN_PACE,
     Expectation,
-    Pace,
     expect_step,
-    seconds_between,
+    trigger_speed,
 )
 from wayside.stages.numerics.adjust import Adjusted, adjust_two_views
 from wayside.stages.numerics.compiled import Array
@@ -76,7 +76,7 @@ class Drive:
     sigma_m: float = 0.0
     dropped: int = 0
     doubts: int = 0
-    pace: Pace = UNKNOWN_PACE
+    speeds: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_SPEEDS))
     vehicle: Vehicle = field(default_factory=Vehicle)
 
     def follow(self, look: Look) -> Motion:
@@ -94,10 +94,10 @@ class Drive:
                 self.vehicle.law,
                 self.turn,
                 spacing_sigma_m=self.settings.spacing_sigma_m,
-                pace=self.pace,
+                speeds=self.speeds,
             )
             motion = self._step(self.motion, view, expected)
-            self.pace = Pace(motion.baseline_m, seconds_between(self.frame, frame))
+            self.speeds.append(trigger_speed(self.frame, frame))
         self.view, self.frame, self.motion = view, frame, motion
         return motion
 

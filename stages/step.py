@@ -17,6 +17,7 @@ from wayside.stages.numerics.epipolar import (
     half_turn,
     sampson_px,
 )
+from wayside.stages.numerics.rotation import rotation_from_vector
 from wayside.stages.numerics.undistort import rays_of_ideal
 from wayside.stages.ties import (
     REGISTERED_SIGMA_PX,
@@ -32,6 +33,8 @@ WIDE_SLACK_PX, ENOUGH_AGREEING = 160.0, 60
 """Where fewer matches agree, corners are looked for once more, this far from a straight line."""
 AGAIN_RAD, ROUNDS = np.radians(0.1), 3
 """Ties are chosen again while that moves the direction by more, so often at most."""
+STARTS_RAD = np.radians([-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9])
+"""Yaws off the prediction from which ties are looked for as well, where they quarrel."""
 FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
 """Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
 CLEAR_SHARE, GROUPS, BEST_GROUPS, GROUP_PX, GROUP_SEED = 0.75, 60, 4, 20.0, 1
@@ -99,7 +102,12 @@ def _other_starts(
     fits = near_coarse_motions(before, now, prior, expected.search, expected.slack_px)
     wide, _ = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
     fits += [] if wide is None else [wide]
-    return [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in fits)]
+    starts = [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in fits)]
+    for yaw in STARTS_RAD:
+        turn = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
+        ahead = half_turn(turn, prior.direction) if prior.halfway else prior.direction
+        starts.append((turn, ahead))
+    return starts
 
 
 def _refine(

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
-from wayside.stages.expectation import Law, Pace, expect_step, fix_distance_m
+from wayside.stages.expectation import Law, expect_step, fix_distance_m, trigger_speed
 
 AHEAD = np.array([0.0, 0.0, 1.0])
 LAW = Law(AHEAD, np.radians([0.35, 0.25]))
@@ -40,27 +40,30 @@ def test_corners_are_looked_for_round_the_last_turn_and_wider_without_one():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "speed", "triggers"),
+    ("seconds", "speeds", "triggers"),
     [
-        (0.4, 20.0, 1),
-        (0.5, 20.0, 1),
-        (0.8, 20.0, 2),
-        (1.22, 20.0, 3),
-        (4.0, 4.0, 1),
-        (90.0, 20.0, 1),
-        (0.8, np.nan, 1),
-        (0.0, 20.0, 1),
+        (0.4, [20.0, 20.0, 20.0], 1),
+        (0.5, [20.0, 20.0, 20.0], 1),
+        (0.8, [20.0, 20.0, 20.0], 2),
+        (1.22, [20.0, 20.0, 20.0], 3),
+        # braking
+        (0.55, [22.0, 21.0, 20.0, 18.5, 17.0], 1),
+        (4.0, [4.0, 4.0, 4.0], 1),
+        (90.0, [20.0, 20.0, 20.0], 1),
+        # after a picture whose time was wrong, and after a lost trigger
+        (0.4, [20.0, 20.0, 20.0, 60.0], 1),
+        (0.4, [20.0, 20.0, 20.0, 10.0], 1),
+        (0.8, [np.nan, np.nan, 20.0], 1),
+        (0.0, [20.0, 20.0, 20.0], 1),
     ],
 )
 def test_a_picture_that_comes_too_late_for_any_brake_is_of_a_later_trigger(
-    seconds, speed, triggers
+    seconds, speeds, triggers
 ):
     before = replace(FRAME, header_time_ns=10**9)
     now = replace(FRAME, header_time_ns=10**9 + int(seconds * 1e9), spacing_m=8.0)
     turn = Rotation.from_euler("y", 2, degrees=True)
-    found = expect_step(
-        before, now, LAW, turn.as_matrix(), spacing_sigma_m=0.02, pace=Pace(8.0, 8.0 / speed)
-    )
+    found = expect_step(before, now, LAW, turn.as_matrix(), spacing_sigma_m=0.02, speeds=speeds)
     assert found.triggers == triggers
     assert found.baseline_m == 8.0 * triggers
     np.testing.assert_allclose(found.search, (turn**triggers).as_matrix(), atol=1e-12)
@@ -68,8 +71,7 @@ def test_a_picture_that_comes_too_late_for_any_brake_is_of_a_later_trigger(
 
 def test_log_times_say_nothing_of_triggers():
     now = replace(FRAME, log_time_ns=8 * 10**8, spacing_m=8.0)
-    pace = Pace(8.0, 0.4)
-    assert expect_step(FRAME, now, LAW, None, spacing_sigma_m=0.02, pace=pace).triggers == 1
+    assert np.isnan(trigger_speed(FRAME, now))
 
 
 def test_poses_come_before_spacing_and_fixes():
