@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.stages.numerics.boxes import overlap_of
+from wayside.stages.detection import overlap_of
 
 ROOT = Path(__file__).resolve().parents[1]
 DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept" / "default"

@@ -24,8 +24,8 @@ from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.settings import MotionSettings
-from wayside.stages import bundle
-from wayside.stages.window import Held
+from wayside.stages.mapping import Held
+from wayside.stages.mapping import local_adjustment as bundle
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 

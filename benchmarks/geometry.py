@@ -45,7 +45,7 @@ from wayside.pipeline.simulate import UNKNOWN_LENGTH_M, bound_of_step, simulate
 from wayside.pipeline.simulated_drive import Survey
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.numerics.bound import point_bound
+from wayside.stages.geometry import point_bound
 
 CENTRE_PX, POSE_M, POSE_DEG = 0.2, 0.02, 0.04
 """For the bound: noise of a face's centre in a picture, and the scatter of the poses in the logs."""

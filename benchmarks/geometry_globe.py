@@ -18,8 +18,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.world import PathPoint, place_in_world
 from wayside.schemas.frame import Fix, Pose
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.numerics.path_data import Chain, Seen
-from wayside.stages.numerics.trajectory import smooth
+from wayside.stages.georeference import Chain, Seen, smooth
 
 FIX_SIGMA_M, FIX_KEEPS, FIX_NEW_M = 1.0, 0.99, 0.08
 """Errors of the fixes in the rendered logs: of each, what is left of it at the next picture, what is new."""

@@ -25,7 +25,7 @@ from geometry_runs import (
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Pose
-from wayside.stages.numerics.undistort import ideal_points
+from wayside.stages.geometry import ideal_points
 
 STEPS = 5
 """Pictures over which camera positions are compared."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.numerics.boxes import overlap_of
+from wayside.stages.detection import overlap_of
 
 ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""

@@ -44,11 +44,11 @@ from wayside.pipeline.learning.scenes import read_scenes, scene_pictures, scene_
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
+from wayside.schemas.detections import COLORS, VERDICTS, Candidates
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Frame
 from wayside.schemas.models import NetworkModel, TreeModel
-from wayside.schemas.regions import COLORS, VERDICTS, Candidates
-from wayside.stages.numerics.boxes import overlap_of
+from wayside.stages.detection import overlap_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "benchmarks" / "scenes.md"
@@ -179,7 +179,7 @@ def looks(real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Iterator[Cand
         load_models(settings), ranking=by.ranking, judge=by.judge, face_box=by.face_box
     )
     flow = Flow(settings, models, StageClock())
-    return (look.candidates for look in flow.look(scene_frames(real, scenes)))
+    return (look.candidates for look in flow.detect(scene_frames(real, scenes)))
 
 
 def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:

@@ -44,7 +44,7 @@ from wayside.pipeline.lengths import parse_length
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import run_log
 from wayside.pipeline.settings_file import load_settings
-from wayside.schemas.regions import COLORS
+from wayside.schemas.detections import COLORS
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.numerics.undistort import distort_points
+from wayside.stages.geometry import distort_points
 
 INK = {
     "white": (245, 245, 245),

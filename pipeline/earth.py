@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from wayside.schemas.frame import Fix, Pose
-from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.trajectory import Trajectory
+from wayside.stages.georeference import Trajectory
+from wayside.stages.kernels import Array
 
 NEAR_DEG = 1.0
 """Fixes further than this from the middle of all cannot be of the same drive."""

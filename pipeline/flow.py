@@ -7,35 +7,31 @@ location (8, 11).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from time import thread_time
-from typing import Any, Protocol
+from typing import Protocol
 
 from wayside.pipeline.model_files import Models
-from wayside.pipeline.workers import StageClock, ordered_parallel, staged
+from wayside.pipeline.workers import Item, Result, StageClock, ordered_parallel
+from wayside.schemas.detections import Detections, Segmentation
 from wayside.schemas.frame import Frame
+from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import SideJudges
-from wayside.schemas.motion import Settled
-from wayside.schemas.regions import Look
+from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
-from wayside.stages.assemble import assemble
-from wayside.stages.color import classify_color
-from wayside.stages.decode import decode
-from wayside.stages.features import extract_features
-from wayside.stages.judge import judge
-from wayside.stages.locate import classify_location
-from wayside.stages.motion import estimate_motion
-from wayside.stages.propose import propose
-from wayside.stages.segment import segment
-from wayside.stages.shape import classify_shape
-from wayside.stages.track import track
+from wayside.stages.detection import judge, propose
+from wayside.stages.imaging import decode
+from wayside.stages.mapping import assemble, classify_location, track
+from wayside.stages.odometry import estimate_motion, extract_features
+from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
+from wayside.stages.segmentation import segment
 
 
 class Observer(Protocol):
     """Sees every item that leaves a stage, in the thread that made it."""
 
-    def see(self, stage: str, frame: Frame, item: Any) -> None:
+    def see(self, stage: str, item: Item) -> None:
         """Take note; must not raise and must not keep the run waiting."""
 
 
@@ -48,82 +44,71 @@ class Flow:
     clock: StageClock
     observer: Observer | None = None
 
-    def signs(self, frames: Iterator[Frame]) -> Iterator[Settled]:
-        """Send frames all the way: every frame comes out once, in order, with what ended there."""
+    def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
+        """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
         run = self.settings.run
-        looks = ordered_parallel(self.look, frames, workers=run.workers, queue=run.queue)
-        return self.follow(looks)
+        read = self.stage("read", frames)
+        found = ordered_parallel(self.detect, read, workers=run.workers, queue=run.queue)
+        return self.follow(self.clock.timed("queue", found))
 
-    def look(self, frames: Iterator[Frame]) -> Iterator[Look]:
-        """Do what one picture needs for itself; runs side by side in the workers."""
-        s, m = self.settings, self.models
+    def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
+        """Do what one image needs for itself; runs side by side in the workers."""
+        stage, s = self.stage, self.settings
+        images = stage("decode", decode(frames))
+        segmented = stage("segment", segment(images, settings=s.segment, gate=s.gate))
         by_report = s.candidates.judge == "report"
-        pictures = self._stage("decode", frames, decode)
-        segmented = self._stage("segment", pictures, segment, settings=s.segment, gate=s.gate)
-        if not by_report:
-            segmented = self._stage(
-                "propose", segmented, propose, settings=s.candidates, ranking=m.ranking
-            )
-        judged = self._stage("color", segmented, classify_color, model=m.color, gate=by_report)
-        if not by_report:
-            judged = self._stage(
-                "judge",
-                judged,
-                judge,
+        found = self._by_report(segmented) if by_report else self._by_classifier(segmented)
+        if s.features.sift:
+            found = stage("sift", extract_sift(found))
+        return stage("features", extract_features(found, settings=s.features))
+
+    def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
+        """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
+        m = self.models
+        colored = self.stage("color", classify_color(segmented, model=m.color, gate=True))
+        return self.stage("shape", classify_shape(colored, model=m.shape, gate=True))
+
+    def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
+        """More regions, and a learned classifier on each."""
+        stage, s, m = self.stage, self.settings, self.models
+        proposed = stage("propose", propose(segmented, settings=s.candidates, ranking=m.ranking))
+        colored = stage("color", classify_color(proposed, model=m.color, gate=False))
+        detected = stage(
+            "detect",
+            judge(
+                colored,
                 trees=m.judge,
                 settings=s.candidates,
                 color=m.face_color,
                 shape=m.face_shape,
                 box=m.face_box,
                 back=m.back,
-            )
-        judged = self._stage("shape", judged, classify_shape, model=m.shape, gate=by_report)
-        return self._stage("features", judged, extract_features, settings=s.features)
+            ),
+        )
+        return stage("shape", classify_shape(detected, model=m.shape, gate=False))
 
-    def follow(self, looks: Iterator[Look]) -> Iterator[Settled]:
-        """Do what needs the frames in order: motion, tracks, places, signs."""
+    def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
+        """Do what needs the frames in order: motion, tracks, landmarks."""
+        stage, s, m = self.stage, self.settings, self.models
+        posed = stage("motion", estimate_motion(detections, settings=s.motion))
+        tracked = stage("track", self._tracked(posed))
+        located = stage("location", classify_location(tracked, model=m.location, settings=s.locate))
+        return stage("assemble", assemble(located))
+
+    def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
+        """By descriptors as in the report, or by predicted position."""
         s, m = self.settings, self.models
-        moved = self._stage("motion", looks, estimate_motion, settings=s.motion)
+        if s.track.matching == "sift":
+            return match_by_descriptors(posed, settings=s.track)
         front = SideJudges(None if s.candidates.judge == "report" else m.judge, m.place)
         back = None if m.back is None else SideJudges(m.back, m.back_place)
-        settled = self._stage("track", moved, track, settings=s.track, front=front, back=back)
-        settled = self._stage(
-            "location", settled, classify_location, model=m.location, settings=s.locate
-        )
-        return self._stage("assemble", settled, assemble)
+        return track(posed, settings=s.track, front=front, back=back)
 
-    def _stage(
-        self, name: str, items: Iterator[Any], stage: Callable[..., Iterator[Any]], **how: Any
-    ) -> Iterator[Any]:
-        results = staged(name, lambda own: stage(own, **how), items, self.clock, frame_index)
-        return observed(name, results, self.observer, self.clock)
-
-
-def observed(
-    name: str, items: Iterator[Any], observer: Observer | None, clock: StageClock
-) -> Iterator[Any]:
-    """Show every item to the observer, if there is one; its time is counted as that of a stage `view`."""
-    if observer is None:
-        yield from items
-        return
-    for item in items:
-        frame = frame_of(item)
-        if frame is not None:
-            start = thread_time()
-            observer.see(name, frame, item)
-            clock.add("view", thread_time() - start)
-        yield item
-
-
-def frame_of(item: Any) -> Frame | None:
-    """The frame that any travelling type belongs to."""
-    for holder in ("look", "segmented", "picture", "frame"):
-        while hasattr(item, holder):
-            item = getattr(item, holder)
-    return item if isinstance(item, Frame) else None
-
-
-def frame_index(item: Any) -> int | None:
-    """Index of the frame that any travelling type belongs to."""
-    frame = frame_of(item)
-    return None if frame is None else frame.index
+    def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
+        """The items of a stage: timed, its faults named, and every item shown to the observer."""
+        for item in self.clock.timed(name, items):
+            if self.observer is not None:
+                start = thread_time()
+                self.observer.see(name, item)
+                self.clock.add("view", thread_time() - start)
+            yield item

@@ -22,9 +22,9 @@ from wayside.pipeline.parquet import (
 )
 from wayside.pipeline.rows import FRAME_COLUMNS, SignRows, frame_row, pose_numbers, stretched_frames
 from wayside.pipeline.world import PathPoint, World, place_in_world
+from wayside.schemas.detections import VERDICTS
 from wayside.schemas.errors import OutputError
-from wayside.schemas.motion import Place, Settled
-from wayside.schemas.regions import VERDICTS
+from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _BATCH_ROWS = 4096
@@ -36,7 +36,7 @@ class Inventory:
     """What was written: sign rows in the order of the file and their places, counts, the world they stand in."""
 
     signs: list[dict[str, Any]]
-    places: list[Place]
+    places: list[Landmark]
     rows: dict[str, int]
     verdicts: dict[str, int]
     world: World
@@ -80,7 +80,7 @@ class InventoryWriter:
         self._folder, self._log = folder, log
         self._confidence, self._every_region = confidence, every_region
         self._antenna_m = antenna_m
-        self._places: list[Place] = []
+        self._places: list[Landmark] = []
         self._path: list[PathPoint] = []
         self._heights: list[float] = []
         self._verdicts: Counter[str] = Counter()
@@ -93,7 +93,7 @@ class InventoryWriter:
             raise _unwritable(folder, error) from error
         self._stream = pa.ipc.new_stream(self._scratch, OBSERVATIONS.schema)
 
-    def append(self, settled: Settled) -> None:
+    def append(self, settled: TrackedFrame) -> None:
         """Take one frame with its candidates and the places that ended with it."""
         self._places += [place for place in settled.places if place.verdict == "sign"]
         point = PathPoint.of(settled)
@@ -142,7 +142,7 @@ class InventoryWriter:
         }
         return Inventory(signs, ordered, rows, dict(sorted(self._verdicts.items())), world, height)
 
-    def _observations(self, settled: Settled) -> pa.RecordBatch:
+    def _observations(self, settled: TrackedFrame) -> pa.RecordBatch:
         table = settled.candidates
         for code, count in zip(*np.unique(table.verdict, return_counts=True), strict=True):
             self._verdicts[VERDICTS[code]] += int(count)
@@ -215,7 +215,7 @@ class InventoryWriter:
             sink.write([record_batch(SIGNS, values)])
 
     def _sign_rows(
-        self, places: Iterable[Place], world: World, camera_height_m: float | None
+        self, places: Iterable[Landmark], world: World, camera_height_m: float | None
     ) -> list[dict[str, Any]]:
         rows: list[dict[str, Any]] = []
         assemblies: dict[int, str] = {}

@@ -63,11 +63,11 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError, WaysideError
-from wayside.schemas.frame import Picture
+from wayside.schemas.frame import Image
 from wayside.schemas.models import Model, NetworkModel, TreeModel, digest, model_to_json
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.decode import decode
-from wayside.stages.motion import estimate_motion
+from wayside.stages.imaging import decode
+from wayside.stages.odometry import estimate_motion
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
@@ -104,7 +104,7 @@ class Samples:
     scenes: tuple[Drive, ...]
     crops: tuple[Face, ...]
     strays: NDArray[np.float64]
-    again: dict[str, Callable[[], Iterator[Picture]]]
+    again: dict[str, Callable[[], Iterator[Image]]]
 
     def see(self, drive: Drive, views: Views) -> NDArray[np.float32]:
         """What the judge sees of some candidates of a drive, (n, features): goes through its pictures again."""
@@ -119,7 +119,7 @@ def gather(logs: Sequence[Path], real: Path | None, seed: int, say: Say) -> Samp
     """Go through all drives and real pictures; raises InputError where one cannot be used."""
     drives: list[Drive] = []
     strays: list[NDArray[np.float64]] = []
-    again: dict[str, Callable[[], Iterator[Picture]]] = {}
+    again: dict[str, Callable[[], Iterator[Image]]] = {}
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
         name = truth["name"]
@@ -226,7 +226,7 @@ def _tracked(
         seen_by = replace(models, judge=judge, face_box=box, back=back)
         flow = Flow(settings, seen_by, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
-        moved = estimate_motion(flow.look(frames), settings.motion)
+        moved = estimate_motion(flow.detect(frames), settings.motion)
         yield Tracked(moved, judge, back, truth)
 
 
@@ -252,17 +252,17 @@ def gaussian_models(
     }
 
 
-def pictures(log: Path) -> Iterator[Picture]:
+def pictures(log: Path) -> Iterator[Image]:
     """Every picture of a log, decoded, in order."""
     return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
-def _shown(log: Path, seed: int) -> Iterator[Picture]:
+def _shown(log: Path, seed: int) -> Iterator[Image]:
     """The pictures of a log as the judge is taught with them."""
     return through_other_cameras(pictures(log), seed)
 
 
-def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iterator[Picture]:
+def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iterator[Image]:
     """Real pictures as the judge is taught with them."""
     return through_other_cameras(scene_pictures(folder, scenes), seed)
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.path_data import Chain, Seen
-from wayside.stages.numerics.trajectory import Trajectory
+from wayside.stages.georeference import Chain, Seen, Trajectory
+from wayside.stages.kernels import Array
 
 LONG_GAP_S = 10.0
 JUMP_M, JUMP_TIMES = 0.5, 8.0

@@ -16,7 +16,7 @@ from rich.progress import (
 )
 
 from wayside.pipeline.reading.frames import ReadReport
-from wayside.schemas.motion import Settled
+from wayside.schemas.landmarks import TrackedFrame
 
 
 class _Shown:
@@ -59,7 +59,7 @@ class FrameProgress(_Shown):
         self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
         self._frames = 0
 
-    def watch(self, settled: Settled, report: ReadReport) -> None:
+    def watch(self, settled: TrackedFrame, report: ReadReport) -> None:
         """One more picture is done; what was read of the log so far tells how much is left."""
         self._frames += 1
         elapsed = self._bar.tasks[0].elapsed or 0.0

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.world import Length, World, beside_in_world
 from wayside.schemas.frame import Pose
-from wayside.schemas.motion import Motion, Place, Settled
-from wayside.stages.numerics.compiled import Array
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.motion import Motion
+from wayside.stages.kernels import Array
 
 FRAME_COLUMNS = (
     *("frame", "log_time_ns", "header_time_ns", "status", "station_m", "motion_source"),
@@ -30,7 +31,7 @@ _OWN_SHARE = 0.9
 """At most so much of what a place's covariance has along its own ray can be the path's."""
 
 
-def frame_row(settled: Settled) -> tuple[Any, ...]:
+def frame_row(settled: TrackedFrame) -> tuple[Any, ...]:
     """`FRAME_COLUMNS` of a picture."""
     frame, motion = settled.frame, settled.motion
     head = (frame.index, frame.log_time_ns, frame.header_time_ns, frame.status)
@@ -79,7 +80,7 @@ class Scale:
     sigma: float = 0.0
     sigma_before: float = 0.0
 
-    def covariance(self, place: Place) -> Array:
+    def covariance(self, place: Landmark) -> Array:
         """Covariance (3, 3) of the place's scaled position: lengths as sure as they are by now."""
         ray = place.position
         if not self.sigma:
@@ -111,7 +112,7 @@ class SignRows:
         self._frames = sorted(world.poses)
         self._stations = _station_pairs(frames, world)
 
-    def row(self, place: Place) -> dict[str, Any]:
+    def row(self, place: Landmark) -> dict[str, Any]:
         """All columns of a sign that need no number."""
         scale = self._scale(place)
         position, covariance = scale.factor * place.position, scale.covariance(place)
@@ -171,7 +172,7 @@ class SignRows:
         values = dict(zip(_ON_EARTH, (lon, lat, height, *sigma), strict=True))
         return values | {"geometry": struct.pack("<BIddd", 1, 1001, lon, lat, height)}
 
-    def _scale(self, place: Place) -> Scale:
+    def _scale(self, place: Landmark) -> Scale:
         """Stretch of the path where the place was seen from nearest: it is measured against these steps."""
         at = bisect_right(self._frames, place.best_frame)
         near = self._frames[max(0, at - SCALE_STEPS) : at]

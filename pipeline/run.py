@@ -16,23 +16,23 @@ from typing import Any, Protocol
 
 import cv2
 
-from wayside.pipeline.flow import Flow, Observer, frame_index, observed
+from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import Inventory, InventoryWriter
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
-from wayside.pipeline.workers import StageClock, staged
+from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import UNDECODABLE, USED, Frame
-from wayside.schemas.motion import Settled
+from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
-from wayside.stages.numerics.heap import keep_heap
+from wayside.stages.heap import keep_heap
 
 RECORDING = "drive.rrd"
 """The recording of every step, beside the tables where it is asked for."""
 
-Watcher = Callable[[Settled, ReadReport], None]
+Watcher = Callable[[TrackedFrame, ReadReport], None]
 
 
 class RunObserver(Observer, Protocol):
@@ -123,7 +123,7 @@ def run_log(
     _make_folder(folder)
     (folder / RECORDING).unlink(missing_ok=True)  # that of an earlier run would tell of other signs
     report, clock = ReadReport(), StageClock()
-    frames = _read(log, settings, report, clock)
+    frames = read_frames(log, settings.read, report)
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
@@ -138,7 +138,7 @@ def run_log(
     )
     statuses: Counter[str] = Counter()
     try:
-        for settled in flow.signs(observed("read", _with_first(first, frames), observer, clock)):
+        for settled in flow.track(_with_first(first, frames)):
             statuses[settled.frame.status] += 1
             writer.append(settled)
             watch(settled, report)
@@ -168,13 +168,6 @@ def run_log(
     )
     _write_run(result, settings, models, arguments)
     return result
-
-
-def _read(log: Path, settings: Settings, report: ReadReport, clock: StageClock) -> Iterator[Frame]:
-    nothing: Iterator[Frame] = iter(())
-    return staged(
-        "read", lambda _: read_frames(log, settings.read, report), nothing, clock, frame_index
-    )
 
 
 def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
-from wayside.schemas.motion import Place
+from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import MotionSettings, TrackSettings
-from wayside.stages.numerics.bound import point_bound, step_bound
-from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.tie_errors import motion_slopes
-from wayside.stages.numerics.undistort import rays_of_ideal
-from wayside.stages.track import track
+from wayside.stages.geometry import point_bound, rays_of_ideal, step_bound
+from wayside.stages.kernels import Array
+from wayside.stages.mapping import track
+from wayside.stages.odometry import motion_slopes
 
 AXES = ("along", "lateral", "up")
 _ORDER = [2, 0, 1]
@@ -241,14 +240,14 @@ def format_sweep(tried: Sequence[Simulated], target_m: float) -> str:
     return "\n".join(lines)
 
 
-def _judged(drive: SimulatedDrive, place: Place, sign: int) -> tuple[Array, Array, float, int]:
+def _judged(drive: SimulatedDrive, place: Landmark, sign: int) -> tuple[Array, Array, float, int]:
     true = drive.poses[place.best_frame].to_camera(drive.signs[sign])
     error = (place.position - true)[_ORDER] * [1, 1, -1]
     sigma = np.sqrt(np.diag(place.covariance))[_ORDER]
     return error, sigma, float(np.linalg.norm(true)), len(place.views)
 
 
-def _sign_of(drive: SimulatedDrive, place: Place) -> int:
+def _sign_of(drive: SimulatedDrive, place: Landmark) -> int:
     return int(np.bincount([drive.seen[v.frame].sign[v.row] for v in place.views]).argmax())
 
 

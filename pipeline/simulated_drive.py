@@ -14,18 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.frame import USED, Camera, Frame, Picture, Pose, PosePrior
-from wayside.schemas.motion import Moved
-from wayside.schemas.regions import Candidates, Features, Look, Regions
+from wayside.schemas.detections import Candidates, Detections, Regions
+from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
+from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.coarse_motion import fit_coarse_motion
-from wayside.stages.expectation import Expectation
-from wayside.stages.motion import Drive
-from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.undistort import ideal_of_rays, rays_of_ideal
-from wayside.stages.step import Step, fit_ties
-from wayside.stages.ties import Tied, View
-from wayside.stages.vehicle import Vehicle
+from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
+from wayside.stages.kernels import Array
+from wayside.stages.odometry import (
+    Drive,
+    Expectation,
+    Step,
+    Tied,
+    Vehicle,
+    View,
+    fit_coarse_motion,
+    fit_ties,
+)
+from wayside.stages.segmentation import unsegmented
 
 HILL_M = 400.0
 """Length of a hill, foot to foot."""
@@ -132,7 +137,7 @@ class SimulatedDrive:
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
-    def moved(self, settings: MotionSettings) -> Iterator[Moved]:
+    def moved(self, settings: MotionSettings) -> Iterator[PosedDetections]:
         """Every frame with its candidates and the motion that the project's own numerics find."""
         drive = Drive(settings, measure=self._measure)
         for index, pose in enumerate(self.poses):
@@ -140,10 +145,8 @@ class SimulatedDrive:
             motion = drive.advance(self._view(index), frame)
             seen = self._observe(index, pose)
             self.seen.append(seen)
-            look = Look(
-                Picture(frame, None, None), _table(seen), _NO_FEATURES, len(seen.sign), (0, 0)
-            )
-            yield Moved(look, motion)
+            image = Image(frame, None, None)
+            yield PosedDetections(Detections(unsegmented(image), _table(seen)), motion)
 
     def visible(self, index: int) -> NDArray[np.int64]:
         """Points that could be ties in a picture, ascending."""
@@ -332,10 +335,3 @@ def _table(seen: Seen) -> Candidates:
 
 
 _NO_PIXELS = np.zeros((0, 0), np.uint8)
-_NO_FEATURES = Features(
-    np.zeros((0, 2), np.float32),
-    np.zeros((0, 32), np.uint8),
-    np.zeros((0, 2), np.float32),
-    np.zeros((0, 128), np.float32),
-    np.zeros(0, np.int32),
-)

@@ -8,20 +8,35 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from queue import Queue
 from time import thread_time
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from wayside.schemas.errors import StageError, WaysideError
+from wayside.schemas.frame import Frame
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+
+class Item(Protocol):
+    """What travels through the flow: every type knows the frame it belongs to."""
+
+    @property
+    def frame(self) -> Frame:
+        """The frame."""
+
+
+Source = TypeVar("Source", bound=Item)
+Result = TypeVar("Result", bound=Item)
 
 
 class StageClock:
-    """CPU seconds of each stage, summed over the workers."""
+    """CPU seconds of each stage, summed over the workers.
+
+    A stage is a chain of generators, so asking one for an item runs those before it, too. Its own time is that of the
+    call less what the stages before it took of it.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._seconds: dict[str, float] = defaultdict(float)
+        self._thread = _ThreadState()
 
     def add(self, stage: str, seconds: float) -> None:
         """Count time spent in a stage."""
@@ -33,48 +48,39 @@ class StageClock:
         with self._lock:
             return dict(self._seconds)
 
+    def timed(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
+        """The items of a stage, its time counted; a fault in it names the stage and the frame it worked on.
 
-def staged(
-    name: str,
-    stage: Callable[[Iterator[Item]], Iterator[Result]],
-    items: Iterator[Item],
-    clock: StageClock,
-    frame_of: Callable[[Item], int | None],
-) -> Iterator[Result]:
-    """Run one stage, timed, so that a fault in it names the stage and the frame it worked on.
-
-    Raises
-    ------
-    StageError
-        Where the stage raised anything that is not already a `WaysideError`.
-    """
-    frame: int | None = None
-    upstream = 0.0
-
-    def watched() -> Iterator[Item]:
-        nonlocal frame, upstream
+        Raises
+        ------
+        StageError
+            Where the stage raised anything that is not already a `WaysideError`.
+        """
+        thread = self._thread
         while True:
+            before, thread.upstream = thread.upstream, 0.0
             start = thread_time()
-            item = next(items, None)
-            upstream += thread_time() - start
+            try:
+                item = next(items, None)
+            except WaysideError:
+                raise
+            except Exception as fault:
+                raise StageError(name, thread.frame, fault) from fault
+            finally:
+                inclusive = thread_time() - start
+                self.add(name, inclusive - thread.upstream)
+                thread.upstream = before + inclusive
             if item is None:
                 return
-            frame = frame_of(item)
+            thread.frame = item.frame.index
             yield item
 
-    results = stage(watched())
-    while True:
-        start, upstream = thread_time(), 0.0
-        try:
-            result = next(results, None)
-        except WaysideError:
-            raise
-        except Exception as fault:
-            raise StageError(name, frame, fault) from fault
-        clock.add(name, thread_time() - start - upstream)
-        if result is None:
-            return
-        yield result
+
+class _ThreadState(threading.local):
+    """Of one thread: time that upstream stages took of the call in progress, and the frame handed on last."""
+
+    upstream: float = 0.0
+    frame: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +92,8 @@ _END: Any = object()
 
 
 def ordered_parallel(
-    chain: Callable[[Iterator[Item]], Iterator[Result]],
-    items: Iterator[Item],
+    chain: Callable[[Iterator[Source]], Iterator[Result]],
+    items: Iterator[Source],
     *,
     workers: int,
     queue: int,
@@ -110,7 +116,7 @@ def ordered_parallel(
     stop = threading.Event()
 
     def work(mine: Queue[Any], done: Queue[Any]) -> None:
-        def dealt() -> Iterator[Item]:
+        def dealt() -> Iterator[Source]:
             while (item := mine.get()) is not _END and not stop.is_set():
                 yield item
 

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from wayside.pipeline.earth import Earth, align_level, origin_of
 from wayside.pipeline.path_notes import notes_on
 from wayside.schemas.frame import Fix, Pose, PosePrior
-from wayside.schemas.motion import Settled
-from wayside.stages.expectation import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
-from wayside.stages.numerics.compiled import Array
-from wayside.stages.numerics.path import Beside, beside_path
-from wayside.stages.numerics.path_data import Chain, Seen
-from wayside.stages.numerics.trajectory import Trajectory, smooth
-from wayside.stages.numerics.uncertainty import STEP_SIGMA
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.stages.geometry import Beside, beside_path
+from wayside.stages.georeference import Chain, Seen, Trajectory, smooth
+from wayside.stages.kernels import Array
+from wayside.stages.mapping import STEP_SIGMA
+from wayside.stages.odometry import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
 
 BEFORE, AFTER = 3, 20
 """Used frames around the best view of a sign among which the camera passes it."""
@@ -56,7 +55,7 @@ class PathPoint:
     ratio: tuple[float, float] = (nan, nan)
 
     @classmethod
-    def of(cls, settled: Settled) -> PathPoint | None:
+    def of(cls, settled: TrackedFrame) -> PathPoint | None:
         """What a frame knows; None where it is not used."""
         frame, motion = settled.frame, settled.motion
         if motion is None:

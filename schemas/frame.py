@@ -116,6 +116,11 @@ class Frame:
     spacing_m: float | None = None
 
     @property
+    def frame(self) -> Frame:
+        """Itself: every type that travels through the flow names its frame."""
+        return self
+
+    @property
     def used(self) -> bool:
         """Whether the frame takes part in the measurement."""
         return self.status == USED
@@ -127,7 +132,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class Image:
     """Decoded pixels of a frame: `rgb` (height, width, 3) uint8, `grey` (height, width) uint8.
 
     Both are None where the frame is not used (any more).

@@ -12,8 +12,8 @@ from typing import Any
 
 import pyarrow as pa
 
+from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS
 from wayside.schemas.frame import FRAME_STATUSES
-from wayside.schemas.regions import COLORS, SHAPES, SOURCES, VERDICTS
 
 SCHEMA_VERSION = 1
 """Raised only where a column changes its meaning."""

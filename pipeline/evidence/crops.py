@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Frame, Picture
+from wayside.schemas.frame import Frame, Image
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.decode import decode
+from wayside.stages.imaging import decode
 
 CONTEXT = 3.0
 """A crop is this many times as large as the box in it."""
@@ -84,7 +84,7 @@ def read_pictures(
     wanted: Collection[int],
     log_times_ns: Mapping[int, int],
     report: ReadReport,
-) -> Iterator[Picture]:
+) -> Iterator[Image]:
     """Decoded pictures of a log, only the wanted ones, in order; reading ends with the last of them.
 
     Parameters

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import Drive
 from wayside.pipeline.evidence.marks import ink_of, look_of, outline_of, spoken
-from wayside.schemas.regions import COLORS, SHAPES
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 
 _MAP_WIDTH, _MAP_HEIGHT, _MAP_MARGIN, _MAP_POINTS = 1200.0, 300.0, 16.0, 1000

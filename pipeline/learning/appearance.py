@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.frame import Picture
+from wayside.schemas.frame import Image
 
 ALTERED_SHARE = 0.5
 """Share of the pictures that are shown through another camera; the others stay as they are."""
@@ -24,8 +24,8 @@ SOFT_PX, SHARP, NOISE, QUALITY = 1.0, 1.2, 4.0, (45, 95)
 
 
 def through_other_cameras(
-    pictures: Iterator[Picture], seed: int, share: float = ALTERED_SHARE
-) -> Iterator[Picture]:
+    pictures: Iterator[Image], seed: int, share: float = ALTERED_SHARE
+) -> Iterator[Image]:
     """The pictures, a share of them altered; which ones and how depends on seed and frame number alone."""
     for picture in pictures:
         random = np.random.default_rng((seed, picture.frame.index))

@@ -13,7 +13,7 @@ from wayside.pipeline.learning.samples import ON, labelled
 from wayside.pipeline.learning.strangers import for_strangers
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel
-from wayside.stages.numerics.trees import log_odds
+from wayside.stages.classifiers import log_odds
 
 FALSE_PER_PICTURE = 1.0
 """Boxes off any back, after suppression, that pass in a held-out picture."""

@@ -17,8 +17,7 @@ from wayside.pipeline.learning.boosting import needs
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import ConvolutionModel
-from wayside.stages.closer_look import DARK, FEATURES, patch_odds
-from wayside.stages.numerics.patch import INNER, SIDE
+from wayside.stages.detection import DARK, FEATURES, INNER, SIDE, patch_odds
 
 FILTERS, HALVED, HIDDEN = (24, 32, 64), (True, True, True), 96
 """Filters of each layer, the layers that are halved, units behind them."""

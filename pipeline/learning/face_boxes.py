@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.learning.networks import Descent, fit_network
 from wayside.pipeline.learning.samples import Drive, Views, labelled
+from wayside.schemas.detections import SOURCES, Regions
 from wayside.schemas.models import NetworkModel
-from wayside.schemas.regions import SOURCES, Regions
-from wayside.stages.face_box import FARTHEST, SIDES
-from wayside.stages.judge import view_names
-from wayside.stages.propose import SHORTEST_PX
-from wayside.stages.region_features import REGION_FEATURES
+from wayside.stages.detection import FARTHEST, REGION_FEATURES, SHORTEST_PX, SIDES, view_names
 
 REGION_ONLY = REGION_FEATURES[REGION_FEATURES.index("fill") :]
 """What the judge knows of the region rather than of what its box shows: not looked at."""

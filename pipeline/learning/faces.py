@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.schemas.regions import COLORS, SHAPES
-from wayside.stages.numerics.boxes import overlap_of
-from wayside.stages.numerics.outline import region_sequences
+from wayside.stages.detection import overlap_of
+from wayside.stages.report import region_sequences
 
 CLEAR_SHARE, CLEAR_PX = 0.8, 15
 """A face teaches colour and shape where this share of it is seen and it is so tall."""

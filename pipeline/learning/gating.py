@@ -20,9 +20,8 @@ from wayside.pipeline.learning.samples import (
 from wayside.pipeline.learning.strangers import for_strangers
 from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.judge import gate_names
-from wayside.stages.numerics.trees import log_odds
-from wayside.stages.region_features import REGION_FEATURES
+from wayside.stages.classifiers import log_odds
+from wayside.stages.detection import REGION_FEATURES, gate_names
 
 GATE = Boosting(trees=80, leaves=16, pace=0.12, share_of_features=0.5)
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.faces import Face
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.regions import COLORS, SHAPES
-from wayside.stages.numerics.colorspace import to_space
-from wayside.stages.numerics.fourier import sequence_features
+from wayside.stages.imaging import to_space
+from wayside.stages.report import sequence_features
 
 REPORT_MEAN = (3.121, 0.603)
 """Mean place of a sign in the report: (1.9783, 10.2391) feet up and right of the camera (chapters 8 and 11)."""

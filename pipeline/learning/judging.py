@@ -30,10 +30,15 @@ from wayside.pipeline.learning.samples import (
 )
 from wayside.pipeline.learning.strangers import for_strangers
 from wayside.schemas.models import ConvolutionModel, NetworkModel, TreeModel
-from wayside.stages.closer_look import told_of
-from wayside.stages.judge import OVERLAP, REACH, moved_regions, view_names
-from wayside.stages.numerics.boxes import suppressed_boxes
-from wayside.stages.numerics.trees import log_odds
+from wayside.stages.classifiers import log_odds
+from wayside.stages.detection import (
+    OVERLAP,
+    REACH,
+    moved_regions,
+    suppressed_boxes,
+    told_of,
+    view_names,
+)
 
 JUDGE = Boosting()
 BESIDE = Descent(hidden=128, shrinkage=0.01, pace=1e-3, rounds=12, batch=256)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.judging import Passed
 from wayside.pipeline.learning.networks import Descent, fit_network
 from wayside.pipeline.learning.samples import ON, face_weights
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkModel
-from wayside.schemas.regions import COLORS, SHAPES
-from wayside.stages.judge import face_chances, view_names
-from wayside.stages.place import DOUBT
+from wayside.stages.detection import face_chances, view_names
+from wayside.stages.mapping import DOUBT
 
 PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
 """What the judge sees of a candidate that does not name its face: how far it is and where."""

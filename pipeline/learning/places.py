@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
 from wayside.pipeline.learning.calibration import platt
 from wayside.schemas.errors import InputError
+from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import SideJudges, TreeModel
-from wayside.schemas.motion import Moved, Place, View
+from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.place import FEATURES
-from wayside.stages.track import track
+from wayside.stages.mapping import FEATURES, track
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a place is that face; overlap with one
@@ -37,7 +37,7 @@ SIGN, NOTHING, NEITHER = 1, 0, -1
 class Tracked:
     """A drive with truth up to its motion: frames with candidates, and the judges of one view that made them."""
 
-    moved: Iterable[Moved]
+    moved: Iterable[PosedDetections]
     face: TreeModel | None
     back: TreeModel | None
     truth: dict[str, Any]
@@ -133,7 +133,7 @@ def panels_by_frame(truth: dict[str, Any]) -> dict[int, list[Panel]]:
     return known
 
 
-def label_of(place: Place, known: dict[int, list[Panel]]) -> int:
+def label_of(place: Landmark, known: dict[int, list[Panel]]) -> int:
     """Whether the nearest views of a place lie on one true panel, seen from its side, on none, or in between."""
     near = sorted(place.views, key=lambda view: -view.frame)[:NEAREST]
     overlaps: dict[int, list[float]] = {}
@@ -147,11 +147,11 @@ def label_of(place: Place, known: dict[int, list[Panel]]) -> int:
     return NEITHER if between else NOTHING
 
 
-def _on_face(overlaps: Sequence[float], near: Sequence[View]) -> bool:
+def _on_face(overlaps: Sequence[float], near: Sequence[Observation]) -> bool:
     return float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
 
 
-def overlap(view: View, box: Sequence[float]) -> float:
+def overlap(view: Observation, box: Sequence[float]) -> float:
     """Intersection over union of a view's box and a true box."""
     wide = min(view.box[2], box[2]) - max(view.box[0], box[0])
     tall = min(view.box[3], box[3]) - max(view.box[1], box[1])

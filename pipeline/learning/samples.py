@@ -13,15 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.faces import Face, clear_faces, height_of, share_seen
+from wayside.schemas.detections import Regions, Segmentation
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Camera, Picture
-from wayside.schemas.regions import Regions, Segmented
+from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
-from wayside.stages.judge import gate_features, picture_levels, view_features, view_names
-from wayside.stages.numerics.boxes import overlap_of, shared_of
-from wayside.stages.numerics.patch import SIDE, drawn_patches
-from wayside.stages.propose import MOST, propose
-from wayside.stages.segment import segment
+from wayside.stages.detection import (
+    MOST,
+    SIDE,
+    drawn_patches,
+    gate_features,
+    overlap_of,
+    picture_levels,
+    propose,
+    shared_of,
+    view_features,
+    view_names,
+)
+from wayside.stages.segmentation import segment
 
 FACE_SHARE, FACE_PX = 0.4, 8
 """A box on a face is an example for the judge from here on; fainter ones count as neither."""
@@ -139,7 +147,7 @@ def read_truth(path: Path) -> dict[str, Any]:
 
 
 def read_drive(
-    pictures: Iterable[Picture], shown: Iterable[Picture], truth: dict[str, Any], masks: Path
+    pictures: Iterable[Image], shown: Iterable[Image], truth: dict[str, Any], masks: Path
 ) -> Drive:
     """Go through a drive: clear faces from `pictures`, candidates from the same as they are `shown` to the judge.
 
@@ -179,7 +187,7 @@ def read_drive(
 
 def read_drive_pictures(
     name: str,
-    pictures: Iterable[Picture],
+    pictures: Iterable[Image],
     seen: Sequence[Seen],
     complete: Sequence[bool],
 ) -> Drive:
@@ -188,7 +196,7 @@ def read_drive_pictures(
     Where the faces of a picture are not `complete`, what is on none of them counts as neither.
     """
     shown = Shown.of(seen, complete)
-    parts = [_views(item, shown) for item in _candidates(pictures) if item.picture.rgb is not None]
+    parts = [_views(item, shown) for item in _candidates(pictures) if item.image.rgb is not None]
     if not parts:
         raise InputError(f"{name}: wanted pictures, found none that can be used")
     faces = [face for here in seen for face in here]
@@ -205,7 +213,7 @@ def read_drive_pictures(
     )
 
 
-def read_views(pictures: Iterable[Picture], views: Views) -> NDArray[np.float32]:
+def read_views(pictures: Iterable[Image], views: Views) -> NDArray[np.float32]:
     """What the judge sees of `views`, (n, features): a second way through the `pictures` of their drive."""
     seen = np.zeros((len(views.frame), len(view_names())), np.float32)
     for rows, levels, regions, camera in _again(pictures, views):
@@ -213,7 +221,7 @@ def read_views(pictures: Iterable[Picture], views: Views) -> NDArray[np.float32]
     return seen
 
 
-def read_patches(pictures: Iterable[Picture], views: Views) -> NDArray[np.uint8]:
+def read_patches(pictures: Iterable[Image], views: Views) -> NDArray[np.uint8]:
     """The pixels of `views` and their surroundings, (n, 32, 32, 3): another way through the `pictures`."""
     seen = np.zeros((len(views.frame), SIDE, SIDE, 3), np.uint8)
     for rows, levels, regions, _ in _again(pictures, views):
@@ -222,7 +230,7 @@ def read_patches(pictures: Iterable[Picture], views: Views) -> NDArray[np.uint8]
 
 
 def _again(
-    pictures: Iterable[Picture], views: Views
+    pictures: Iterable[Image], views: Views
 ) -> Iterator[tuple[NDArray[np.int64], tuple[NDArray[np.uint8], ...], Regions, Camera]]:
     """Rows of the views that each picture has, its levels, the views as regions, and its camera."""
     for picture in pictures:
@@ -269,18 +277,18 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _candidates(pictures: Iterable[Picture]) -> Iterator[Segmented]:
+def _candidates(pictures: Iterable[Image]) -> Iterator[Segmentation]:
     """The pictures with all candidates that a run of preset `default` ranks."""
     segmented = segment(iter(pictures), SegmentSettings(), GateSettings())
     return propose(segmented, settings=CandidateSettings(most=MOST))
 
 
-def _views(item: Segmented, shown: Shown) -> Views:
-    rgb, camera, regions = item.picture.rgb, item.picture.frame.camera, item.regions
+def _views(item: Segmentation, shown: Shown) -> Views:
+    rgb, camera, regions = item.image.rgb, item.frame.camera, item.regions
     if rgb is None or camera is None:
         raise InputError("learning: wanted pictures with calibration, found one without")
     glance = gate_features(picture_levels(rgb), regions, camera)
-    return labelled(regions, glance, np.full(len(regions), item.picture.frame.index), shown)
+    return labelled(regions, glance, np.full(len(regions), item.frame.index), shown)
 
 
 def labelled(

@@ -16,7 +16,7 @@ import numpy as np
 
 from wayside.pipeline.learning.samples import Drive, read_drive_pictures
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import USED, Camera, Frame, Picture
+from wayside.schemas.frame import USED, Camera, Frame, Image
 
 FOCAL_SHARE = 0.9
 """Focal length of the unknown cameras as a share of the picture's longer side."""
@@ -41,7 +41,7 @@ def scene_sources(scenes: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]
     return sources
 
 
-def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Picture]:
+def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
     """The pictures of some scenes, numbered from 0."""
     for index, scene in enumerate(scenes):
         path = folder / "scenes" / scene["file"]
@@ -56,10 +56,10 @@ def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Pictu
         frame = Frame(index, index, None, USED, "jpeg", b"", camera, width, height)
         pixels = np.ascontiguousarray(rgb, np.uint8)
         grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
-        yield Picture(frame, pixels, grey)
+        yield Image(frame, pixels, grey)
 
 
-def scene_drive(pictures: Iterable[Picture], source: str, scenes: list[dict[str, Any]]) -> Drive:
+def scene_drive(pictures: Iterable[Image], source: str, scenes: list[dict[str, Any]]) -> Drive:
     """The scenes of one source as a drive without places or clear faces, from their pictures in the same order.
 
     Only complete scenes show what is no sign.

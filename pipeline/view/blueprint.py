@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from wayside.pipeline.view import entities as at
-from wayside.schemas.regions import VERDICTS
+from wayside.schemas.detections import VERDICTS
 
 QUIET = ("glance", "score", "size", "overlap", "color", "shape", "unmatched", "few_views")
 """Verdicts whose boxes are there, but off: there are too many of them to see the picture."""

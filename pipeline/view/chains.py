@@ -20,17 +20,17 @@ from wayside.pipeline.view.places import (
     reprojected_box,
 )
 from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN
+from wayside.schemas.detections import SOURCES
 from wayside.schemas.frame import Camera, Pose
+from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
-from wayside.schemas.motion import Place
-from wayside.schemas.regions import SOURCES
 
 SIGMAS = 2.0
 """Ellipsoids and ellipses are drawn at so many standard deviations."""
 STEPS = ["at the start", *(f"after step {k + 1}" for k in range(ITERATIONS_SHOWN))]
 GATE_NAMES = {
     **dict.fromkeys(("segment", "propose"), SOURCES),
-    **dict.fromkeys(("color", "judge", "shape"), ("kept", "refused")),
+    **dict.fromkeys(("color", "detect", "shape"), ("kept", "refused")),
     **dict.fromkeys(("track", "location", "assemble"), ("signs",)),
 }
 """What the numbers of a stage are, in the order in which its view gives them."""
@@ -82,7 +82,7 @@ def closing(
 
 def chain(
     sign_id: str,
-    place: Place,
+    place: Landmark,
     poses: Mapping[int, tuple[Pose, Camera]],
     times: Mapping[int, Times],
 ) -> Iterator[Batch | Columns]:
@@ -129,7 +129,7 @@ def _cleared(path: str, when: Sequence[Times], times: Mapping[int, Times]) -> It
 
 
 def _panel(
-    place: Place, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
+    place: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
 ) -> rr.Boxes3D:
     size = np.array([place.width_m, place.height_m, 0.03])
     turn = place.best_pose.rotation @ _about_down(np.radians(place.facing_deg))
@@ -145,7 +145,7 @@ def _panel(
 
 
 def _ellipsoid(
-    place: Place, centre: NDArray[np.float64], ink: tuple[int, int, int]
+    place: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int]
 ) -> rr.Ellipsoids3D:
     square, axes = np.linalg.eigh(place.covariance)
     axes[:, 2] *= np.sign(np.linalg.det(axes))

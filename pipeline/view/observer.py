@@ -15,9 +15,11 @@ from wayside.pipeline.view.chains import closing, opening
 from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
 from wayside.pipeline.view.recorder import Recorder
 from wayside.pipeline.view.views import LAST_STAGE, Scene, entities_of, seen_places
+from wayside.pipeline.workers import Item
 from wayside.schemas.frame import Frame
+from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import GaussianModel
-from wayside.schemas.motion import Moved, Settled
+from wayside.schemas.motion import PosedDetections
 
 
 class RerunObserver:
@@ -53,9 +55,9 @@ class RerunObserver:
         """Which pictures are recorded."""
         return self._scene.images
 
-    def see(self, stage: str, frame: Frame, item: Any) -> None:
+    def see(self, stage: str, item: Item) -> None:
         """Take note of what a stage made of a frame."""
-        self._guarded(lambda: self._see(stage, frame, item))
+        self._guarded(lambda: self._see(stage, item.frame, item))
 
     def finish(self, inventory: Inventory) -> None:
         """Send what only the end tells."""
@@ -85,18 +87,18 @@ class RerunObserver:
             self._waiting.clear()
             self._pictures.clear()
 
-    def _see(self, stage: str, frame: Frame, item: Any) -> None:
+    def _see(self, stage: str, frame: Frame, item: Item) -> None:
         found = entities_of(item, stage, self._scene)
-        if isinstance(item, Settled):
+        if isinstance(item, TrackedFrame):
             if found:
                 self._settled(stage, frame, found)
             return
         with self._lock:
             self._waiting[frame.index] += found
-        if isinstance(item, Moved):
+        if isinstance(item, PosedDetections):
             self._moved(frame, item)
 
-    def _moved(self, frame: Frame, item: Moved) -> None:
+    def _moved(self, frame: Frame, item: PosedDetections) -> None:
         with self._lock:
             found = self._waiting.pop(frame.index, [])
         station = None if item.motion is None else item.motion.station_m

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
+from wayside.schemas.detections import COLOR_RGB, COLORS
 from wayside.schemas.frame import Camera, Pose
-from wayside.schemas.motion import Place
-from wayside.schemas.regions import COLOR_RGB, COLORS
-from wayside.stages.numerics.undistort import distort_points
+from wayside.schemas.landmarks import Landmark
+from wayside.stages.geometry import distort_points
 
 GREY = (150, 150, 150)
 """Of what is no sign, or has no colour."""
@@ -19,12 +19,14 @@ def color_of(code: int) -> tuple[int, int, int]:
     return COLOR_RGB[COLORS[code]] if code >= 0 else GREY
 
 
-def place_color(place: Place) -> tuple[int, int, int]:
+def place_color(place: Landmark) -> tuple[int, int, int]:
     """Colour to draw a place in: its own where it is a sign."""
     return COLOR_RGB.get(place.color or "", GREY) if place.verdict == "sign" else GREY
 
 
-def reprojected_box(place: Place, pose: Pose, camera: Camera) -> tuple[float, float, float, float]:
+def reprojected_box(
+    place: Landmark, pose: Pose, camera: Camera
+) -> tuple[float, float, float, float]:
     """Where a place's panel must appear in a picture, recorded pixels; nan behind the camera."""
     x, y, z = pose.to_camera(place.best_pose.to_world(place.position))
     if z < 0.5:
@@ -36,7 +38,7 @@ def reprojected_box(place: Place, pose: Pose, camera: Camera) -> tuple[float, fl
     return float(x0), float(y0), float(x1), float(y1)
 
 
-def place_words(place: Place) -> str:
+def place_words(place: Landmark) -> str:
     """A place in a few words."""
     look = "back" if place.back else place.color or "?"
     return (
@@ -45,7 +47,7 @@ def place_words(place: Place) -> str:
     )
 
 
-def rejection(place: Place) -> str:
+def rejection(place: Landmark) -> str:
     """Why a place is no sign, in words with the numbers that decided."""
     right, above, _ = place.offset
     return (
@@ -55,7 +57,7 @@ def rejection(place: Place) -> str:
     )
 
 
-def place_points(places: list[Place]) -> rr.Points3D:
+def place_points(places: list[Landmark]) -> rr.Points3D:
     """Places as points of the drive's frame, with words."""
     return rr.Points3D(
         np.array([p.best_pose.to_world(p.position) for p in places]).reshape(-1, 3),
@@ -66,7 +68,7 @@ def place_points(places: list[Place]) -> rr.Points3D:
     )
 
 
-def cross_section(places: list[Place], names: list[str] | None = None) -> rr.Points2D:
+def cross_section(places: list[Landmark], names: list[str] | None = None) -> rr.Points2D:
     """Places in the plane across the road, with words or names."""
     # The plane across the road as a picture: right is right, up is up (pictures count downwards).
     return rr.Points2D(

@@ -28,21 +28,20 @@ from wayside.pipeline.view.places import (
     rejection,
     reprojected_box,
 )
-from wayside.schemas.frame import Camera, Frame, Picture, Pose
-from wayside.schemas.motion import Motion, Moved, Place, Settled, Ties
-from wayside.schemas.regions import (
+from wayside.schemas.detections import (
     COLORS,
     SHAPES,
     SOURCES,
     VERDICTS,
     Candidates,
-    Judged,
-    Look,
-    Segmented,
+    Detections,
+    Segmentation,
     verdict_code,
 )
-from wayside.stages.numerics.midpoint import midpoint, pair_residual
-from wayside.stages.numerics.undistort import distort_points, rays_of_ideal
+from wayside.schemas.frame import Camera, Frame, Image, Pose
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.motion import Motion, PosedDetections, Ties
+from wayside.stages.geometry import distort_points, midpoint, pair_residual, rays_of_ideal
 
 RECENT = 60
 """Frames whose path and places stay in view behind the vehicle."""
@@ -53,6 +52,11 @@ GOOD, BAD = (90, 220, 120), (240, 90, 90)
 BEFORE, AFTER = (245, 150, 60), GOOD
 """The straight motion, and the adjusted one."""
 JPEG_QUALITY = 85
+KEYPOINT_PATHS = {
+    "features": (at.KEYPOINTS, (120, 200, 255)),
+    "sift": (at.SIFT_POINTS, (255, 160, 255)),
+}
+"""Stages that find key points: where theirs are shown, and in which colour."""
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
 TELLING = ("location", "panel_size")
@@ -78,7 +82,7 @@ class Scene:
     shown: set[str] = field(default_factory=set)
     poses: dict[int, tuple[Pose, Camera]] = field(default_factory=dict)
     path: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=RECENT))
-    places: deque[tuple[int, Place]] = field(default_factory=deque)
+    places: deque[tuple[int, Landmark]] = field(default_factory=deque)
 
 
 def entities_of(item: Any, stage: str, scene: Scene) -> tuple[Entity, ...]:
@@ -121,7 +125,7 @@ def _pinhole(camera: Camera) -> rr.Pinhole:
     )
 
 
-def view_picture(picture: Picture, stage: str, scene: Scene) -> list[Entity]:
+def view_picture(picture: Image, stage: str, scene: Scene) -> list[Entity]:
     """Pixels only of what was recorded without compression: those are compressed here; all else went before."""
     raw = picture.rgb is not None and picture.frame.encoding not in PASSED_THROUGH
     if not raw or scene.images == "none" or picture.rgb is None:
@@ -136,7 +140,7 @@ def view_picture(picture: Picture, stage: str, scene: Scene) -> list[Entity]:
     return [Entity(at.IMAGE, (rr.EncodedImage(contents=coded.tobytes(), media_type="image/jpeg"),))]
 
 
-def view_segmented(item: Segmented, stage: str, scene: Scene) -> list[Entity]:
+def view_segmented(item: Segmentation, stage: str, scene: Scene) -> list[Entity]:
     """How many regions of each source; with detail the label images of both passes in their own colours."""
     counts = np.bincount(item.regions.source, minlength=len(SOURCES))
     found = [Entity(f"{at.GATES}/{stage}", (rr.Scalars(counts.astype(float)),))]
@@ -144,9 +148,9 @@ def view_segmented(item: Segmented, stage: str, scene: Scene) -> list[Entity]:
         scene.detail
         and stage == "segment"
         and item.labels is not None
-        and item.picture.rgb is not None
+        and item.image.rgb is not None
     ):
-        shape = item.picture.rgb.shape[:2]
+        shape = item.image.rgb.shape[:2]
         levels = np.linspace(40, 255, max(len(item.difference_levels) + 1, 2)).astype(np.uint8)
         inks = (item.palette.astype(np.uint8), np.repeat(levels[:, None], 3, axis=1))
         for path, labels, ink in zip(at.PASSES, item.labels, inks, strict=True):
@@ -170,29 +174,28 @@ def halved_labels(
     return full
 
 
-def view_judged(item: Judged, stage: str, scene: Scene) -> list[Entity]:
-    """How many candidates are still open after the stage, and how many it or one before it refused."""
+def view_detections(item: Detections, stage: str, scene: Scene) -> list[Entity]:
+    """Key points where the stage is one that finds them; else how many candidates are still open, and how many refused.
+
+    Refused: by the stage or one before it.
+    """
+    if stage in KEYPOINT_PATHS:
+        if not item.frame.used:
+            return []
+        path, ink = KEYPOINT_PATHS[stage]
+        points = item.features.corners if stage == "features" else item.features.sign_points
+        return [Entity(path, (_points2d(points, ink),))]
     left = len(item.candidates.open_rows())
     return [Entity(f"{at.GATES}/{stage}", (rr.Scalars([left, len(item.candidates) - left]),))]
-
-
-def view_look(item: Look, stage: str, scene: Scene) -> list[Entity]:
-    """Corners for tie points, and SIFT points on candidates."""
-    if not item.picture.frame.used:
-        return []
-    return [
-        Entity(at.KEYPOINTS, (_points2d(item.features.corners, (120, 200, 255)),)),
-        Entity(at.SIFT_POINTS, (_points2d(item.features.sign_points, (255, 160, 255)),)),
-    ]
 
 
 def _points2d(points: NDArray[np.float32], ink: tuple[int, int, int]) -> rr.Points2D:
     return rr.Points2D(points, colors=[ink], radii=rr.Radius.ui_points(1.5))
 
 
-def view_moved(item: Moved, stage: str, scene: Scene) -> list[Entity]:
+def view_moved(item: PosedDetections, stage: str, scene: Scene) -> list[Entity]:
     """The camera's place and path; ties, their points by both motions, and residuals before and after adjustment."""
-    frame, motion = item.look.picture.frame, item.motion
+    frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
         return []
     scene.poses[frame.index] = (motion.pose, frame.camera)
@@ -275,7 +278,7 @@ def _cloud(
     return rr.Points3D(motion.pose.to_world(points[near]), colors=[ink], radii=0.06)
 
 
-def view_settled(item: Settled, stage: str, scene: Scene) -> list[Entity]:
+def view_settled(item: TrackedFrame, stage: str, scene: Scene) -> list[Entity]:
     """Every candidate with its verdict, tracks, rays, places; places that were refused, with the reason in words."""
     frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
@@ -304,7 +307,7 @@ def view_settled(item: Settled, stage: str, scene: Scene) -> list[Entity]:
     ]
 
 
-def seen_places(scene: Scene, index: int) -> list[Place]:
+def seen_places(scene: Scene, index: int) -> list[Landmark]:
     """Recent places that a frame was measured in."""
     return [p for _, p in scene.places if any(view.frame == index for view in p.views)]
 
@@ -354,7 +357,7 @@ def candidate_words(candidates: Candidates, row: int) -> str:
 
 
 def _view_tracks(
-    active: list[Place], index: int, motion: Motion, camera: Camera, scene: Scene
+    active: list[Landmark], index: int, motion: Motion, camera: Camera, scene: Scene
 ) -> list[Entity]:
     strips, inks, boxes, labels, rays = [], [], [], [], []
     for place in active:
@@ -382,11 +385,10 @@ def _view_tracks(
 
 VIEWS: dict[type, Callable[[Any, str, Scene], list[Entity]]] = {
     Frame: view_frame,
-    Picture: view_picture,
-    Segmented: view_segmented,
-    Judged: view_judged,
-    Look: view_look,
-    Moved: view_moved,
-    Settled: view_settled,
+    Image: view_picture,
+    Segmentation: view_segmented,
+    Detections: view_detections,
+    PosedDetections: view_moved,
+    TrackedFrame: view_settled,
 }
 """Every type that travels."""

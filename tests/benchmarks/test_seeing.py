@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from wayside.schemas.regions import Candidates, Regions
+from wayside.schemas.detections import Candidates, Regions
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 FACE = [10.0, 10.0, 30.0, 30.0]

@@ -28,8 +28,8 @@ from wayside.pipeline.evaluation import (
     spread,
     together,
 )
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.regions import COLORS, SHAPES
 from wayside.schemas.tables import OBSERVATIONS, SIGNS, Table
 
 REFERENCE = Path(__file__).parents[3] / "shared" / "tools" / "score.py"

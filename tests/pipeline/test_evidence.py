@@ -29,8 +29,8 @@ from wayside.pipeline.importing import import_pictures
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.run import run_log
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
-from wayside.schemas.regions import COLORS, SHAPES
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 

@@ -7,10 +7,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.inventory import InventoryWriter
+from wayside.schemas.detections import Candidates, Regions, verdict_code
 from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
-from wayside.schemas.motion import Motion, Place, Settled, View
-from wayside.schemas.regions import Candidates, Regions, verdict_code
+from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
+from wayside.schemas.motion import Motion
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 CAMERA = Camera(1600, 1200, 1400, 1400, 800, 600)
@@ -29,8 +30,8 @@ def candidates(*verdicts):
 
 
 def place(track, frame, station, lateral, **changes):
-    view = View(frame, 0, 20.0, 40.0, (10, 20, 30, 60), 0.2)
-    made = Place(
+    view = Observation(frame, 0, 20.0, 40.0, (10, 20, 30, 60), 0.2)
+    made = Landmark(
         track_id=track,
         views=(view, dataclasses.replace(view, frame=frame - 1)),
         position=np.array([3.0, -0.5, 12.0]),
@@ -78,7 +79,7 @@ def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
             iterations=0,
             camera_height_m=1.8,
         )
-    return Settled(
+    return TrackedFrame(
         frame,
         motion,
         candidates(*verdicts),

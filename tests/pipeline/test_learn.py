@@ -20,10 +20,10 @@ from wayside.pipeline.learning.samples import (
     sign_places,
     stray_places,
 )
+from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel, model_from_json
-from wayside.schemas.regions import Regions
-from wayside.stages.region_features import REGION_FEATURES
+from wayside.stages.detection.region_features import REGION_FEATURES
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 

@@ -4,12 +4,12 @@ import pytest
 
 from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import digest, model_from_json, model_to_json
-from wayside.schemas.regions import COLORS, SHAPES
-from wayside.stages.judge import check_network, gate_names, view_names
-from wayside.stages.place import FEATURES
-from wayside.stages.region_features import REGION_FEATURES
+from wayside.stages.detection.detector import check_network, gate_names, view_names
+from wayside.stages.detection.region_features import REGION_FEATURES
+from wayside.stages.mapping.landmark import FEATURES
 
 NAMES = (
     "back.json",

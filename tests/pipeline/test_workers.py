@@ -2,11 +2,23 @@
 
 import threading
 import time
+from dataclasses import dataclass
 
 import pytest
 
-from wayside.pipeline.workers import StageClock, ordered_parallel, staged
+from wayside.pipeline.workers import StageClock, ordered_parallel
 from wayside.schemas.errors import StageError
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """What travels, as far as the clock knows it: its frame has an index."""
+
+    index: int
+
+    @property
+    def frame(self):
+        return self
 
 
 def uneven(items):
@@ -69,13 +81,14 @@ def test_an_error_while_reading_leaves_no_thread():
 def test_a_fault_names_the_stage_and_the_frame():
     def stage(items):
         for item in items:
-            yield 1 / (item - 3)
+            yield Numbered(1 // (item.index - 3))
 
     clock = StageClock()
+    numbered = clock.timed("count", map(Numbered, range(9)))
     with pytest.raises(
         StageError, match="stage divide failed at frame 3: ZeroDivisionError"
     ) as caught:
-        list(staged("divide", stage, iter(range(9)), clock, lambda item: item))
+        list(clock.timed("divide", stage(numbered)))
     assert (caught.value.stage, caught.value.frame) == ("divide", 3)
 
 
@@ -88,7 +101,7 @@ def test_the_clock_counts_a_stage_without_the_stages_before_it():
             yield item
 
     clock = StageClock()
-    first = staged("first", busy, iter(range(1, 4)), clock, lambda item: item)
-    list(staged("second", lambda items: (i for i in items), first, clock, lambda item: item))
+    first = clock.timed("first", busy(map(Numbered, range(1, 4))))
+    list(clock.timed("second", (item for item in first)))
     seconds = clock.seconds()
     assert seconds["first"] > 10 * seconds["second"]

@@ -17,7 +17,7 @@ from recordings.drives.signs.catalogue import GROUPS
 from recordings.drives.signs.face import COLORS, Face
 from recordings.drives.signs.invented import invented
 from recordings.drives.spec import CameraSpec, DriveSpec, SensorSpec
-from wayside.schemas.regions import COLORS as SIGN_COLORS
+from wayside.schemas.detections import COLORS as SIGN_COLORS
 
 
 def share_of(face: Face, color: str) -> float:

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from wayside.schemas.detections import VERDICTS
 from wayside.schemas.motion import Motion
-from wayside.schemas.regions import VERDICTS
 from wayside.schemas.tables import (
     MOTION_SOURCES,
     SCHEMA_VERSION,

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture, Pose
-from wayside.schemas.motion import Motion, Moved
-from wayside.schemas.regions import COLORS, SHAPES, Candidates, Features, Look, Regions
+from wayside.schemas.detections import COLORS, SHAPES, Candidates, Detections, Features, Regions
+from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
+from wayside.schemas.motion import Motion, PosedDetections
+from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 SPACING = 8.0
@@ -47,7 +48,9 @@ def boxes_of(panels: Sequence[Panel], frame: int) -> list[tuple[Panel, list[floa
     return found
 
 
-def moved_frame(index: int, panels: Sequence[Panel], *, used: bool = True, step: int = 0) -> Moved:
+def moved_frame(
+    index: int, panels: Sequence[Panel], *, used: bool = True, step: int = 0
+) -> PosedDetections:
     """One frame of a straight drive; `step` counts the used frames."""
     seen = boxes_of(panels, step) if used else []
     box = np.array([b for _, b in seen], np.float32).reshape(-1, 4)
@@ -76,8 +79,9 @@ def moved_frame(index: int, panels: Sequence[Panel], *, used: bool = True, step:
         codes[which].reshape(-1, 128),
         np.repeat(np.arange(n), 6).astype(np.int32),
     )
-    look = Look(Picture(frame, None, None), table, features, n, (0, 1200))
-    return Moved(look, straight_motion(step) if used else None)
+    segmentation = replace(unsegmented(Image(frame, None, None)), region_count=n, rows=(0, 1200))
+    detections = Detections(segmentation, table, features)
+    return PosedDetections(detections, straight_motion(step) if used else None)
 
 
 def straight_motion(step: int) -> Motion:
@@ -105,10 +109,12 @@ def panel() -> type[Panel]:
 
 
 @pytest.fixture
-def drive() -> Callable[..., list[Moved]]:
+def drive() -> Callable[..., list[PosedDetections]]:
     """Frames of a straight drive past panels; `unused` are indices of frames that take no part."""
 
-    def make(panels: Sequence[Panel], frames: int, unused: Sequence[int] = ()) -> list[Moved]:
+    def make(
+        panels: Sequence[Panel], frames: int, unused: Sequence[int] = ()
+    ) -> list[PosedDetections]:
         steps = np.cumsum([index not in unused for index in range(frames)]) - 1
         return [
             moved_frame(i, panels, used=i not in unused, step=int(steps[i])) for i in range(frames)

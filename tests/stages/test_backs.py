@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
 from wayside.schemas.models import SideJudges, TreeModel
-from wayside.schemas.regions import VERDICTS, Candidates, Regions, verdict_code
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.panel import Panel, box_rays
-from wayside.stages.place import FEATURES
-from wayside.stages.track import track
+from wayside.stages.mapping.landmark import FEATURES
+from wayside.stages.mapping.panel import Panel, box_rays
+from wayside.stages.mapping.tracker import track
 
 BEHIND = SideJudges()
 
@@ -19,7 +19,7 @@ def seen_from_behind(frames, score, faces="score"):
     """The same frames: all candidates may be backs, and are faces as far as `faces` says."""
     made = []
     for one in frames:
-        table = one.look.candidates
+        table = one.detections.candidates
         rows = len(table)
         told = replace(
             table,
@@ -27,7 +27,7 @@ def seen_from_behind(frames, score, faces="score"):
             verdict=np.full(rows, verdict_code(faces), np.uint8),
             score=np.full(rows, -9.0 if faces == "score" else 3.0, np.float32),
         )
-        made.append(replace(one, look=replace(one.look, candidates=told)))
+        made.append(replace(one, detections=replace(one.detections, candidates=told)))
     return made
 
 
@@ -86,7 +86,7 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
             0.1,
         )
 
-    monkeypatch.setattr("wayside.stages.track.measure_panel", measured)
+    monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
     (place,) = places_of(track(iter(frames), TrackSettings(), back=BEHIND))
     assert (place.color, place.shape) == (None, shape)
@@ -114,7 +114,7 @@ def test_a_face_and_a_back_apart_are_both_reported(panel, drive):
     stand = [panel(3.5, 1.2, 120.0), panel(-6.0, 1.2, 120.0)]
     frames = []
     for one in drive(stand, 20):
-        table = one.look.candidates
+        table = one.detections.candidates
         left = table.center[:, 0] < 800
         told = replace(
             table,
@@ -122,7 +122,7 @@ def test_a_face_and_a_back_apart_are_both_reported(panel, drive):
             verdict=np.where(left, verdict_code("score"), 0).astype(np.uint8),
             score=np.where(left, -9, 3).astype(np.float32),
         )
-        frames.append(replace(one, look=replace(one.look, candidates=told)))
+        frames.append(replace(one, detections=replace(one.detections, candidates=told)))
     found = places_of(track(iter(frames), TrackSettings(), back=BEHIND))
     assert sorted((place.back, place.color) for place in found) == [(False, "yellow"), (True, None)]
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from wayside.stages.numerics.compiled import compiled, compiled_exact
+from wayside.stages.kernels import compiled, compiled_exact
 
 
 @pytest.mark.parametrize("decorate", [compiled, compiled_exact])

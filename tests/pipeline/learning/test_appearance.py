@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.learning.appearance import altered, through_other_cameras
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Picture
+from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def pictures(rgb, count=40):
     camera = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
     for index in range(count):
         frame = Frame(index, index, None, USED, "jpeg", b"", camera, 160, 120)
-        yield Picture(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+        yield Image(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
 
 
 def test_some_pictures_are_altered_and_the_others_stay_as_they_are(scene):

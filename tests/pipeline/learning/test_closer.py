@@ -18,9 +18,9 @@ from wayside.pipeline.learning.closer import (
 )
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.schemas.errors import InputError, UsageError
-from wayside.stages.closer_look import FEATURES, relative_colors
-from wayside.stages.numerics.convolution import convolved
-from wayside.stages.numerics.patch import SIDE
+from wayside.stages.classifiers.convolution import convolved
+from wayside.stages.detection.patch_cnn import FEATURES, relative_colors
+from wayside.stages.detection.patch_features import SIDE
 
 needs_torch = pytest.mark.skipif(
     find_spec("torch") is None,

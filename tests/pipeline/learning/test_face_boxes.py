@@ -10,9 +10,9 @@ from wayside.pipeline.learning.face_boxes import (
     sides,
 )
 from wayside.pipeline.learning.samples import Drive, Shown, Views, labelled, read_views
-from wayside.schemas.regions import Regions
-from wayside.stages.face_box import SIDES, moved_boxes
-from wayside.stages.judge import view_names
+from wayside.schemas.detections import Regions
+from wayside.stages.detection.box_regression import SIDES, moved_boxes
+from wayside.stages.detection.detector import view_names
 
 
 def drive():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.learning.networks import Descent, fit_network
-from wayside.stages.numerics.network import log_chances, outputs
+from wayside.stages.classifiers.network import log_chances, outputs
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 

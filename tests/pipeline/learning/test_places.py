@@ -17,9 +17,9 @@ from wayside.pipeline.learning.places import (
     panels_by_frame,
 )
 from wayside.schemas.errors import InputError
-from wayside.schemas.motion import View
-from wayside.stages.numerics.trees import log_odds
-from wayside.stages.place import FEATURES
+from wayside.schemas.landmarks import Observation
+from wayside.stages.classifiers.trees import log_odds
+from wayside.stages.mapping.landmark import FEATURES
 
 
 class SeenAt:
@@ -27,7 +27,7 @@ class SeenAt:
 
     def __init__(self, *boxes, back=False):
         self.back = back
-        self.views = tuple(View(i, 0, 0.0, 0.0, box, 0.0) for i, box in enumerate(boxes))
+        self.views = tuple(Observation(i, 0, 0.0, 0.0, box, 0.0) for i, box in enumerate(boxes))
 
 
 def truth(side="front", faces_travel=True):
@@ -67,7 +67,7 @@ def test_what_is_followed_as_a_back_is_one_where_a_panel_is_seen_from_behind():
 
 
 def test_overlap_is_intersection_over_union():
-    view = View(0, 0, 0.0, 0.0, (0, 0, 2, 2), 0.0)
+    view = Observation(0, 0, 0.0, 0.0, (0, 0, 2, 2), 0.0)
     assert overlap(view, (1, 0, 3, 2)) == pytest.approx(1 / 3)
     assert overlap(view, (2, 0, 3, 2)) == 0
 

@@ -1,16 +1,16 @@
 import numpy as np
 
 from wayside.pipeline.learning.samples import Shown, labelled, read_patches, read_views
-from wayside.schemas.frame import USED, Camera, Frame, Picture
-from wayside.schemas.regions import Regions
-from wayside.stages.judge import view_names
+from wayside.schemas.detections import Regions
+from wayside.schemas.frame import USED, Camera, Frame, Image
+from wayside.stages.detection.detector import view_names
 
 CAMERA = Camera(100, 80, 90.0, 90.0, 49.5, 39.5)
 
 
 def plain(index, grey):
     rgb = np.full((80, 100, 3), grey, np.uint8)
-    return Picture(Frame(index, index, None, USED, "jpeg", b"", CAMERA), rgb, rgb[..., 0])
+    return Image(Frame(index, index, None, USED, "jpeg", b"", CAMERA), rgb, rgb[..., 0])
 
 
 def views(frames):

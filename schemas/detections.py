@@ -1,0 +1,294 @@
+"""What is found in one image: regions, candidates for sign faces, key points.
+
+Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Frame, Image
+
+COLORS = (
+    "white",
+    "yellow",
+    "green",
+    "red",
+    "orange",
+    "blue",
+    "brown",
+    "fluorescent_yellow_green",
+)
+COLOR_RGB = {
+    "white": (245, 245, 245),
+    "yellow": (245, 200, 40),
+    "green": (40, 160, 80),
+    "red": (210, 40, 50),
+    "orange": (245, 130, 30),
+    "blue": (40, 110, 210),
+    "brown": (140, 90, 50),
+    "fluorescent_yellow_green": (190, 240, 50),
+}
+"""What a class is drawn in: the colour of the signs, bright enough on a dark ground."""
+SHAPES = (
+    "rectangle",
+    "diamond",
+    "octagon",
+    "triangle",
+    "circle",
+    "pentagon",
+    "pennant",
+    "shield",
+    "crossbuck",
+    "other",
+)
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved")
+"""Where a region comes from: K-means pass one or two, a level of a map, two of these one above the other, the place
+that other frames say (the box of a thing found there), or any of these with its box moved onto the face it lies on."""
+
+VERDICTS = (
+    "open",
+    "sign",
+    "size",
+    "color",
+    "shape",
+    "glance",
+    "score",
+    "overlap",
+    "unmatched",
+    "few_views",
+    "moving",
+    "residual",
+    "location",
+    "panel_size",
+    "place_score",
+    "duplicate",
+)
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further."""
+NONE = -1
+
+
+def verdict_code(name: str) -> int:
+    """Position of a verdict in `VERDICTS`."""
+    return VERDICTS.index(name)
+
+
+@dataclass(frozen=True, slots=True)
+class Regions:
+    """Connected regions of one picture that passed the size gate, n parallel rows.
+
+    box (n, 4) float32, area_px (n,) int32, rgb (n, 3) float32 mean colour, source (n,) uint8 into `SOURCES`.
+    """
+
+    box: NDArray[np.float32]
+    area_px: NDArray[np.int32]
+    rgb: NDArray[np.float32]
+    source: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Refuse columns of different length."""
+        _same_length(self)
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(self.box)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Regions:
+        """Those rows, in that order."""
+        return Regions(self.box[rows], self.area_px[rows], self.rgb[rows], self.source[rows])
+
+    def joined(self, others: Regions) -> Regions:
+        """These rows and then the others."""
+        return Regions(
+            *(
+                np.concatenate([getattr(self, f.name), getattr(others, f.name)])
+                for f in fields(self)
+            )
+        )
+
+    @staticmethod
+    def empty() -> Regions:
+        """No rows."""
+        return Regions(
+            np.zeros((0, 4), np.float32),
+            np.zeros(0, np.int32),
+            np.zeros((0, 3), np.float32),
+            np.zeros(0, np.uint8),
+        )
+
+
+def middles(box: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Middle (n, 2) of boxes (n, 4), pixel centres at integers."""
+    return np.asarray((box[:, :2] + box[:, 2:] - 1).astype(np.float64) / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Regions with what is judged of them; a row is never dropped, its `verdict` says where it stopped.
+
+    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same
+    without lens distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance,
+    shape_distance (n,) float32 Mahalanobis distances, nan where not computed; score (n,) float32 log odds
+    of being a sign face, nan where not judged; verdict (n,) uint8 into `VERDICTS`. color_odds (n, colours),
+    shape_odds (n, shapes) float32: logarithms of the chances of each name, nan where not named; None: nothing is.
+    back_score (n,) float32: log odds of being a panel seen from behind, nan where that is not possible; None: nowhere.
+    """
+
+    regions: Regions
+    center: NDArray[np.float64]
+    ideal: NDArray[np.float64]
+    color: NDArray[np.int8]
+    color_distance: NDArray[np.float32]
+    shape: NDArray[np.int8]
+    shape_distance: NDArray[np.float32]
+    score: NDArray[np.float32]
+    verdict: NDArray[np.uint8]
+    color_odds: NDArray[np.float32] | None = None
+    shape_odds: NDArray[np.float32] | None = None
+    back_score: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse columns of different length."""
+        _same_length(self)
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(self.center)
+
+    def open_rows(self) -> NDArray[np.int64]:
+        """Rows that are still undecided."""
+        return np.flatnonzero(self.verdict == 0)
+
+    def back_rows(self) -> NDArray[np.int64]:
+        """Rows that may show the back of a panel."""
+        if self.back_score is None:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero(~np.isnan(self.back_score))
+
+    def joined(self, others: Candidates) -> Candidates:
+        """These rows and then the others; chances that one of both lacks are nan there."""
+
+        def column(name: str) -> NDArray[Any] | None:
+            parts = [getattr(self, name), getattr(others, name)]
+            known = next((part for part in parts if part is not None), None)
+            if known is None:
+                return None
+            counts = (len(self), len(others))
+            filled = [
+                np.full((n, *known.shape[1:]), np.nan, np.float32) if p is None else p
+                for p, n in zip(parts, counts, strict=True)
+            ]
+            return np.concatenate(filled)
+
+        rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
+        return Candidates(self.regions.joined(others.regions), **rest)  # type: ignore[arg-type]
+
+    def moved(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> Candidates:
+        """The same with boxes moved to `box` (m, 4), and so other centres, in `rows` (m,)."""
+        boxes, source, center = (
+            self.regions.box.copy(),
+            self.regions.source.copy(),
+            self.center.copy(),
+        )
+        boxes[rows], source[rows], center[rows] = box, SOURCES.index("moved"), middles(box)
+        regions = replace(self.regions, box=boxes, source=source)
+        return replace(self, regions=regions, center=center, ideal=center.copy())
+
+    @staticmethod
+    def of(regions: Regions) -> Candidates:
+        """Unjudged rows; centres start at the middle of the boxes."""
+        n = len(regions)
+        middle = middles(regions.box)
+        return Candidates(
+            regions,
+            middle,
+            middle.copy(),
+            np.full(n, NONE, np.int8),
+            np.full(n, np.nan, np.float32),
+            np.full(n, NONE, np.int8),
+            np.full(n, np.nan, np.float32),
+            np.full(n, np.nan, np.float32),
+            np.zeros(n, np.uint8),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Segmentation:
+    """An image with its regions.
+
+    palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
+    pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
+    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); left_out: candidates that
+    are not among the regions because others are likelier.
+    """
+
+    image: Image
+    regions: Regions
+    region_count: int
+    palette: NDArray[np.float32]
+    difference_levels: NDArray[np.float32]
+    rows: tuple[int, int]
+    labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
+    left_out: int = 0
+
+    @property
+    def frame(self) -> Frame:
+        """The frame that the image belongs to."""
+        return self.image.frame
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """Key points of one image.
+
+    corners (n, 2) float32: tie-point corners, distorted pixels, sorted by row; descriptors (n, 32) uint8
+    (binary); sign_points (m, 2) float32, sign_descriptors (m, 128) float32 (SIFT), sign_rows (m,) int32: the
+    candidate row each belongs to.
+    """
+
+    corners: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    sign_points: NDArray[np.float32]
+    sign_descriptors: NDArray[np.float32]
+    sign_rows: NDArray[np.int32]
+
+    @staticmethod
+    def empty() -> Features:
+        """No key points."""
+        return Features(
+            np.zeros((0, 2), np.float32),
+            np.zeros((0, 32), np.uint8),
+            np.zeros((0, 2), np.float32),
+            np.zeros((0, 128), np.float32),
+            np.zeros(0, np.int32),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """All that one image shows by itself: its segmentation, its candidates as far as they are decided, key points."""
+
+    segmentation: Segmentation = field(repr=False)
+    candidates: Candidates
+    features: Features = field(default_factory=Features.empty)
+
+    @property
+    def image(self) -> Image:
+        """The image itself."""
+        return self.segmentation.image
+
+    @property
+    def frame(self) -> Frame:
+        """The frame that the image belongs to."""
+        return self.segmentation.image.frame
+
+
+def _same_length(table: object) -> None:
+    columns = {f.name: getattr(table, f.name) for f in fields(table)}  # type: ignore[arg-type]
+    lengths = {name: len(column) for name, column in columns.items() if column is not None}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"{type(table).__name__}: columns of different length: {lengths}")

@@ -1,0 +1,82 @@
+"""What stands along the road: landmarks measured over several frames, and frames whose candidates are all decided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import Candidates
+from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.motion import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """One frame's measurement of a place: candidate `row` of frame `frame`, ideal pixels."""
+
+    frame: int
+    row: int
+    u_px: float
+    v_px: float
+    box: tuple[float, float, float, float]
+    residual_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Landmark:
+    """A thing seen in several frames, in three dimensions, with the verdict on it.
+
+    position (3,), covariance (3, 3): metres in the camera frame of `best_frame` (right, down, ahead);
+    normal (3,): of the face there, pointing to the camera; offset (3,): right of the path, above the camera's path,
+    along it, all at the sign (metres); score: log odds that it is a sign; evidence: what the judge of places saw, in
+    the order of its model's features.
+    """
+
+    track_id: int
+    views: tuple[Observation, ...]
+    position: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    station_m: float
+    best_frame: int
+    best_time_ns: int
+    best_box: tuple[float, float, float, float]
+    best_pose: Pose
+    width_m: float
+    height_m: float
+    sigma_width_m: float
+    sigma_height_m: float
+    facing_deg: float
+    sigma_facing_deg: float
+    color: str | None
+    color_distance: float
+    shape: str | None
+    shape_distance: float
+    score: float
+    residual_px: float
+    verdict: str
+    back: bool = False
+    assembly: int = -1
+    evidence: tuple[float, ...] = field(default=(), repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """A frame whose candidates are all decided: the end of the flow, ready for the tables.
+
+    track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; places: those that ended here, each
+    given once.
+    Pixels are gone by now; `frame.data` keeps the bytes as recorded.
+    """
+
+    frame: Frame
+    motion: Motion | None
+    candidates: Candidates
+    track_id: NDArray[np.int32]
+    residual_px: NDArray[np.float32]
+    region_count: int
+    rows: tuple[int, int]
+    places: tuple[Landmark, ...] = field(default=())
+    left_out: int = 0

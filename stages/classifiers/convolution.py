@@ -1,0 +1,73 @@
+"""A small convolutional network evaluated on many patches (LeCun et al. 1998)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import ConvolutionModel
+from wayside.stages.kernels import require_array
+
+TOGETHER = 32
+"""Patches evaluated at once: what they need between two layers stays in the processor's cache."""
+
+
+def convolved(
+    model: ConvolutionModel, patches: NDArray[np.float32], values: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """What the network says of each patch, shape (n,).
+
+    Parameters
+    ----------
+    model
+        Each layer of filters (3 x 3, borders padded with zeros) is followed by max(0, x), and by the largest of each 2
+        x 2 samples where `halved`; then one hidden layer over all samples and the features, and one output.
+    patches
+        (n, side, side, channels) float32.
+    values
+        (n, features) float32, joined to the samples before the hidden layer.
+
+    Raises
+    ------
+    ValueError
+        If patches or values are of another type or size than the model's.
+    """
+    side, channels = model.side, model.filters[0].shape[2]
+    require_array(patches, "patches", np.float32, (None, side, side, channels))
+    require_array(values, "values", np.float32, (len(patches), len(model.features)))
+    parts = [np.zeros(0, np.float32)]
+    for first in range(0, len(patches), TOGETHER):
+        rows = slice(first, first + TOGETHER)
+        parts.append(_evaluate(model, patches[rows], values[rows]))
+    return np.concatenate(parts)
+
+
+def _evaluate(
+    model: ConvolutionModel, samples: NDArray[np.float32], values: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    for weight, bias, halved in zip(model.filters, model.biases, model.halved, strict=True):
+        samples = filtered(samples, weight) + bias
+        samples = largest_of_four(samples) if halved else samples
+        np.maximum(samples, np.float32(0), out=samples)
+    scaled = np.clip((values - model.mean) / model.scale, -model.farthest, model.farthest)
+    joined = np.concatenate([samples.reshape(len(samples), -1), scaled], axis=1)
+    hidden = np.maximum(joined @ model.hidden + model.hidden_bias, np.float32(0))
+    return np.asarray(hidden @ model.output + model.output_bias, np.float32)
+
+
+def filtered(samples: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Correlate samples (n, rows, columns, in) with filters (3, 3, in, out), zeros beyond the border."""
+    n, rows, columns, channels = samples.shape
+    padded = np.zeros((n, rows + 2, columns + 2, channels), np.float32)
+    padded[:, 1:-1, 1:-1] = samples
+    beside = np.empty((n, rows, columns, 9 * channels), np.float32)
+    for k in range(9):
+        i, j = divmod(k, 3)
+        beside[..., k * channels : (k + 1) * channels] = padded[:, i : i + rows, j : j + columns]
+    return np.asarray(beside @ weight.reshape(9 * channels, -1), np.float32)
+
+
+def largest_of_four(samples: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The largest of each 2 x 2 samples: (n, rows / 2, columns / 2, channels)."""
+    across = np.maximum(samples[:, :, 0::2], samples[:, :, 1::2])
+    return np.maximum(across[:, 0::2], across[:, 1::2])

@@ -1,0 +1,72 @@
+"""Boosted trees (Friedman 2001) evaluated on many rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import TreeModel
+from wayside.stages.classifiers.network import outputs
+from wayside.stages.kernels import compiled, require_array
+
+
+def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum over the trees plus bias for each row of `values` (n, features of the model): (n,) log odds.
+
+    Where the model has a network beside its trees, what that says is added.
+
+    Raises
+    ------
+    ValueError
+        If the number of columns is not the model's, or a tree leads out of its arrays.
+    """
+    values = np.ascontiguousarray(values, np.float32)
+    require_array(values, "values", np.float32, (None, len(model.features)))
+    nodes = model.feature.shape[1]
+    links_fit = (model.left < nodes) & (model.right < nodes)
+    if not (links_fit.all() and (model.feature < len(model.features)).all() and nodes):
+        raise ValueError(
+            "trees: wanted links to nodes and features that exist; the model is damaged"
+        )
+    result = np.empty(len(values), np.float32)
+    _sum_trees(
+        values,
+        np.ascontiguousarray(model.feature, np.int32),
+        np.ascontiguousarray(model.threshold, np.float32),
+        np.ascontiguousarray(model.left, np.int32),
+        np.ascontiguousarray(model.right, np.int32),
+        np.ascontiguousarray(model.value, np.float32),
+        model.bias,
+        result,
+    )
+    if model.network is not None:
+        result += outputs(model.network, values)[:, 0]
+    return result
+
+
+@compiled
+def _sum_trees(
+    values: Any,
+    feature: Any,
+    threshold: Any,
+    left: Any,
+    right: Any,
+    value: Any,
+    bias: Any,
+    result: Any,
+) -> None:
+    nodes = feature.shape[1]
+    for i in range(values.shape[0]):
+        total = bias
+        for t in range(feature.shape[0]):
+            k = 0
+            for _ in range(nodes):
+                if left[t, k] < 0:
+                    break
+                v = values[i, feature[t, k]]
+                # Written so that nan goes left.
+                k = right[t, k] if v > threshold[t, k] else left[t, k]
+            total += value[t, k]
+        result[i] = total

@@ -1,0 +1,131 @@
+"""Cramér-Rao bound of a placed point: how well any unbiased method could know it from what was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.geometry.rotation import across
+from wayside.stages.kernels import Array, compiled, require_array
+
+
+def step_bound(
+    slopes: Array, covariance: Array, direction: Array, baseline_m: float, sigma_m: float
+) -> Array:
+    """Covariance (6, 6) that ties leave of a step at best: rotation vector, then translation, first camera's axes.
+
+    Parameters
+    ----------
+    slopes
+        Derivatives (n, 5) of the ties' Sampson distances, px, as of `numerics.tie_errors.motion_slopes`.
+    covariance
+        Of these distances, (n, n), px squared.
+    direction
+        Of travel, (3,), unit.
+    baseline_m, sigma_m
+        Length of the step and how well it is known beforehand.
+    """
+    require_array(slopes, "slopes", np.float64, (len(covariance), 5))
+    require_array(covariance, "covariance", np.float64, (len(slopes), len(slopes)))
+    white = slopes.copy()
+    _whiten(covariance.copy(), white)
+    motion = np.linalg.inv(white.T @ white)
+    spread = np.zeros((6, 5))
+    spread[:3, :3] = np.eye(3)
+    spread[3:, 3:] = baseline_m * across(direction).T
+    result = spread @ motion @ spread.T
+    result[3:, 3:] += sigma_m**2 * np.outer(direction, direction)
+    return np.asarray((result + result.T) / 2)
+
+
+def point_bound(
+    rotations: Array,
+    centres: Array,
+    point: Array,
+    views: NDArray[np.int64],
+    sigma: Array,
+    steps: Array,
+    best: int,
+    pose_sigma: tuple[float, float] | None = None,
+) -> Array:
+    """Smallest covariance (3, 3) of a point in the camera frame of frame `best`, square metres.
+
+    Inverse of the Fisher information of all poses and the point together (projection: report eq. 7.6), poses
+    eliminated.
+
+    Parameters
+    ----------
+    rotations, centres
+        World from camera (n, 3, 3) and centres (n, 3) of consecutive frames, true.
+    point
+        (3,) in the world.
+    views
+        Frames (v,) that show it.
+    sigma
+        Of the rays (x/z, y/z) of these views, (v,).
+    steps
+        Covariance (n, 6, 6) of the step from the frame before, as `step_bound` gives it; row 0 is not used.
+    best
+        The frame the point is reported in.
+    pose_sigma
+        Standard deviations of given poses, metres and radians; None where no pose is given.
+    """
+    n = len(rotations)
+    # unknowns: rotation vector and shift of each camera, world axes; then the point
+    information = np.zeros((6 * n + 3, 6 * n + 3))
+    for k in range(1, n):
+        back = rotations[k - 1].T
+        rows = np.zeros((6, 6 * n + 3))
+        rows[:3, 6 * k - 6 : 6 * k - 3], rows[:3, 6 * k : 6 * k + 3] = -back, back
+        rows[3:, 6 * k - 3 : 6 * k], rows[3:, 6 * k + 3 : 6 * k + 6] = -back, back
+        rows[3:, 6 * k - 6 : 6 * k - 3] = back @ _cross(centres[k] - centres[k - 1])
+        information += rows.T @ np.linalg.solve(steps[k], rows)
+    for view, spread in zip(views, sigma, strict=True):
+        rows = _local_rows(rotations[view], centres[view], point, int(view), n)
+        x, y, z = (point - centres[view]) @ rotations[view]
+        project = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]]) / spread
+        information += (project @ rows).T @ (project @ rows)
+    keep = np.ones(6 * n + 3, np.bool_)
+    if pose_sigma is None:
+        keep[6 * best : 6 * best + 6] = False  # where the drive stands nobody says
+    else:
+        diagonal = np.tile([pose_sigma[1] ** -2] * 3 + [pose_sigma[0] ** -2] * 3, n)
+        information[np.arange(6 * n), np.arange(6 * n)] += diagonal
+    report = _local_rows(rotations[best], centres[best], point, best, n)[:, keep]
+    solved = np.linalg.solve(information[np.ix_(keep, keep)], report.T)
+    return np.asarray(report @ solved)
+
+
+@compiled
+def _whiten(covariance: Array, rows: Array) -> None:
+    # By Cholesky, in place. Hundreds of ties a step: the threads of a linear algebra library would fight the workers.
+    n = covariance.shape[0]
+    for j in range(n):
+        for i in range(j, n):
+            rest = covariance[i, j]
+            for k in range(j):
+                rest -= covariance[i, k] * covariance[j, k]
+            if i == j:
+                covariance[j, j] = np.sqrt(max(rest, 1e-30))
+            else:
+                covariance[i, j] = rest / covariance[j, j]
+        for m in range(rows.shape[1]):
+            rest = rows[j, m]
+            for k in range(j):
+                rest -= covariance[j, k] * rows[k, m]
+            rows[j, m] = rest / covariance[j, j]
+
+
+def _local_rows(rotation: Array, centre: Array, point: Array, frame: int, n: int) -> Array:
+    """Derivative (3, 6 n + 3) of a point in a camera's frame by all unknowns."""
+    rows = np.zeros((3, 6 * n + 3))
+    rows[:, 6 * frame : 6 * frame + 3] = rotation.T @ _cross(point - centre)
+    rows[:, 6 * frame + 3 : 6 * frame + 6] = -rotation.T
+    rows[:, -3:] = rotation.T
+    return rows
+
+
+def _cross(arm: Array) -> Array:
+    """Matrix (3, 3) of arm x."""
+    x, y, z = arm
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -1,0 +1,150 @@
+"""The report's point: the middle between two rays, and what it leaves of them in both pictures (chapter 7)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.kernels import Array, compiled, shaped
+
+SMALLEST_SINE = 1e-6
+"""Rays that meet at a smaller angle (as sine) count as parallel."""
+
+
+class Midpoints(NamedTuple):
+    """Midpoints of ray pairs.
+
+    point (n, 3), nan where the rays are parallel; gap (n,): length of the shortest join, same unit; along (n, 2):
+    distance of its ends along the two rays (times the ray's length), not positive where the point lies behind.
+    """
+
+    point: Array
+    gap: Array
+    along: Array
+
+    @property
+    def ahead(self) -> NDArray[np.bool_]:
+        """Points (n,) that exist and lie ahead of both cameras."""
+        return np.asarray((self.along > 0).all(axis=1))
+
+
+def midpoint(
+    c0: NDArray[np.floating[Any]],
+    c1: NDArray[np.floating[Any]],
+    d0: NDArray[np.floating[Any]],
+    d1: NDArray[np.floating[Any]],
+) -> Midpoints:
+    """Middle of the shortest segment between two rays (report eqs. 7.1 to 7.4).
+
+    Parameters
+    ----------
+    c0, c1
+        Camera centres, (3,).
+    d0, d1
+        Directions of the rays in the same frame, (n, 3), of any length.
+
+    Returns
+    -------
+    Midpoints
+        nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
+        the common centre).
+
+    Raises
+    ------
+    ValueError
+        Where the shapes do not fit.
+    """
+    first, second = shaped(d0, (-1, 3)), shaped(d1, (-1, 3))
+    if len(first) != len(second):
+        raise ValueError(f"wanted as many rays of both views, found {len(first)} and {len(second)}")
+    point, along = np.empty_like(first), np.empty((len(first), 2))
+    gap = np.empty(len(first))
+    meet_rays(shaped(c0, (3,)), shaped(c1, (3,)), first, second, point, gap, along)
+    return Midpoints(point, gap, along)
+
+
+def pair_residual(
+    previous: NDArray[np.floating[Any]],
+    current: NDArray[np.floating[Any]],
+    rotation: NDArray[np.floating[Any]],
+    direction: NDArray[np.floating[Any]],
+    focal_px: tuple[float, float],
+) -> Array:
+    """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
+
+    Parameters
+    ----------
+    previous, current
+        Rays (n, 2) as (x/z, y/z) of both pictures.
+    rotation, direction
+        Current camera in the previous one's frame: axes (3, 3) and centre (3,), of any length.
+    focal_px
+        fx, fy. The report's single f takes centred, undistorted pixels for granted.
+
+    Returns
+    -------
+    Array
+        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the best place
+        that is left, with its gap shared by both pictures.
+    """
+    first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
+    ones, turn = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
+    rays = np.hstack([first, ones]), np.hstack([second, ones]) @ turn.T
+    found = midpoint(np.zeros(3), direction, *rays)
+    local = (found.point - direction) @ turn
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gaps = np.hstack(
+            [
+                found.point[:, :2] / found.point[:, 2:] - first,
+                local[:, :2] / local[:, 2:] - second,
+            ]
+        )
+        far = rays[0] @ turn
+        apart = far[:, :2] / far[:, 2:] - second
+    near = found.ahead & (found.point[:, 2] > 0) & (local[:, 2] > 0)
+    squares = ((gaps * (*focal_px, *focal_px)) ** 2).sum(axis=1)
+    distant = 0.5 * ((apart * focal_px) ** 2).sum(axis=1)
+    return np.asarray(np.where(near, squares, distant))
+
+
+@compiled
+def meet_rays(
+    c0: Array, c1: Array, d0: Array, d1: Array, point: Array, gap: Array, along: Array
+) -> None:
+    """Kernel of `midpoint`, for other kernels: fills point (n, 3), gap (n,), along (n, 2)."""
+    b = c1 - c0
+    for i in range(d0.shape[0]):
+        p, q = d0[i], d1[i]
+        # (7.1) q3 = q1 x q2, at right angles to both rays
+        n0 = p[1] * q[2] - p[2] * q[1]
+        n1 = p[2] * q[0] - p[0] * q[2]
+        n2 = p[0] * q[1] - p[1] * q[0]
+        square = n0 * n0 + n1 * n1 + n2 * n2
+        pp = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+        qq = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
+        if not square > SMALLEST_SINE * SMALLEST_SINE * pp * qq:
+            point[i] = np.nan
+            along[i] = np.nan
+            gap[i] = np.nan
+            continue
+        # (7.2), (7.3) C1 + g1 q1 + g3 q3 = C2 + g2 q2, solved by Cramer's rule
+        g1 = (
+            (b[1] * q[2] - b[2] * q[1]) * n0
+            + (b[2] * q[0] - b[0] * q[2]) * n1
+            + (b[0] * q[1] - b[1] * q[0]) * n2
+        ) / square
+        g2 = (
+            (b[1] * p[2] - b[2] * p[1]) * n0
+            + (b[2] * p[0] - b[0] * p[2]) * n1
+            + (b[0] * p[1] - b[1] * p[0]) * n2
+        ) / square
+        g3 = (b[0] * n0 + b[1] * n1 + b[2] * n2) / square
+        # (7.4) f = C1 + g1 q1 + (g3 / 2) q3
+        point[i, 0] = c0[0] + g1 * p[0] + 0.5 * g3 * n0
+        point[i, 1] = c0[1] + g1 * p[1] + 0.5 * g3 * n1
+        point[i, 2] = c0[2] + g1 * p[2] + 0.5 * g3 * n2
+        gap[i] = abs(g3) * np.sqrt(square)
+        along[i, 0] = g1 * np.sqrt(pp)
+        along[i, 1] = g2 * np.sqrt(qq)

@@ -1,0 +1,114 @@
+"""Rotations as matrices and rotation vectors, compiled: they stand in the inner loops of every adjustment."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wayside.stages.kernels import Array, compiled
+
+
+@compiled
+def rotation_from_vector(vector: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
+    x, y, z = vector[0], vector[1], vector[2]
+    angle = np.sqrt(x * x + y * y + z * z)
+    if angle < 1e-8:
+        a, b = 1.0 - angle * angle / 6.0, 0.5
+    else:
+        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / (angle * angle)
+    matrix = np.empty((3, 3))
+    matrix[0, 0] = 1 - b * (y * y + z * z)
+    matrix[0, 1] = -a * z + b * x * y
+    matrix[0, 2] = a * y + b * x * z
+    matrix[1, 0] = a * z + b * x * y
+    matrix[1, 1] = 1 - b * (x * x + z * z)
+    matrix[1, 2] = -a * x + b * y * z
+    matrix[2, 0] = -a * y + b * x * z
+    matrix[2, 1] = a * x + b * y * z
+    matrix[2, 2] = 1 - b * (x * x + y * y)
+    return matrix
+
+
+@compiled
+def vector_from_rotation(matrix: Array) -> Array:
+    """Rotation vector (3,) in radians, angle in [0, pi], of a rotation matrix (3, 3)."""
+    # The quaternion by its largest component: exact for small angles and near half a turn alike.
+    trace = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
+    q = np.empty(4)  # x, y, z, w
+    largest = 3
+    value = trace
+    for k in range(3):
+        if matrix[k, k] > value:
+            largest, value = k, matrix[k, k]
+    if largest == 3:
+        q[0] = matrix[2, 1] - matrix[1, 2]
+        q[1] = matrix[0, 2] - matrix[2, 0]
+        q[2] = matrix[1, 0] - matrix[0, 1]
+        q[3] = 1.0 + trace
+    else:
+        i = largest
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q[i] = 1.0 - trace + 2.0 * matrix[i, i]
+        q[j] = matrix[j, i] + matrix[i, j]
+        q[k] = matrix[k, i] + matrix[i, k]
+        q[3] = matrix[k, j] - matrix[j, k]
+    if q[3] < 0:
+        q = -q
+    sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    factor = 2.0 / q[3] if sine < 1e-12 * q[3] else 2.0 * np.arctan2(sine, q[3]) / sine
+    vector = np.empty(3)
+    for i in range(3):
+        vector[i] = q[i] * factor
+    return vector
+
+
+@compiled
+def cholesky_solve(matrix: Array, right: Array, size: int) -> bool:
+    """Solve in place by Cholesky: the lower half of `matrix` becomes its factor, `right` the solution.
+
+    False, with both spoilt, where the leading (size, size) part is not positive definite.
+    """
+    for j in range(size):
+        total = matrix[j, j]
+        for k in range(j):
+            total -= matrix[j, k] * matrix[j, k]
+        if not total > 0:
+            return False
+        root = np.sqrt(total)
+        matrix[j, j] = root
+        for i in range(j + 1, size):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = rest / root
+    for i in range(size):
+        rest = right[i]
+        for k in range(i):
+            rest -= matrix[i, k] * right[k]
+        right[i] = rest / matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        rest = right[i]
+        for k in range(i + 1, size):
+            rest -= matrix[k, i] * right[k]
+        right[i] = rest / matrix[i, i]
+    return True
+
+
+@compiled
+def across(direction: Array) -> Array:
+    """Two unit vectors (2, 3) at right angles to a unit vector (3,) and to each other.
+
+    For a direction near the camera's z axis they are nearly the x and the y axis.
+    """
+    first = np.empty(3)
+    if abs(direction[1]) < 0.9:
+        first[0], first[1], first[2] = direction[2], 0.0, -direction[0]
+    else:
+        first[0], first[1], first[2] = 0.0, direction[2], -direction[1]
+    first /= np.sqrt((first * first).sum())
+    result = np.empty((2, 3))
+    result[0] = first
+    result[1, 0] = direction[1] * first[2] - direction[2] * first[1]
+    result[1, 1] = direction[2] * first[0] - direction[0] * first[2]
+    result[1, 2] = direction[0] * first[1] - direction[1] * first[0]
+    return result

@@ -1,0 +1,103 @@
+"""Least squares over a chain: unknowns in blocks, each measurement touching one block or two neighbours.
+
+The normal matrix of such a problem is a band, so that solving and the scatter of every block cost time and memory in
+proportion to the length of the chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from wayside.stages.kernels import Array, compiled, require_array
+
+
+class BandedNormal:
+    """Normal equations J' J x = J' r of a chain of blocks, lower band by lower band.
+
+    Parameters
+    ----------
+    blocks, size
+        Number of blocks in the chain, and of unknowns in each.
+    """
+
+    def __init__(self, blocks: int, size: int) -> None:
+        self.blocks, self.size = blocks, size
+        self.band: Array = np.zeros((2 * size, blocks * size))  # [i - j, j] is the entry (i, j)
+        self.right: Array = np.zeros(blocks * size)
+
+    def add(
+        self, block: NDArray[np.int64], columns: Sequence[int], jacobian: Array, residual: Array
+    ) -> None:
+        """Add measurements of one kind, already divided by their standard deviations.
+
+        Parameters
+        ----------
+        block
+            (m,) the block each measurement belongs to, none twice.
+        columns
+            Of the c unknowns touched, counted from the first of the block; down to -size for the block before.
+        jacobian, residual
+            (m, r, c) and (m, r): derivative of the residual, and wanted minus predicted.
+        """
+        first = block * self.size
+        for a, column in enumerate(columns):
+            self.right[first + column] += (jacobian[:, :, a] * residual).sum(axis=1)
+            for b, other in enumerate(columns[: a + 1]):
+                high, low = max(column, other), min(column, other)
+                product = (jacobian[:, :, a] * jacobian[:, :, b]).sum(axis=1)
+                self.band[high - low, first + low] += product
+
+    def solve(self) -> tuple[Array, Array]:
+        """The unknowns (blocks, size), and the Cholesky factor of the band for `scatter_of_blocks`.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Where the measurements leave something undetermined.
+        """
+        factor = cholesky_banded(self.band, lower=True)
+        unknown = cho_solve_banded((factor, True), self.right)
+        return unknown.reshape(self.blocks, self.size), np.asarray(factor)
+
+
+def scatter_of_blocks(factor: Array, size: int) -> Array:
+    """Covariance of each block (blocks, size, size), from the banded Cholesky factor.
+
+    Only entries within the band of the inverse are computed (Takahashi, Fagan and Chin 1973).
+
+    Parameters
+    ----------
+    factor
+        (2 size, n) lower Cholesky factor in band form, n a multiple of size.
+    """
+    columns = np.ascontiguousarray(factor.T)
+    require_array(columns, "factor", np.float64, (None, 2 * size))
+    inverse = _inverse_band(columns).T
+    blocks = len(columns) // size
+    own = np.zeros((blocks, size, size))
+    first = np.arange(blocks) * size
+    for i in range(size):
+        for j in range(size):
+            own[:, i, j] = inverse[abs(i - j), first + min(i, j)]
+    return own
+
+
+@compiled
+def _inverse_band(factor: Array) -> Array:
+    """Band of the inverse of L L', [j, i - j] for entry (i, j), from the last column to the first."""
+    n, width = factor.shape
+    inverse = np.zeros((n, width))
+    for j in range(n - 1, -1, -1):
+        reach = min(width - 1, n - 1 - j)
+        pivot = factor[j, 0]
+        for i in range(j + reach, j - 1, -1):
+            total = 1.0 / pivot if i == j else 0.0
+            for k in range(j + 1, j + reach + 1):
+                high, low = max(i, k), min(i, k)
+                total -= factor[j, k - j] * inverse[low, high - low]
+            inverse[j, i - j] = total / pivot
+    return inverse

@@ -1,0 +1,11 @@
+"""Bytes of a message to pixels, and the spaces in which colours are compared."""
+
+from wayside.stages.imaging.colorspace import DARK_LEVEL, SPACES, to_space
+from wayside.stages.imaging.decoding import decode
+
+__all__ = [
+    "DARK_LEVEL",
+    "SPACES",
+    "decode",
+    "to_space",
+]

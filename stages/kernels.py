@@ -1,0 +1,85 @@
+"""Compiled kernels: machine code without the interpreter lock, kept on disk; and checks of the arrays they get."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""An array of doubles, the usual argument of a geometric kernel."""
+
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+
+def compiled(function: Kernel) -> Kernel:
+    """The function as machine code that runs without the interpreter lock and is cached between processes.
+
+    Compiled code checks no bounds: a wrong shape, type or layout crashes the process. Call a kernel only through a
+    plain function that checks its arrays first (`require_array`, `shaped`).
+    """
+    return _compile(function)
+
+
+def compiled_exact(function: Kernel) -> Kernel:
+    """Like `compiled`, and multiply-adds may be fused: for kernels whose results are exact either way."""
+    return _compile(function, {"contract"})
+
+
+def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
+    try:
+        return cast(Kernel, numba.njit(nogil=True, cache=True, fastmath=fastmath)(function))
+    except RuntimeError:
+        # No folder to keep it in: a read-only installation compiles anew in every process.
+        return cast(Kernel, numba.njit(nogil=True, fastmath=fastmath)(function))
+
+
+def require_array(
+    array: NDArray[Any], name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
+) -> None:
+    """Refuse an array of another type, shape (None: any length) or layout than a kernel was made for.
+
+    Raises
+    ------
+    ValueError
+        Naming the array, what was wanted, what was found and what to do.
+    """
+    wanted = " x ".join("any" if n is None else str(n) for n in shape)
+    fits = len(array.shape) == len(shape) and all(
+        n is None or n == found for n, found in zip(shape, array.shape, strict=True)
+    )
+    if not fits or array.dtype != dtype:
+        raise ValueError(
+            f"{name}: wanted {wanted} {np.dtype(dtype).name}, found "
+            f"{' x '.join(map(str, array.shape))} {array.dtype.name}; convert it first"
+        )
+    if not array.flags.c_contiguous:
+        raise ValueError(
+            f"{name}: wanted a C-contiguous array, found strides {array.strides}; "
+            "pass np.ascontiguousarray(...)"
+        )
+
+
+def require_picture(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
+    """Refuse anything but a C-contiguous (height, width, 3) uint8 picture."""
+    require_array(rgb, name, np.uint8, (None, None, 3))
+
+
+def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """The array as C-contiguous float64, refused unless it has the shape (-1: any length).
+
+    Raises
+    ------
+    ValueError
+        Naming the shape that was wanted and the one found.
+    """
+    result = np.ascontiguousarray(array, np.float64)
+    fits = result.ndim == len(shape) and all(
+        want in (-1, have) for want, have in zip(shape, result.shape, strict=True)
+    )
+    if not fits:
+        raise ValueError(f"wanted an array of shape {shape} (-1: any), found {result.shape}")
+    return result

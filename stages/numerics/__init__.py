@@ -1,1 +1,0 @@
-"""Plain functions on arrays: no frames, no files, no settings."""

@@ -1,0 +1,158 @@
+"""Match binary descriptors of corners inside predicted bands."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.kernels import Array, compiled, require_array
+
+CELL_PX = 32.0
+SAME_PLACE_PX = 6.0
+"""A corner is often found at several sizes: those beside the best match are no rivals of it."""
+
+
+def match_in_bands(
+    bands: Array,
+    descriptors: NDArray[np.uint8],
+    points: Array,
+    others: NDArray[np.uint8],
+    *,
+    farthest: int,
+    ratio: float,
+) -> NDArray[np.int64]:
+    """Pairs of corners whose descriptors agree, one to one.
+
+    Parameters
+    ----------
+    bands
+        Where the match of each first corner may lie, (n, 6) px: start u, v, unit direction u, v, length along it,
+        half width across it; the width is allowed beyond both ends too.
+    descriptors
+        Of the first corners, (n, 32).
+    points, others
+        Places (m, 2) px and descriptors (m, 32) of the second corners.
+    farthest
+        Largest Hamming distance of a match, bits.
+    ratio
+        The best distance must lie below this share of the best one at any other place in the band.
+
+    Returns
+    -------
+    NDArray
+        (k, 2) rows: first corner, second corner; in order of the first.
+
+    Raises
+    ------
+    ValueError
+        Where an array has another shape or type.
+    """
+    n, m = len(bands), len(points)
+    require_array(bands, "bands", np.float64, (n, 6))
+    require_array(points, "points", np.float64, (m, 2))
+    require_array(descriptors, "descriptors", np.uint8, (n, 32))
+    require_array(others, "others", np.uint8, (m, 32))
+    if n == 0 or m == 0:
+        return np.zeros((0, 2), np.int64)
+    low = points.min(axis=0)
+    columns, rows = (np.floor((points.max(axis=0) - low) / CELL_PX)).astype(np.int64) + 1
+    cell = np.floor((points - low) / CELL_PX).astype(np.int64)
+    key = cell[:, 1] * columns + cell[:, 0]
+    order = np.argsort(key, kind="stable")
+    first = np.searchsorted(key[order], np.arange(columns * rows + 1))
+    best = np.full(n, -1, np.int64)
+    distance = np.full(n, 257, np.int64)
+    _match(
+        bands,
+        descriptors.view(np.uint64),
+        points,
+        others.view(np.uint64),
+        low,
+        np.array([columns, rows]),
+        order,
+        first,
+        farthest,
+        ratio,
+        best,
+        distance,
+    )
+    return _one_to_one(best, distance)
+
+
+def _one_to_one(best: NDArray[np.int64], distance: NDArray[np.int64]) -> NDArray[np.int64]:
+    # Of all first corners that chose the same second one, the closest keeps it.
+    chosen = np.flatnonzero(best >= 0)
+    order = chosen[np.lexsort((chosen, distance[chosen], best[chosen]))]
+    _, leaders = np.unique(best[order], return_index=True)
+    kept = np.sort(order[leaders])
+    return np.stack([kept, best[kept]], axis=1)
+
+
+@compiled
+def _bits(word: np.uint64) -> np.uint64:
+    # Population count in parallel halves; the compiler turns it into one instruction.
+    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    word = (word & np.uint64(0x3333333333333333)) + (
+        (word >> np.uint64(2)) & np.uint64(0x3333333333333333)
+    )
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@compiled
+def _match(
+    bands: Array,
+    descriptors: NDArray[np.uint64],
+    points: Array,
+    others: NDArray[np.uint64],
+    low: Array,
+    grid: NDArray[np.int64],
+    order: NDArray[np.int64],
+    first: NDArray[np.int64],
+    farthest: int,
+    ratio: float,
+    best: NDArray[np.int64],
+    distance: NDArray[np.int64],
+) -> None:
+    columns, rows = grid[0], grid[1]
+    candidates = np.empty(points.shape[0], np.int64)
+    distances = np.empty(points.shape[0], np.int64)
+    for i in range(bands.shape[0]):
+        u, v, du, dv, length, width = bands[i]
+        # the cells that the band's box touches; clipped so that a band outside touches none
+        left = np.floor((min(u, u + length * du) - width - low[0]) / CELL_PX)
+        right = np.floor((max(u, u + length * du) + width - low[0]) / CELL_PX)
+        top = np.floor((min(v, v + length * dv) - width - low[1]) / CELL_PX)
+        bottom = np.floor((max(v, v + length * dv) + width - low[1]) / CELL_PX)
+        if not (left < columns and top < rows and right >= 0 and bottom >= 0):
+            continue
+        column_from, column_to = int(max(0.0, left)), int(min(columns - 1.0, right))
+        row_from, row_to = int(max(0.0, top)), int(min(rows - 1.0, bottom))
+        count, least, winner = 0, 257, -1
+        for row in range(row_from, row_to + 1):
+            begin = first[row * columns + column_from]
+            for k in range(begin, first[row * columns + column_to + 1]):
+                j = order[k]
+                x, y = points[j, 0] - u, points[j, 1] - v
+                along = x * du + y * dv
+                if abs(x * dv - y * du) > width or along < -width or along > length + width:
+                    continue
+                bits = 0
+                for word in range(4):
+                    bits += int(_bits(descriptors[i, word] ^ others[j, word]))
+                candidates[count], distances[count] = j, bits
+                count += 1
+                if bits < least:
+                    least, winner = bits, j
+        if winner < 0 or least > farthest:
+            continue
+        rival = 257
+        for k in range(count):
+            j = candidates[k]
+            apart = max(
+                abs(points[j, 0] - points[winner, 0]), abs(points[j, 1] - points[winner, 1])
+            )
+            if apart > SAME_PLACE_PX and distances[k] < rival:
+                rival = distances[k]
+        if least < ratio * rival:
+            best[i], distance[i] = winner, least

@@ -1,0 +1,312 @@
+"""Sub-pixel registration of small patches between two pictures.
+
+The patch of the farther view is the template; translation, scale, gain and bias are solved in the nearer one by
+inverse-compositional Gauss-Newton (Baker and Matthews, 2004): the template's gradients serve all iterations. Seven
+times as exact as the corners themselves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.kernels import Array, compiled, require_array
+
+RADIUS = 7
+SIDE = 2 * RADIUS + 1
+ITERATIONS = 12
+CONVERGED_PX = 0.01
+FARTHEST_PX, SCALE_CHANGE = 3.0, 1.3
+"""A fit that goes further from where the search ended, or changes the scale by more, has lost its patch."""
+FREEDOM = SIDE * SIDE - 5.0
+LEAST_TEXTURE, HOPELESS = 2.0, 0.3
+"""Grey levels a patch must vary by; correlation below which a fit is given up."""
+
+
+class Registered(NamedTuple):
+    """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed.
+
+    sigma (n,): scatter of the point along its weakest direction, px of the far picture, by the noise that is left
+    between the patches: large along an edge, where nothing but its ends stops a patch from sliding.
+    """
+
+    point: Array
+    scale: Array
+    zncc: Array
+    sigma: Array
+
+
+def register_patches(
+    far: NDArray[np.uint8],
+    near: NDArray[np.uint8],
+    corners: NDArray[np.int64],
+    starts: Array,
+    warps: Array,
+    *,
+    search_px: int = 2,
+) -> Registered:
+    """Find the 15 x 15 px patches round `corners` of the far picture in the near one.
+
+    Parameters
+    ----------
+    far, near
+        Grey pictures (height, width).
+    corners
+        Middle of each patch, (n, 2) whole pixels.
+    starts
+        Where the patches are expected in the near picture, (n, 2) px.
+    warps
+        How they are expected to look there, (n, 3): stretch along u, shear of u by v, stretch along v. A plate
+        seen nearer has (s, 0, s), the road about (s, k, s * s).
+    search_px
+        Whole pixels searched round the start before the fit.
+
+    Returns
+    -------
+    Registered
+        zncc is 0 and the point nan where the patch leaves a picture, has no texture, or the fit runs away.
+    """
+    n = len(corners)
+    require_array(far, "far", np.uint8, (None, None))
+    require_array(near, "near", np.uint8, (None, None))
+    require_array(corners, "corners", np.int64, (n, 2))
+    require_array(starts, "starts", np.float64, (n, 2))
+    require_array(warps, "warps", np.float64, (n, 3))
+    point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
+    sigma = np.full(n, np.inf)
+    _register(far, near, corners, starts, warps, search_px, point, scale, zncc, sigma)
+    return Registered(point, scale, zncc, sigma)
+
+
+@compiled
+def _inside(
+    picture: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, margin: float
+) -> bool:
+    # Whether a warped patch and the pixel after it lie in the picture; False for nan too.
+    reach_u = RADIUS * scale * (abs(warp[0]) + abs(warp[1])) + margin
+    reach_v = RADIUS * scale * abs(warp[2]) + margin
+    height, width = picture.shape
+    inside: bool = u - reach_u >= 0 and v - reach_v >= 0
+    return inside and u + reach_u < width - 1 and v + reach_v < height - 1
+
+
+@compiled
+def _sample(
+    picture: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, patch: Array
+) -> tuple[float, float]:
+    # Bilinear (SIDE, SIDE) patch round u, v; returns its mean and the root of the sum of squares about that.
+    total, squares = 0.0, 0.0
+    step = scale * warp[0]
+    for i in range(SIDE):
+        y = v + scale * warp[2] * (i - RADIUS)
+        row = int(y)
+        fy = y - row
+        start = u + scale * warp[1] * (i - RADIUS) - step * RADIUS
+        for j in range(SIDE):
+            x = start + step * j
+            column = int(x)
+            fx = x - column
+            a, b = float(picture[row, column]), float(picture[row + 1, column])
+            a += fx * (float(picture[row, column + 1]) - a)
+            b += fx * (float(picture[row + 1, column + 1]) - b)
+            value = a + fy * (b - a)
+            patch[i, j] = value
+            total += value
+            squares += value * value
+    mean = total / (SIDE * SIDE)
+    return mean, np.sqrt(max(0.0, squares - total * mean))
+
+
+@compiled
+def _coarse(
+    near: NDArray[np.uint8], template: Array, start: Array, warp: Array, search: int
+) -> tuple[float, float]:
+    # The whole-pixel shift of best correlation, by every second pixel of the patch.
+    best, best_u, best_v = -1.0, start[0], start[1]
+    if not _inside(near, start[0], start[1], warp, 1.0, search + 1.0):
+        return best_u, best_v
+    count, total_t, squares_t = 0, 0.0, 0.0
+    for i in range(0, SIDE, 2):
+        for j in range(0, SIDE, 2):
+            total_t += template[i, j]
+            squares_t += template[i, j] * template[i, j]
+            count += 1
+    spread_t = squares_t - total_t * total_t / count
+    for dv in range(-search, search + 1):
+        for du in range(-search, search + 1):
+            total, squares, product = 0.0, 0.0, 0.0
+            for i in range(0, SIDE, 2):
+                row = int(start[1] + dv + warp[2] * (i - RADIUS) + 0.5)
+                begin = start[0] + du + warp[1] * (i - RADIUS) + 0.5
+                for j in range(0, SIDE, 2):
+                    value = float(near[row, int(begin + warp[0] * (j - RADIUS))])
+                    total += value
+                    squares += value * value
+                    product += value * template[i, j]
+            spread = (squares - total * total / count) * spread_t
+            if spread <= 0:
+                continue
+            zncc = (product - total * total_t / count) / np.sqrt(spread)
+            if zncc > best:
+                best, best_u, best_v = zncc, start[0] + du, start[1] + dv
+    return best_u, best_v
+
+
+@compiled
+def _cut(far: NDArray[np.uint8], u: int, v: int, template: Array) -> float:
+    # The patch round a whole pixel less its mean; returns the sum of its squares.
+    mean, square = 0.0, 0.0
+    for i in range(SIDE):
+        for j in range(SIDE):
+            template[i, j] = float(far[v + i - RADIUS, u + j - RADIUS])
+            mean += template[i, j]
+    mean /= SIDE * SIDE
+    for i in range(SIDE):
+        for j in range(SIDE):
+            template[i, j] -= mean
+            square += template[i, j] ** 2
+    return square
+
+
+@compiled
+def _slopes(
+    far: NDArray[np.uint8], u: int, v: int, template: Array, square: float, slopes: Array
+) -> None:
+    # Gradients by position and scale, freed of what gain and bias explain: those then need no unknowns of their own.
+    for i in range(SIDE):
+        for j in range(SIDE):
+            y, x = v + i - RADIUS, u + j - RADIUS
+            slopes[0, i, j] = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
+            slopes[1, i, j] = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
+            slopes[2, i, j] = slopes[0, i, j] * (j - RADIUS) + slopes[1, i, j] * (i - RADIUS)
+    for k in range(3):
+        mean, share = 0.0, 0.0
+        for i in range(SIDE):
+            for j in range(SIDE):
+                mean += slopes[k, i, j]
+                share += slopes[k, i, j] * template[i, j]
+        mean /= SIDE * SIDE
+        share /= square
+        for i in range(SIDE):
+            for j in range(SIDE):
+                slopes[k, i, j] -= mean + share * template[i, j]
+
+
+@compiled
+def _inverse(slopes: Array, inverse: Array) -> bool:
+    # Inverse (3, 3) of the normal matrix of the slopes; False where they cannot be told apart.
+    normal = np.empty((3, 3))
+    for k in range(3):
+        for m in range(k, 3):
+            total = 0.0
+            for i in range(SIDE):
+                for j in range(SIDE):
+                    total += slopes[k, i, j] * slopes[m, i, j]
+            normal[k, m] = total
+    a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
+    d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
+    m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * m0 + b * m1 + c * m2
+    if not determinant > 1e-9 * a * d * f:
+        return False
+    q = 1.0 / determinant
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = m0 * q, m1 * q, m2 * q
+    inverse[1, 0], inverse[1, 1], inverse[1, 2] = m1 * q, (a * f - c * c) * q, (b * c - a * e) * q
+    inverse[2, 0], inverse[2, 1], inverse[2, 2] = m2 * q, (b * c - a * e) * q, (a * d - b * b) * q
+    return True
+
+
+@compiled
+def _weakest(inverse: Array) -> float:
+    # Larger eigenvalue of the place's part.
+    half = 0.5 * (inverse[0, 0] - inverse[1, 1])
+    middle = 0.5 * (inverse[0, 0] + inverse[1, 1])
+    larger: float = middle + np.sqrt(half * half + inverse[0, 1] ** 2)
+    return larger
+
+
+@compiled
+def _fit(
+    near: NDArray[np.uint8],
+    template: Array,
+    square: float,
+    slopes: Array,
+    inverse: Array,
+    warp: Array,
+    place: Array,
+    patch: Array,
+) -> float:
+    # Gauss-Newton on place (u, v, scale), in place; returns the correlation, 0 where the patch leaves the picture.
+    zncc, norm_t = 0.0, float(np.sqrt(square))
+    for _ in range(ITERATIONS):
+        if not _inside(near, place[0], place[1], warp, place[2], 0.0):
+            return 0.0
+        mean, norm = _sample(near, place[0], place[1], warp, place[2], patch)
+        if norm <= 1e-6:
+            return 0.0
+        product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0
+        for i in range(SIDE):
+            for j in range(SIDE):
+                value = patch[i, j] - mean
+                product += value * template[i, j]
+                r0 += slopes[0, i, j] * value
+                r1 += slopes[1, i, j] * value
+                r2 += slopes[2, i, j] * value
+        zncc = product / (norm * norm_t)
+        if zncc < HOPELESS:
+            return zncc
+        gain = product / square  # of the near patch against the template
+        r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
+        du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
+        dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
+        ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
+        ds = min(0.2, max(-0.2, ds))
+        # The template moved by (du, dv, 1 + ds) fits the patch: compose the inverse of that with the warp so far.
+        place[2] /= 1.0 + ds
+        place[0] -= place[2] * (warp[0] * du + warp[1] * dv)
+        place[1] -= place[2] * warp[2] * dv
+        if abs(du) + abs(dv) + RADIUS * abs(ds) < CONVERGED_PX:
+            break
+    return zncc
+
+
+@compiled
+def _register(
+    far: NDArray[np.uint8],
+    near: NDArray[np.uint8],
+    corners: NDArray[np.int64],
+    starts: Array,
+    warps: Array,
+    search: int,
+    points: Array,
+    scales: Array,
+    znccs: Array,
+    sigmas: Array,
+) -> None:
+    height, width = far.shape
+    template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
+    slopes, inverse, place = np.empty((3, SIDE, SIDE)), np.empty((3, 3)), np.empty(3)
+    edge = RADIUS + 1
+    for n in range(corners.shape[0]):
+        u, v = corners[n, 0], corners[n, 1]
+        if u < edge or v < edge or u >= width - edge or v >= height - edge:
+            continue
+        if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
+            continue
+        square = _cut(far, u, v, template)
+        if square < (LEAST_TEXTURE * SIDE) ** 2:
+            continue
+        _slopes(far, u, v, template, square, slopes)
+        if not _inverse(slopes, inverse):
+            continue
+        place[0], place[1] = _coarse(near, template, starts[n], warps[n], search)
+        place[2] = 1.0
+        zncc = _fit(near, template, square, slopes, inverse, warps[n], place, patch)
+        away = max(abs(place[0] - starts[n, 0]), abs(place[1] - starts[n, 1]))
+        if away > FARTHEST_PX + search or not 1 / SCALE_CHANGE < place[2] < SCALE_CHANGE:
+            continue
+        points[n, 0], points[n, 1] = place[0], place[1]
+        scales[n], znccs[n] = place[2], zncc
+        sigmas[n] = np.sqrt(_weakest(inverse) * square * (1.0 - zncc * zncc) / FREEDOM)

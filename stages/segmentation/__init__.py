@@ -1,0 +1,8 @@
+"""Two-pass K-means segmentation into connected regions (report chapters 2 and 3.1)."""
+
+from wayside.stages.segmentation.two_pass import segment, unsegmented
+
+__all__ = [
+    "segment",
+    "unsegmented",
+]

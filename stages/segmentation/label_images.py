@@ -1,0 +1,228 @@
+"""Nearest palette colour of every pixel, exactly: the label image of pass one and the difference image.
+
+Distances are packed with labels: s_j = 16 (|m_j|^2 - 2 m_j.x) + j is an integer below 2^24 in size for integer colours
+and at most 16 centres, thus exact in single precision, fused or not. min_j s_j + 16 |x|^2 = 16 d^2 + label, so one
+minimum gives the nearest centre (the lower label on a tie) and the squared distance, the same on every machine.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.kernels import compiled_exact, require_array, require_picture
+
+MOST_CENTERS = 16
+"""Labels share their number with squared distances in four bits."""
+
+DIFFERENCES = 443
+"""Rounded distances between colours: 0 to 442 = round(255 sqrt 3)."""
+
+_FAR = np.float32(8e6)
+_CHUNK = 1024
+
+
+def packed_centers(centers: NDArray[Any]) -> NDArray[np.float32]:
+    """Constants of s_j for integer centres (k, 3): shape (k rounded up to a multiple of 4, 4).
+
+    Raises
+    ------
+    ValueError
+        If there are not 1 to 16 centres or one is no integer colour from 0 to 255.
+    """
+    colors = np.asarray(centers, np.float64)
+    if colors.ndim != 2 or colors.shape[1] != 3 or not 1 <= len(colors) <= MOST_CENTERS:
+        raise ValueError(
+            f"centres: wanted (k, 3) with k from 1 to {MOST_CENTERS}, found {colors.shape}"
+        )
+    if not np.array_equal(colors, np.clip(np.rint(colors), 0, 255)):
+        raise ValueError("centres: wanted whole numbers from 0 to 255; round and clip them first")
+    packed = np.zeros((-(-len(colors) // 4) * 4, 4), np.float32)
+    packed[:, 0] = _FAR
+    packed[: len(colors), 0] = 16 * (colors**2).sum(axis=1) + np.arange(len(colors))
+    packed[: len(colors), 1:] = -32 * colors
+    return packed
+
+
+def label_colors(
+    rgb: NDArray[np.uint8], centers: NDArray[Any]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+    """Nearest centre of each pixel and the rounded distance to it: the difference image (report chapter 2.3).
+
+    Parameters
+    ----------
+    rgb
+        Picture, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given.
+    centers
+        Whole-numbered colours, (k, 3), k from 1 to 16.
+
+    Returns
+    -------
+    Labels and differences, each (height, width); the lower label on a tie.
+
+    Raises
+    ------
+    ValueError
+        If the picture or the centres are not as said.
+    """
+    require_picture(rgb)
+    labels = np.empty(rgb.shape[:2], np.uint8)
+    differences = np.empty(rgb.shape[:2], np.uint16)
+    _label_and_distance(rgb, packed_centers(centers), labels, differences)
+    return labels, differences
+
+
+def label_both_passes(
+    rgb: NDArray[np.uint8], centers: NDArray[Any], difference_class: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Label images of both passes in one sweep.
+
+    Parameters
+    ----------
+    rgb, centers
+        As for `label_colors`.
+    difference_class
+        Class of pass two of each rounded distance, shape (443,).
+
+    Returns
+    -------
+    Labels of pass one and of pass two, each (height, width) uint8.
+
+    Raises
+    ------
+    ValueError
+        If an array is not as said.
+    """
+    require_picture(rgb)
+    require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
+    first = np.empty(rgb.shape[:2], np.uint8)
+    second = np.empty(rgb.shape[:2], np.uint8)
+    _label_both(rgb, packed_centers(centers), difference_class, first, second)
+    return first, second
+
+
+def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.float64]:
+    """Mean of the colours (n, 3) nearest to each centre, (k, 3); the centre itself where it has none.
+
+    One Lloyd step of K-means in full colours.
+    """
+    require_array(colors, "colors", np.uint8, (None, 3))
+    sums = np.zeros((MOST_CENTERS, 4), np.int64)
+    _sum_by_label(colors, packed_centers(centers), sums)
+    sums = sums[: len(centers)]
+    count = sums[:, 3:]
+    return np.where(count > 0, sums[:, :3] / np.maximum(count, 1), np.asarray(centers, np.float64))
+
+
+def difference_histogram(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.int64]:
+    """How many of the colours (n, 3) lie at each rounded distance from their nearest centre: shape (443,)."""
+    require_array(colors, "colors", np.uint8, (None, 3))
+    counts = np.zeros(DIFFERENCES, np.int64)
+    _count_differences(colors, packed_centers(centers), counts)
+    return counts
+
+
+@compiled_exact
+def _pack(
+    colors: NDArray[np.uint8],
+    packed: NDArray[np.float32],
+    planes: NDArray[np.float32],
+    best: NDArray[np.float32],
+) -> None:
+    """16 d^2 + label of each colour (n, 3), four centres a sweep: the sums stay in vector registers."""
+    n = colors.shape[0]
+    for x in range(n):
+        planes[0, x] = np.float32(colors[x, 0])
+        planes[1, x] = np.float32(colors[x, 1])
+        planes[2, x] = np.float32(colors[x, 2])
+        best[x] = _FAR
+    for j in range(0, packed.shape[0], 4):
+        a0, a1, a2, a3 = packed[j, 0], packed[j, 1], packed[j, 2], packed[j, 3]
+        b0, b1, b2, b3 = packed[j + 1, 0], packed[j + 1, 1], packed[j + 1, 2], packed[j + 1, 3]
+        c0, c1, c2, c3 = packed[j + 2, 0], packed[j + 2, 1], packed[j + 2, 2], packed[j + 2, 3]
+        d0, d1, d2, d3 = packed[j + 3, 0], packed[j + 3, 1], packed[j + 3, 2], packed[j + 3, 3]
+        for x in range(n):
+            red, green, blue = planes[0, x], planes[1, x], planes[2, x]
+            s = a0 + a1 * red + a2 * green + a3 * blue
+            t = b0 + b1 * red + b2 * green + b3 * blue
+            u = c0 + c1 * red + c2 * green + c3 * blue
+            v = d0 + d1 * red + d2 * green + d3 * blue
+            s = s if s < t else t
+            u = u if u < v else v
+            s = s if s < u else u
+            old = best[x]
+            best[x] = s if s < old else old
+    for x in range(n):
+        red, green, blue = planes[0, x], planes[1, x], planes[2, x]
+        best[x] += np.float32(16) * (red * red + green * green + blue * blue)
+
+
+@compiled_exact
+def _label_and_distance(
+    rgb: NDArray[np.uint8],
+    packed: NDArray[np.float32],
+    labels: NDArray[np.uint8],
+    differences: NDArray[np.uint16],
+) -> None:
+    width = rgb.shape[1]
+    planes = np.empty((3, width), np.float32)
+    best = np.empty(width, np.float32)
+    for y in range(rgb.shape[0]):
+        _pack(rgb[y], packed, planes, best)
+        for x in range(width):
+            code = np.int32(best[x])
+            labels[y, x] = code & 15
+            differences[y, x] = np.int32(np.sqrt(np.float32(code >> 4)) + np.float32(0.5))
+
+
+@compiled_exact
+def _label_both(
+    rgb: NDArray[np.uint8],
+    packed: NDArray[np.float32],
+    difference_class: NDArray[np.uint8],
+    first: NDArray[np.uint8],
+    second: NDArray[np.uint8],
+) -> None:
+    width = rgb.shape[1]
+    planes = np.empty((3, width), np.float32)
+    best = np.empty(width, np.float32)
+    for y in range(rgb.shape[0]):
+        _pack(rgb[y], packed, planes, best)
+        for x in range(width):
+            code = np.int32(best[x])
+            first[y, x] = code & 15
+            rounded = np.int32(np.sqrt(np.float32(code >> 4)) + np.float32(0.5))
+            second[y, x] = difference_class[rounded]
+
+
+@compiled_exact
+def _sum_by_label(
+    colors: NDArray[np.uint8], packed: NDArray[np.float32], sums: NDArray[np.int64]
+) -> None:
+    planes = np.empty((3, _CHUNK), np.float32)
+    best = np.empty(_CHUNK, np.float32)
+    for start in range(0, colors.shape[0], _CHUNK):
+        part = colors[start : start + _CHUNK]
+        _pack(part, packed, planes, best)
+        for x in range(part.shape[0]):
+            label = np.int32(best[x]) & 15
+            sums[label, 0] += part[x, 0]
+            sums[label, 1] += part[x, 1]
+            sums[label, 2] += part[x, 2]
+            sums[label, 3] += 1
+
+
+@compiled_exact
+def _count_differences(
+    colors: NDArray[np.uint8], packed: NDArray[np.float32], counts: NDArray[np.int64]
+) -> None:
+    planes = np.empty((3, _CHUNK), np.float32)
+    best = np.empty(_CHUNK, np.float32)
+    for start in range(0, colors.shape[0], _CHUNK):
+        part = colors[start : start + _CHUNK]
+        _pack(part, packed, planes, best)
+        for x in range(part.shape[0]):
+            code = np.int32(best[x])
+            counts[np.int32(np.sqrt(np.float32(code >> 4)) + np.float32(0.5))] += 1

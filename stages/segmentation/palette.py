@@ -1,0 +1,273 @@
+"""K-means on a histogram of colours: the palette of pass one (report chapter 2.1).
+
+Every n-th pixel falls into one of 64^3 bins that keep count and colour sums, so that a bin stands at its true mean.
+Weighted Lloyd steps on the few thousand bins in use cost next to nothing; one step on the sample in full colours
+follows, then the centres are rounded, which makes all later arithmetic exact. The start is k-means++ from a fixed seed:
+the same picture has the same palette, whatever came before it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.kernels import compiled, require_picture
+from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels
+
+SAMPLE = 80_000
+"""Pixels that the palette is made from, at least, where the picture has them."""
+
+STARTS = 2
+"""Seeds tried; the one that ends at the smallest sum of squared distances is taken."""
+
+TRIALS = 4
+"""Draws for each centre of a start."""
+
+LLOYD_STEPS = 20
+SETTLED = 0.5
+"""Lloyd steps end when no centre moves further than this, in colour levels."""
+
+
+def _bin_table() -> NDArray[np.int32]:
+    return np.zeros((1 << 18, 4), np.int32)
+
+
+@dataclass(frozen=True, slots=True)
+class PaletteWork:
+    """Arrays that a caller keeps from picture to picture; never shared between threads."""
+
+    bins: NDArray[np.int32] = field(default_factory=_bin_table, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class ColorBins:
+    """A sample of a picture: its pixels (n, 3) uint8 and its bins, `mean` (3, m) float32 and `weight` (m,) float32."""
+
+    pixels: NDArray[np.uint8]
+    mean: NDArray[np.float32]
+    weight: NDArray[np.float32]
+
+
+def sample_colors(rgb: NDArray[np.uint8], work: PaletteWork | None = None) -> ColorBins:
+    """Colours of a regular sample of about `SAMPLE` pixels, as pixels and as 6-bit bins.
+
+    Parameters
+    ----------
+    rgb
+        Picture or whole rows of one, (height, width, 3) uint8, C-contiguous, not empty.
+    work
+        Kept arrays; made anew where None.
+
+    Raises
+    ------
+    ValueError
+        If the picture is of another type or layout, or empty.
+    """
+    require_picture(rgb)
+    height, width = rgb.shape[:2]
+    if height * width == 0:
+        raise ValueError(f"rgb: wanted at least one pixel, found {width} x {height}")
+    step = max(1, min(isqrt(height * width // SAMPLE), height, width))
+    first = step // 2
+    count = len(range(first, height, step)) * len(range(first, width, step))
+    pixels = np.empty((count, 3), np.uint8)
+    touched = np.empty(count + 1, np.int32)
+    bins = (work or PaletteWork()).bins
+    used = _fill_bins(rgb, step, bins, touched, pixels)
+    mean = np.empty((3, used), np.float32)
+    weight = np.empty(used, np.float32)
+    _empty_bins(bins, touched, mean, weight)
+    return ColorBins(pixels, mean, weight)
+
+
+def palette(sample: ColorBins, clusters: int, seed: int = 1) -> NDArray[np.uint8]:
+    """K-means of the sampled colours: whole-numbered centres, darkest first, shape (clusters, 3).
+
+    Parameters
+    ----------
+    sample
+        Colours of the picture.
+    clusters
+        k, 2 to 16; centres repeat where there are fewer colours.
+    seed
+        Of k-means++; the following numbers seed the further starts.
+
+    Raises
+    ------
+    ValueError
+        If k is not from 2 to 16.
+    """
+    if not 2 <= clusters <= MOST_CENTERS:
+        raise ValueError(f"clusters: wanted 2 to {MOST_CENTERS}, found {clusters}; set another k")
+    best, least = np.zeros((clusters, 3), np.float32), np.inf
+    for start in range(seed, seed + STARTS):
+        centers = np.empty((clusters, 3), np.float32)
+        _spread_start(sample.mean, sample.weight, start, centers)
+        inertia = _lloyd(sample.mean, sample.weight, centers, LLOYD_STEPS, SETTLED)
+        if inertia < least:
+            best, least = centers, inertia
+    polished = mean_of_labels(sample.pixels, np.rint(best))
+    rounded = np.rint(polished).astype(np.uint8)
+    brightness = rounded.sum(axis=1, dtype=np.int64)
+    order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
+    return np.asarray(rounded[order])
+
+
+@compiled
+def _fill_bins(
+    rgb: NDArray[np.uint8],
+    step: int,
+    bins: NDArray[np.int32],
+    touched: NDArray[np.int32],
+    pixels: NDArray[np.uint8],
+) -> int:
+    """Count and sum colours by bin (all zero on entry); list the bins in use, so that 64^3 of them are never swept."""
+    height, width, _ = rgb.shape
+    n = 0
+    used = 0
+    for y in range(step // 2, height, step):
+        for x in range(step // 2, width, step):
+            red, green, blue = (
+                np.int32(rgb[y, x, 0]),
+                np.int32(rgb[y, x, 1]),
+                np.int32(rgb[y, x, 2]),
+            )
+            pixels[n, 0] = red
+            pixels[n, 1] = green
+            pixels[n, 2] = blue
+            n += 1
+            i = ((red >> 2) << 12) | ((green >> 2) << 6) | (blue >> 2)
+            touched[used] = i
+            used += bins[i, 3] == 0
+            bins[i, 0] += red
+            bins[i, 1] += green
+            bins[i, 2] += blue
+            bins[i, 3] += 1
+    return used
+
+
+@compiled
+def _empty_bins(
+    bins: NDArray[np.int32],
+    touched: NDArray[np.int32],
+    mean: NDArray[np.float32],
+    weight: NDArray[np.float32],
+) -> None:
+    """Means and weights of the bins in use, which are left at zero again."""
+    for k in range(weight.size):
+        i = touched[k]
+        share = np.float32(1) / np.float32(bins[i, 3])
+        for c in range(3):
+            mean[c, k] = bins[i, c] * share
+        weight[k] = bins[i, 3]
+        bins[i] = 0
+
+
+@compiled
+def _spread_start(
+    mean: NDArray[np.float32], weight: NDArray[np.float32], seed: int, centers: NDArray[np.float32]
+) -> None:
+    """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins: of `TRIALS` draws the one that explains most.
+
+    The generator (xorshift64) is its own, so that every machine draws the same.
+    """
+    n = weight.size
+    gap = np.ones(n, np.float32)
+    trial_gap, best_gap = np.empty(n, np.float32), np.empty(n, np.float32)
+    cost = weight.copy()
+    state = np.uint64(seed * 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
+    for j in range(centers.shape[0]):
+        total = np.cumsum(cost)
+        least = np.inf
+        for _ in range(TRIALS if j > 0 else 1):
+            state ^= state << np.uint64(13)
+            state ^= state >> np.uint64(7)
+            state ^= state << np.uint64(17)
+            want = np.float64(state >> np.uint64(11)) / 9007199254740992.0 * total[-1]
+            drawn = min(np.searchsorted(total, want), n - 1)
+            red, green, blue = mean[0, drawn], mean[1, drawn], mean[2, drawn]
+            for i in range(n):
+                r, g, b = mean[0, i] - red, mean[1, i] - green, mean[2, i] - blue
+                d = r * r + g * g + b * b
+                trial_gap[i] = d if j == 0 or d < gap[i] else gap[i]
+            left = np.float64(0)
+            for i in range(n):
+                left += weight[i] * trial_gap[i]
+            if left < least:
+                least = left
+                centers[j] = mean[:, drawn]
+                trial_gap, best_gap = best_gap, trial_gap
+        gap, best_gap = best_gap, gap
+        for i in range(n):
+            cost[i] = weight[i] * gap[i]
+
+
+@compiled
+def _nearest(
+    mean: NDArray[np.float32],
+    centers: NDArray[np.float32],
+    label: NDArray[np.int32],
+    squared: NDArray[np.float32],
+) -> None:
+    """Nearest centre of each bin; the loop over bins is the inner one, so that it runs in vector registers."""
+    squared[:] = np.float32(1e30)
+    for j in range(centers.shape[0]):
+        red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
+        number = np.int32(j)
+        for i in range(squared.size):
+            r, g, b = mean[0, i] - red, mean[1, i] - green, mean[2, i] - blue
+            d = r * r + g * g + b * b
+            nearer = d < squared[i]
+            squared[i] = d if nearer else squared[i]
+            label[i] = number if nearer else label[i]
+
+
+@compiled
+def _lloyd(
+    mean: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    centers: NDArray[np.float32],
+    steps: int,
+    settled: float,
+) -> float:
+    """Move the centres to the weighted means of their bins until they settle; the weighted sum of squared distances.
+
+    A centre without bins moves to the bin that costs most.
+    """
+    k = centers.shape[0]
+    label = np.zeros(weight.size, np.int32)
+    squared = np.empty(weight.size, np.float32)
+    sums = np.empty((k, 4), np.float64)
+    for _ in range(steps):
+        _nearest(mean, centers, label, squared)
+        sums[:] = 0
+        for i in range(weight.size):
+            w = weight[i]
+            for c in range(3):
+                sums[label[i], c] += w * mean[c, i]
+            sums[label[i], 3] += w
+        moved = 0.0
+        for j in range(k):
+            if sums[j, 3] > 0:
+                gap = 0.0
+                for c in range(3):
+                    value = sums[j, c] / sums[j, 3]
+                    gap += (value - centers[j, c]) ** 2
+                    centers[j, c] = value
+                moved = max(moved, gap)
+            else:
+                worst = np.argmax(weight * squared)
+                if squared[worst] > 0:
+                    centers[j] = mean[:, worst]
+                    squared[worst] = 0
+                    moved = np.inf
+        if moved <= settled * settled:
+            break
+    _nearest(mean, centers, label, squared)
+    inertia = 0.0
+    for i in range(weight.size):
+        inertia += weight[i] * squared[i]
+    return inertia

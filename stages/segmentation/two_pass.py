@@ -1,0 +1,171 @@
+"""Two-pass K-means segmentation and the size gate (report chapters 2 and 3.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import atan2, ceil, floor, radians, tan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import SOURCES, Regions, Segmentation
+from wayside.schemas.errors import UsageError
+from wayside.schemas.frame import Camera, Image
+from wayside.schemas.settings import GateSettings, SegmentSettings
+from wayside.stages.segmentation.connected_regions import (
+    ConnectedRegions,
+    RegionWork,
+    connected_regions,
+)
+from wayside.stages.segmentation.label_images import (
+    DIFFERENCES,
+    MOST_CENTERS,
+    difference_histogram,
+    label_both_passes,
+)
+from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
+from wayside.stages.segmentation.palette import PaletteWork, palette, sample_colors
+
+_HIGHEST_M = ((2.2, 12.0), (6.5, 35.0))
+"""Tops of faces above the camera and the range down to which they are wanted: roadside panels, overhead panels."""
+
+_LOWEST_M = (1.1, 12.0)
+"""Lower edges below the camera and the range down to which they are wanted."""
+
+_PITCH_MARGIN = radians(2.0)
+"""The camera's own pitch, brakes and hills turn the horizon by about this much."""
+
+
+def segment(
+    pictures: Iterator[Image], settings: SegmentSettings, gate: GateSettings
+) -> Iterator[Segmentation]:
+    """Divide every picture into connected regions of one colour class and of one difference class.
+
+    Pass one is K-means on colour; the difference image holds each pixel's distance to the colour it was given; pass two
+    is K-means on that (exact, in one dimension). Regions of both label images that pass the size gate make the table:
+    those of pass one first, each pass in reading order. `region_count` counts the regions of both before the gate.
+
+    Parameters
+    ----------
+    pictures
+        Pictures in any state; those without pixels go on with empty tables.
+    settings, gate
+        Numbers of clusters, part of the picture, size limits.
+
+    Yields
+    ------
+    One item a picture, in order. Boxes are in pixels of the full picture, labels cover `rows` only.
+
+    Raises
+    ------
+    UsageError
+        If a setting is outside its range.
+    """
+    _check(settings, gate)
+    palette_work, region_work = PaletteWork(), RegionWork.of(0, 0)
+    for picture in pictures:
+        if picture.rgb is None or picture.rgb.size == 0:
+            yield unsegmented(picture)
+            continue
+        height, width = picture.rgb.shape[:2]
+        rows = (0, height) if settings.whole_picture else band_of(picture.frame.camera, height)
+        if not region_work.holds(rows[1] - rows[0], width):
+            region_work = RegionWork.of(rows[1] - rows[0], width)
+        yield _segment_rows(picture, picture.rgb, rows, settings, gate, palette_work, region_work)
+
+
+def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
+    """First and one past the last picture row in which the face of a sign can stand.
+
+    Signs stand beside or over the road up to a known height, and the nearest view that is needed is some 12 m away:
+    that bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
+    take `_PITCH_MARGIN`. Lens distortion moves these rows by a few pixels at most and is left out.
+
+    Parameters
+    ----------
+    camera
+        The calibration; without one the band is the whole picture.
+    height
+        Rows of the picture.
+    """
+    if camera is None:
+        return 0, height
+    above = max(atan2(up, ahead) for up, ahead in _HIGHEST_M) + _PITCH_MARGIN
+    below = atan2(*_LOWEST_M) + _PITCH_MARGIN
+    first = max(0, floor(camera.cy - camera.fy * tan(above)))
+    last = min(height, ceil(camera.cy + camera.fy * tan(below)) + 1)
+    return (first, last) if first < last else (0, height)
+
+
+def _segment_rows(
+    picture: Image,
+    rgb: NDArray[np.uint8],
+    rows: tuple[int, int],
+    settings: SegmentSettings,
+    gate: GateSettings,
+    palette_work: PaletteWork,
+    region_work: RegionWork,
+) -> Segmentation:
+    band = rgb[rows[0] : rows[1]]
+    sample = sample_colors(band, palette_work)
+    centers = palette(sample, settings.clusters)
+    breaks = optimal_breaks(
+        difference_histogram(sample.pixels, centers), settings.difference_clusters
+    )
+    labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
+    passes = [
+        connected_regions(image, band, gate.smallest_px, gate.largest_px, region_work)
+        for image in labels
+    ]
+    return Segmentation(
+        picture,
+        _table(passes, rows[0]),
+        sum(one.total for one in passes),
+        centers.astype(np.float32),
+        breaks.astype(np.float32),
+        rows,
+        labels,
+    )
+
+
+def _table(passes: list[ConnectedRegions], first_row: int) -> Regions:
+    box = np.concatenate([one.box for one in passes]).astype(np.float32)
+    box[:, [1, 3]] += first_row
+    source = [
+        np.full(len(one.area), SOURCES.index(name), np.uint8)
+        for one, name in zip(passes, ("pass1", "pass2"), strict=True)
+    ]
+    return Regions(
+        box,
+        np.concatenate([one.area for one in passes]),
+        np.concatenate([one.rgb for one in passes]),
+        np.concatenate(source),
+    )
+
+
+def unsegmented(picture: Image) -> Segmentation:
+    """An image without regions, as one that is not used."""
+    return Segmentation(
+        picture,
+        Regions.empty(),
+        0,
+        np.zeros((0, 3), np.float32),
+        np.zeros(0, np.float32),
+        (0, 0),
+    )
+
+
+def _check(settings: SegmentSettings, gate: GateSettings) -> None:
+    for name, value in (
+        ("segment.clusters", settings.clusters),
+        ("segment.difference_clusters", settings.difference_clusters),
+    ):
+        if not 2 <= value <= MOST_CENTERS:
+            raise UsageError(
+                f"{name}: wanted 2 to {MOST_CENTERS}, found {value}; set it within these"
+            )
+    if not 1 <= gate.smallest_px <= gate.largest_px:
+        raise UsageError(
+            f"gate: wanted 1 <= smallest_px <= largest_px, found {gate.smallest_px} and "
+            f"{gate.largest_px}; set them so"
+        )

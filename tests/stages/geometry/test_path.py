@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.stages.geometry.path import beside_path
+
+UP = np.array([[0.0, -1.0, 0.0]])
+AHEAD = np.array([0.0, 0.0, 1.0])
+
+
+def straight(n=5):
+    centres = np.array([[0.0, 0.0, 8.0 * k] for k in range(n)])
+    return centres, np.repeat(UP, n, axis=0), 8.0 * np.arange(n)
+
+
+@given(st.floats(-20, 20), st.floats(-5, 8), st.floats(-30, 80))
+def test_offsets_of_a_straight_path_are_plain_coordinates(right, up, along):
+    found = beside_path(np.array([right, -up, along]), *straight(), AHEAD)
+    np.testing.assert_allclose(found, (along, right, up), atol=1e-9)
+
+
+def test_a_single_camera_extends_its_own_direction():
+    found = beside_path(np.array([3.0, -1.0, 50.0]), *straight(1), AHEAD)
+    np.testing.assert_allclose(found, (50.0, 3.0, 1.0), atol=1e-12)
+
+
+def test_the_offset_on_a_curve_is_the_distance_to_the_arc():
+    radius, angles = 300.0, np.linspace(0, 0.4, 16)
+    centres = np.stack(
+        [radius * (1 - np.cos(angles)), np.zeros(16), radius * np.sin(angles)], axis=1
+    )
+    beyond = 0.2
+    inner = np.array([radius - 290 * np.cos(beyond), -1.0, 290 * np.sin(beyond)])
+    ups = np.repeat(UP, 16, axis=0)
+    found = beside_path(inner, centres, ups, radius * angles, AHEAD)
+    assert found.right == pytest.approx(10.0, abs=0.05)
+    assert found.station == pytest.approx(radius * beyond, abs=0.1)
+    assert found.above == pytest.approx(1.0)

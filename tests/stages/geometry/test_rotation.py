@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from wayside.stages.geometry.rotation import (
+    across,
+    cholesky_solve,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+
+numbers = st.floats(-1.7, 1.7)
+vectors = st.tuples(numbers, numbers, numbers).map(np.array)
+
+
+@settings(deadline=None)
+@given(vectors)
+def test_a_rotation_vector_gives_the_matrix_that_scipy_gives(vector):
+    expected = Rotation.from_rotvec(vector).as_matrix()
+    np.testing.assert_allclose(rotation_from_vector(vector), expected, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(vectors)
+def test_a_rotation_vector_survives_the_way_through_its_matrix(vector):
+    back = vector_from_rotation(rotation_from_vector(vector))
+    np.testing.assert_allclose(back, vector, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, np.pi - 1e-6])
+def test_tiny_angles_and_half_turns_keep_their_vector(angle):
+    axis = np.array([0.6, -0.48, 0.64])
+    back = vector_from_rotation(Rotation.from_rotvec(axis * angle).as_matrix())
+    np.testing.assert_allclose(back, axis * angle, atol=1e-9)
+
+
+@settings(deadline=None)
+@given(vectors)
+def test_the_two_directions_across_are_unit_and_at_right_angles(vector):
+    length = np.linalg.norm(vector)
+    if length < 1e-3:
+        return
+    basis = np.vstack([vector / length, across(vector / length)])
+    np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-9)
+
+
+def test_a_positive_definite_system_is_solved_as_numpy_solves_it():
+    generator = np.random.default_rng(1)
+    root = generator.normal(size=(5, 5))
+    matrix, right = root @ root.T + np.eye(5), generator.normal(size=5)
+    solution = right.copy()
+    assert cholesky_solve(matrix.copy(), solution, 5)
+    np.testing.assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-10)
+
+
+def test_an_indefinite_system_is_refused():
+    assert not cholesky_solve(np.diag([1.0, -1.0]), np.ones(2), 2)

@@ -1,0 +1,348 @@
+"""The smoothed path of whole made-up drives, whose truth is known, and against a dense solver that knows no bands."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from wayside.stages.georeference.measurements import Chain, Seen
+from wayside.stages.georeference.trajectory import smooth
+
+LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+STEP_M, TURN_RAD, SIDE_RAD, LENGTH_M = 8.0, 5e-5, 3e-4, 0.02
+NEW_SHARE, UP = 0.1, 1.6
+OWN_WAY = np.radians([5.0, 5.0, 180.0])
+
+
+@dataclass
+class Drive:
+    """True poses, what was measured, and where an adjustment starts."""
+
+    rotation: np.ndarray
+    centre: np.ndarray
+    chain: Chain
+    seen: Seen
+    start: tuple[np.ndarray, np.ndarray]
+
+    def smooth(self, **changes):
+        return smooth(self.chain, replace(self.seen, **changes), *self.start)
+
+    def kept(self, rows):
+        """What was seen in these frames alone."""
+        return {"row": rows, "place": self.seen.place[rows], "sigma": self.seen.sigma[rows]}
+
+
+def winding(n, radius_m, swing):
+    """Poses and times of a camera on a road over hills whose bends alternate, at a speed that swings by this share."""
+    station = STEP_M * np.arange(n)
+    heading = np.cumsum(np.sin(station / 150) * STEP_M / radius_m)
+    centre = np.zeros((n, 3))
+    centre[1:, :2] = np.cumsum(STEP_M * np.stack([np.cos(heading), np.sin(heading)], 1)[1:], axis=0)
+    centre[:, 2] = 3 * np.sin(station / 200)
+    rotation = Rotation.from_rotvec(np.outer(heading, [0, 0, 1])).as_matrix() @ LEVEL
+    speed = 20.0 * (1 + swing * np.sin(station / 90))
+    return (
+        rotation,
+        centre,
+        np.concatenate([[0.0], np.cumsum(2 * STEP_M / (speed[1:] + speed[:-1]))]),
+    )
+
+
+def steps_of(rng, rotation, centre, time_s, free, noise):
+    """The chain as a camera measures it; `free`: lengths are known as ratios only, to 1.5 permille."""
+    n = len(centre)
+    back = rotation[:-1].transpose(0, 2, 1)
+    way = np.einsum("nij,nj->ni", back, np.diff(centre, axis=0))
+    length = np.linalg.norm(way, axis=1)
+    ahead = way / length[:, None]
+    turn, step = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+    slip = Rotation.from_rotvec(noise * rng.normal(0, TURN_RAD, (n - 1, 3))).as_matrix()
+    turn[1:] = slip @ back @ rotation[1:]
+    side = noise * rng.normal(0, SIDE_RAD, (n - 1, 3))
+    beside = ahead + side - (side * ahead).sum(axis=1)[:, None] * ahead
+    sigma_m = 0.1 if free else LENGTH_M
+    step[1:] = beside * (length + noise * rng.normal(0, sigma_m, n - 1))[:, None]
+    along = ahead[:, :, None] * ahead[:, None]
+    covariance = np.tile(np.eye(6), (n, 1, 1))
+    covariance[1:, :3, :3] = TURN_RAD**2 * np.eye(3)
+    covariance[1:, 3:, 3:] = (SIDE_RAD * STEP_M) ** 2 * (np.eye(3) - along) + sigma_m**2 * along
+    ratio = np.full((n, 2), np.nan)
+    if free:
+        ratio[2:, 0] = length[1:] / length[:-1] * np.exp(noise * rng.normal(0, 0.0015, n - 2))
+        ratio[2:, 1] = 0.0
+    return Chain(time_s, turn, step, covariance, (np.arange(n) > 0) & free, ratio)
+
+
+def fading(rng, time_s, sigma, memory_s):
+    """An error that fades: first-order Gauss-Markov (n, 3)."""
+    keeps = np.exp(-np.diff(time_s, prepend=0.0) / memory_s)
+    fresh = rng.normal(size=(len(time_s), 3)) * sigma
+    error = [fresh[0]]
+    for keep, new in zip(keeps[1:], fresh[1:], strict=True):
+        error.append(keep * error[-1] + np.sqrt(1 - keep**2) * new)
+    return np.array(error)
+
+
+def drive_of(
+    seed,
+    n=300,
+    *,
+    radius_m=250.0,
+    swing=0.0,
+    free=False,
+    sigma_m=1.0,
+    arm=(0.0, 0.0, 0.0),
+    lag_s=0.0,
+    noise=1.0,
+):
+    rng = np.random.default_rng(seed)
+    rotation, centre, time_s = winding(n, radius_m, swing)
+    chain = steps_of(rng, rotation, centre, time_s, free, noise)
+    sigma = sigma_m * np.array([1.0, 1.0, UP])
+    late = np.stack([np.interp(time_s - lag_s, time_s, axis) for axis in centre.T], axis=1)
+    place = late + rotation @ np.array(arm) + noise * fading(rng, time_s, sigma, 60.0)
+    place += noise * rng.normal(size=(n, 3)) * NEW_SHARE * sigma
+    every = np.tile(sigma, (n, 1))
+    seen = Seen(
+        np.arange(n),
+        place,
+        NEW_SHARE * every,
+        every,
+        60.0,
+        np.array(arm),
+        None,
+        None,
+        OWN_WAY,
+        np.radians(10.0),
+    )
+    return Drive(rotation, centre, chain, seen, chained(chain, rotation[0], centre[0]))
+
+
+def chained(chain, rotation, centre):
+    """Poses of the chain alone, from a first one on."""
+    rotations, centres = [rotation], [centre]
+    for turn, step in zip(chain.rotation[1:], chain.step[1:], strict=True):
+        centres.append(centres[-1] + rotations[-1] @ step)
+        rotations.append(rotations[-1] @ turn)
+    return np.array(rotations), np.array(centres)
+
+
+def sigmas(found):
+    return np.sqrt(np.diagonal(found.covariance[:, :3, :3], axis1=1, axis2=2))
+
+
+def way_between(centre):
+    return np.linalg.norm(np.diff(centre, axis=0), axis=1)
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("radius_m", [250.0, 1e9])
+def test_without_noise_the_truth_comes_out(radius_m, free):
+    drive = drive_of(0, 60, radius_m=radius_m, free=free, noise=0.0)
+    found = drive.smooth()
+    np.testing.assert_allclose(found.centre, drive.centre, atol=2e-3)
+    np.testing.assert_allclose(found.rotation, drive.rotation, atol=1e-5)
+    assert (found.outliers, found.lag_s) == (0, 0.0)
+
+
+@pytest.mark.parametrize(("radius_m", "free"), [(250.0, False), (1e9, True)])
+def test_errors_are_bounded_by_those_of_the_fixes_and_stated(radius_m, free):
+    shares, stretches, errors = [], [], []
+    for seed in range(60):
+        drive = drive_of(seed, 110, radius_m=radius_m, free=free)
+        found = drive.smooth()
+        error = found.centre - drive.centre
+        errors.append([(error**2).mean(), ((drive.seen.place - drive.centre) ** 2).mean()])
+        # errors are alike over a minute: a few places of each drive tell all
+        shares.append(np.abs(error / sigmas(found))[::50])
+        true = way_between(drive.centre) / drive.chain.length[1:]
+        stated = np.sqrt(found.covariance[1:, 6, 6])
+        stretches.append(((np.log(found.stretch[1:]) - np.log(true)) / stated)[::50])
+    smoothed, fixes = np.sqrt(np.mean(errors, axis=0))
+    assert smoothed < fixes
+    pulls = np.array(shares)
+    assert 0.60 < (pulls < 1).mean() < 0.76
+    assert 0.92 < (pulls < 2).mean() < 0.98
+    if free:
+        assert 0.55 < (np.abs(stretches) < 1).mean() < 0.80
+
+
+def test_fixes_do_not_spoil_the_way_between_neighbours():
+    drive = drive_of(3)
+    found = drive.smooth()
+    true = way_between(drive.centre)
+    before = np.abs(drive.chain.length[1:] - true)
+    after = np.abs(way_between(found.centre) - true)
+    assert after.mean() < 1.02 * before.mean()
+    turn = found.rotation[:-1].transpose(0, 2, 1) @ found.rotation[1:]
+    kept = turn @ drive.chain.rotation[1:].transpose(0, 2, 1)
+    assert Rotation.from_matrix(kept).magnitude().max() < TURN_RAD
+
+
+def test_lengths_known_as_ratios_take_their_scale_from_the_whole_drive():
+    errors = []
+    for seed in range(5):
+        drive = drive_of(seed, free=True)
+        true = way_between(drive.centre)
+        errors.append(way_between(drive.smooth().centre) / true - 1)
+        assert np.abs(drive.chain.length[1:] / true - 1).mean() > 0.008
+    assert np.sqrt(np.mean(np.square(errors))) < 0.005
+
+
+def test_a_lost_ratio_is_bridged_by_a_steady_speed():
+    drive = drive_of(1, free=True)
+    drive.chain.ratio[150] = np.nan
+    found = drive.smooth()
+    error = np.log(way_between(found.centre) / way_between(drive.centre))
+    assert np.abs(error[149]) < 0.02
+    assert found.covariance[150, 6, 6] < 0.02**2
+
+
+def test_outliers_and_a_receiver_that_wakes_up_elsewhere_are_left_out():
+    drive = drive_of(4)
+    place, rng = drive.seen.place.copy(), np.random.default_rng(1)
+    struck = rng.choice(np.arange(10, 300), 30, replace=False)
+    place[struck] += rng.normal(size=(30, 3)) * 30 + 10
+    place[:3] += 4e6
+    found = drive.smooth(place=place)
+    np.testing.assert_allclose(found.centre, drive.smooth().centre, atol=0.3)
+    assert found.outliers >= 30
+    assert (found.weight[:3] < 1e-6).all()
+
+
+@pytest.mark.parametrize("jump", [[15.0, -10.0, 5.0], [0.0, 40.0, 0.0]])
+def test_a_jump_of_the_fixes_does_not_bend_the_path(jump):
+    drive = drive_of(5)
+    place = drive.seen.place.copy()
+    place[100:130] += jump
+    found = drive.smooth(place=place)
+    assert np.abs(found.centre - drive.smooth().centre).max() < 0.7
+    assert found.outliers == 30
+
+
+def test_sigmas_grow_where_there_are_no_fixes():
+    drive = drive_of(6)
+    inside = drive.smooth(**drive.kept(np.r_[0:60, 240:300]))
+    assert np.abs(inside.centre - drive.centre).max() < 4
+    over_the_end = drive.smooth(**drive.kept(np.arange(150)))
+    level = np.hypot(*sigmas(over_the_end)[:, :2].T)
+    assert level[-1] > 1.4 * level[140]
+    assert (np.diff(level[150:]) > 0).all()
+
+
+def test_an_antenna_beside_the_camera_turns_with_it():
+    arm = (0.5, -1.5, -4.0)
+    drive = drive_of(7, arm=arm, sigma_m=0.05)
+    with_arm = np.abs(drive.smooth().centre - drive.centre).mean(axis=0)
+    without = np.abs(drive.smooth(arm=np.zeros(3)).centre - drive.centre).mean(axis=0)
+    assert with_arm.max() < 0.12
+    assert without.max() > 1.0
+
+
+@pytest.mark.parametrize(("radius_m", "swing"), [(250.0, 0.0), (250.0, 0.3), (1e9, 0.3)])
+@pytest.mark.parametrize("lag_s", [0.3, -0.2])
+def test_a_lag_of_the_clock_is_found_and_undone(radius_m, swing, lag_s):
+    drive = drive_of(8, radius_m=radius_m, swing=swing, lag_s=lag_s)
+    found = drive.smooth()
+    assert found.lag_s == pytest.approx(lag_s, abs=4 * found.lag_sigma_s)
+    assert np.abs(found.centre - drive.centre).mean() < 1.5
+
+
+def test_no_lag_is_made_up():
+    for seed in range(8):
+        drive = drive_of(seed, 150, swing=0.3)
+        assert drive.smooth().lag_s == 0.0
+
+
+def test_given_poses_that_lag_are_undone_by_turns_alone():
+    drive = drive_of(9, noise=0.2)
+    lag, n = 0.15, len(drive.centre)
+    time_s = drive.chain.time_s
+    late = np.stack([np.interp(time_s - lag, time_s, axis) for axis in drive.centre.T], axis=1)
+    vectors = Rotation.from_matrix(drive.rotation @ LEVEL.T).as_rotvec()
+    turned = np.stack([np.interp(time_s - lag, time_s, axis) for axis in vectors.T], axis=1)
+    turn = Rotation.from_rotvec(turned).as_matrix() @ LEVEL
+    found = drive.smooth(
+        place=late,
+        sigma=np.full((n, 3), 0.03),
+        slow=np.zeros((n, 3)),
+        turn=turn,
+        sigma_rad=np.full(n, 1e-3),
+        first_rad=np.full(3, 3.0),
+        level_rad=np.inf,
+    )
+    assert found.lag_s == pytest.approx(lag, abs=0.01)
+    assert np.abs(found.centre - drive.centre)[5:-5].max() < 0.1
+
+
+def test_the_same_drive_gives_the_same_bits():
+    one, two = (drive_of(10, 80, free=True).smooth() for _ in range(2))
+    for name in ("rotation", "centre", "stretch", "covariance", "weight"):
+        assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
+
+
+def test_a_drive_of_many_frames_needs_no_dense_matrix():
+    drive = drive_of(11, 2000)
+    found = drive.smooth()
+    assert np.abs(found.centre - drive.centre).max() < 5
+    assert np.abs(drive.start[1] - drive.centre).max() > 5
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_a_dense_solver_finds_the_same(free):
+    drive = drive_of(12, 8, free=free, radius_m=60.0)
+    found = drive.smooth()
+    dense = by_dense_least_squares(drive)
+    # a hundredth of what either is sure of
+    np.testing.assert_allclose(found.centre, dense, atol=0.01)
+
+
+def by_dense_least_squares(drive):
+    """Centres (n, 3) by scipy over all unknowns at once, written from the model and not from the code."""
+    chain, seen, n = drive.chain, drive.seen, len(drive.centre)
+    length = np.linalg.norm(chain.step, axis=1)
+    root = [None, *(np.linalg.inv(np.linalg.cholesky(c)) for c in chain.spread()[1:])]
+    keeps = np.exp(-np.diff(chain.time_s) / seen.memory_s)
+
+    def loss(residual, freedom, reach):
+        # Cauchy's loss as a residual whose square it is
+        each = residual @ residual / (freedom * reach**2)
+        return (
+            np.sqrt(freedom * reach**2 * np.log1p(each))
+            * residual
+            / np.sqrt(max(residual @ residual, 1e-300))
+        )
+
+    def residuals(x):
+        move, turn, slow = x[: 3 * n], x[3 * n : 6 * n], x[6 * n : 9 * n].reshape(n, 3)
+        stretch = x[9 * n :]
+        centre = drive.start[1] + move.reshape(n, 3)
+        rotation = Rotation.from_rotvec(turn.reshape(n, 3)).as_matrix() @ drive.start[0]
+        parts = [slow[0], turn[:3] / seen.first_rad, rotation[:, 2, 0] / seen.level_rad]
+        parts.append(stretch / np.where(chain.free, 0.3, 1e-4))
+        for k in range(n):
+            antenna = centre[k] + rotation[k] @ seen.arm + seen.slow[k] * slow[k]
+            parts.append(loss((seen.place[k] - antenna) / seen.sigma[k], 3, 3.0))
+            if k == 0:
+                continue
+            fresh = np.sqrt(1 - keeps[k - 1] ** 2)
+            parts.append((slow[k] - keeps[k - 1] * slow[k - 1]) / fresh)
+            back = rotation[k - 1].T
+            slip = Rotation.from_matrix(back @ rotation[k] @ chain.rotation[k].T).as_rotvec()
+            gap = back @ (centre[k] - centre[k - 1]) - np.exp(stretch[k]) * chain.step[k]
+            parts.append(loss(root[k] @ np.concatenate([slip, gap]), 6, 6.0))
+            if k > 1 and chain.free[k]:
+                change = stretch[k] - stretch[k - 1] + np.log(length[k] / length[k - 1])
+                parts.append(
+                    loss(np.array([(change - np.log(chain.ratio[k, 0])) / 0.0015]), 1, 6.0)
+                )
+                now, before = np.diff(chain.time_s)[k - 1], np.diff(chain.time_s)[k - 2]
+                stamps = 2e-3 * np.sqrt(now**-2 + before**-2 + 1 / (now * before))
+                sigma = np.hypot(0.5 * (now + before) * now / length[k], stamps)
+                parts.append(loss(np.array([(change - np.log(now / before)) / sigma]), 1, 6.0))
+        return np.concatenate([np.atleast_1d(p) for p in parts])
+
+    solved = least_squares(residuals, np.zeros(10 * n), x_scale="jac", xtol=1e-12, ftol=1e-12)
+    return drive.start[1] + solved.x[: 3 * n].reshape(n, 3)

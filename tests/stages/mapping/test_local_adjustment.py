@@ -1,0 +1,204 @@
+"""A place adjusted with the motion round it, on exact scenes whose chained motion is wrong in part."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wayside.schemas.frame import Camera, Pose
+from wayside.schemas.motion import Motion, StepPrior, Ties
+from wayside.stages.mapping.local_adjustment import (
+    MOST_FRAMES,
+    Sighted,
+    adjust_together,
+    window_round,
+)
+from wayside.stages.mapping.triangulation import triangulate_views
+
+CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+MIDDLE = np.array([CAMERA.cx, CAMERA.cy])
+TURN = np.array([0.001, 0.01, 0.0])
+AHEAD = np.array([0.0, 0.0, 1.0])
+FRAMES = 6
+SIGN = np.array([3.5, -1.0, 16.0])  # in the last camera
+RAY_SIGMA = 0.15 / CAMERA.fx
+
+
+def pixels(pose, points):
+    local = pose.to_camera(points)
+    return local[:, :2] / local[:, 2:] * CAMERA.fx + MIDDLE, local[:, 2]
+
+
+def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
+    """Frames of a drive with ties, as the tracker holds them, and their true poses.
+
+    wrong_step: a step whose direction is off by a fifth of a degree; shuttle: metres a step by which a vehicle, a tenth
+    of the ties, moves sideways; sliding: so many ties a step that are off by 3 px and known to slide.
+    """
+    rng = np.random.default_rng(seed)
+    steps = [
+        Pose(
+            Rotation.from_rotvec(rng.normal(0, 0.002, 3) + TURN).as_matrix(),
+            np.array([0.05, 0.01, 8.0]),
+        )
+        for _ in range(FRAMES - 1)
+    ]
+    true = [Pose(np.eye(3), np.zeros(3))]
+    for step in steps:
+        true.append(true[-1].compose(step))
+    z = rng.uniform(10, 100, 3000)
+    points = np.column_stack([rng.uniform(-30, 30, 3000), rng.uniform(-6, 1.8, 3000), z])
+    vehicle = np.zeros(3000)
+    vehicle[::10] = shuttle
+    held, chained = [], true[0]
+    for k, pose in enumerate(true):
+        motion = Motion(pose, None, None, "start", 0.0, 8.0 * k, None, 0.1, 0.1, True, 1, 1.6)
+        if k:
+            step = steps[k - 1]
+            slope = 0.0035 if k == wrong_step else 0.0
+            length = np.linalg.norm(step.centre)
+            off = step.centre + np.array([slope * 8, 0, 0])
+            measured = Pose(step.rotation, off / np.linalg.norm(off) * length)
+            chained = chained.compose(measured)
+            shown = [pixels(true[j], points + np.outer(vehicle, [j, 0, 0])) for j in (k - 1, k)]
+            seen = np.all(
+                [(u > 0).all(1) & (u < [1600, 1200]).all(1) & (d > 4) for u, d in shown], 0
+            )
+            rows = np.flatnonzero(seen)
+            growth = (shown[0][1] / shown[1][1])[rows]
+            current = shown[1][0][rows] + rng.normal(0, noise_px, (len(rows), 2))
+            slides = np.zeros(len(rows))
+            current[:sliding] += [3.0, -3.0]
+            slides[:sliding] = 0.5
+            ties = Ties(
+                shown[0][0][rows],
+                current,
+                np.ones(len(rows), bool),
+                pose.to_camera(points[rows]) * rng.normal(1, 0.03, (len(rows), 1)),
+                np.column_stack([rows, rows]),
+                np.column_stack([growth, 0 * growth, growth]),
+                slides,
+            )
+            prior = StepPrior(
+                np.eye(3), np.inf, AHEAD, np.array([0.01, 0.01]), True, float(length), 0.02
+            )
+            motion = replace(motion, pose=chained, step=measured, ties=ties, prior=prior)
+        frame = SimpleNamespace(camera=CAMERA)
+        held.append(SimpleNamespace(frame=frame, motion=motion, focal=CAMERA.fx))
+    return held, true
+
+
+def sighted_of(true, seed=0):
+    rng, last = np.random.default_rng(100 + seed), true[-1]
+    rays = np.array(
+        [(pixels(p, last.to_world(SIGN)[None])[0][0] - MIDDLE) / CAMERA.fx for p in true]
+    )
+    rays += rng.normal(0, RAY_SIGMA, rays.shape)
+    return Sighted(np.arange(len(true)), rays, np.full(len(true), RAY_SIGMA))
+
+
+def chained_place(held, sighted):
+    poses = [h.motion.pose for h in held]
+    point, _, _ = triangulate_views(
+        np.stack([p.rotation for p in poses]),
+        np.stack([p.centre for p in poses]),
+        sighted.rays,
+        sighted.sigma,
+    )
+    return point
+
+
+def gap_of(held, point):
+    return held[-1].motion.pose.to_camera(point) - SIGN
+
+
+@pytest.mark.parametrize("wrong_step", [1, 3, 5])
+def test_a_step_that_disagrees_with_its_neighbours_is_solved_again(wrong_step):
+    held, true = drive(wrong_step=wrong_step)
+    sighted = sighted_of(true)
+    before = chained_place(held, sighted)
+    joint = adjust_together(held, FRAMES - 1, sighted, before)
+    assert np.linalg.norm(gap_of(held, joint.point)) < 0.06
+    if wrong_step == 5:
+        assert np.linalg.norm(gap_of(held, before)) > 0.12
+
+
+def test_errors_are_as_large_as_the_covariance_says():
+    pulls = []
+    for seed in range(25):
+        held, true = drive(seed=seed)
+        sighted = sighted_of(true, seed)
+        joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+        turn = held[-1].motion.pose.rotation
+        sigma = np.sqrt(np.diag(turn.T @ joint.covariance @ turn))
+        pulls.append(gap_of(held, joint.point) / sigma)
+    # errors that neighbours share are allowed for, though there are none here
+    assert (np.abs(pulls) < 1).mean() > 0.6
+    assert (np.abs(pulls) < 2).mean() > 0.92
+
+
+def test_ties_on_a_vehicle_lose_their_weight_and_are_counted():
+    held, true = drive(shuttle=0.15)
+    sighted = sighted_of(true)
+    joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+    still, same = drive()
+    calm = adjust_together(still, FRAMES - 1, sighted_of(same), chained_place(still, sighted))
+    assert joint.astray > 5
+    assert calm.astray <= 2
+    assert np.linalg.norm(gap_of(held, joint.point)) < 0.08
+
+
+def test_patches_that_slide_along_their_edges_do_not_count():
+    held, true = drive(sliding=60)
+    sighted = sighted_of(true)
+    joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+    assert joint.astray <= 2
+    assert np.linalg.norm(gap_of(held, joint.point)) < 0.06
+
+
+def test_the_same_frames_give_the_same_bytes():
+    held, true = drive()
+    sighted = sighted_of(true)
+    start = chained_place(held, sighted)
+    first, again = (adjust_together(held, FRAMES - 1, sighted, start) for _ in range(2))
+    assert first.point.tobytes() == again.point.tobytes()
+    assert first.covariance.tobytes() == again.covariance.tobytes()
+
+
+def test_without_ties_the_known_steps_remain():
+    held, true = drive()
+    for h in held[1:]:
+        h.motion = replace(h.motion, ties=None)
+    sighted = sighted_of(true)
+    joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+    assert joint.tracks == 0
+    assert np.isfinite(joint.covariance).all()
+
+
+def test_where_nothing_is_known_of_a_step_the_place_is_left_to_the_chain():
+    held, true = drive()
+    held[3].motion = replace(held[3].motion, prior=None)
+    sighted = sighted_of(true)
+    assert adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted)) is None
+
+
+def test_one_view_in_the_window_places_nothing():
+    held, true = drive()
+    sighted = Sighted(*(column[-1:] for column in sighted_of(true)))
+    assert adjust_together(held, FRAMES - 1, sighted, true[-1].to_world(SIGN)) is None
+
+
+def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain(monkeypatch):
+    monkeypatch.setattr("wayside.stages.mapping.local_adjustment.MOST_FRAMES", 2)
+    held, true = drive()
+    sighted = sighted_of(true)
+    assert adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted)) is None
+
+
+def test_the_window_holds_the_best_frame_and_the_nearest_views():
+    assert window_round(9, np.array([2, 5, 9])) == (2, 9)
+    assert window_round(9, np.array([0, 1, 5, 9])) == (5, 9)
+    assert window_round(5, np.arange(20))[1] - window_round(5, np.arange(20))[0] < MOST_FRAMES
+    assert window_round(3, np.array([2, 4])) == (2, 4)

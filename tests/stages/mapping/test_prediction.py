@@ -1,0 +1,152 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
+from wayside.schemas.models import SideJudges, TreeModel
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.detection.detector import view_names
+from wayside.stages.mapping.association import Gates
+from wayside.stages.mapping.hypotheses import fit_views
+from wayside.stages.mapping.prediction import follow_back, predicted_box
+from wayside.stages.mapping.tracker import track
+from wayside.stages.mapping.window import Held, sightings_of
+
+
+def reddish():
+    """A judge of views: what is red in its middle is a face."""
+    names = view_names()
+    column = next(k for k, name in enumerate(names) if name == "region_red_green")
+    one = np.array([[column, 0, 0]], np.int32)
+    return TreeModel(
+        names,
+        0.0,
+        one,
+        np.array([[0.5, 0, 0]], np.float32),
+        np.array([[1, -1, -1]], np.int32),
+        np.array([[2, -1, -1]], np.int32),
+        np.array([[0, -3, 3]], np.float32),
+        0.0,
+        "made up",
+    )
+
+
+@pytest.fixture
+def shown(drive):
+    """Frames of a drive with pictures: panels red on grey; regions know that they are red."""
+
+    def make(panels, frames):
+        made = []
+        for moved in drive(panels, frames):
+            look = moved.detections
+            rgb = np.full((1200, 1600, 3), 110, np.uint8)
+            regions = look.candidates.regions
+            red = np.tile(np.array([200, 40, 40], np.float32), (len(regions), 1))
+            table = replace(look.candidates, regions=replace(regions, rgb=red))
+            table = replace(table, ideal=table.center)
+            image = replace(look.image, rgb=rgb, grey=rgb[..., 0])
+            segmentation = replace(look.segmentation, image=image)
+            made.append(replace(moved, detections=Detections(segmentation, table, look.features)))
+        return made
+
+    return make
+
+
+def holding(frames):
+    return [Held.of(m, m.motion, m.frame.camera) for m in frames]
+
+
+def fit_of(held, frames):
+    rows = np.array([sightings_of(held).first[f] for f in frames], np.int64)
+    fit = fit_views(sightings_of(held), rows, np.array(frames, np.int64))
+    assert fit is not None
+    return fit
+
+
+def test_the_box_of_a_known_place_is_predicted_where_the_panel_stands(shown, panel):
+    frames = shown([panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11)
+    held = holding(frames)
+    fit = fit_of(held, [9, 10])
+    for k in (5, 6, 7, 8):
+        box, tall_px = predicted_box(fit, held[k])
+        np.testing.assert_allclose(box, held[k].candidates.regions.box[0], atol=0.02)
+        assert tall_px == pytest.approx(box[3] - box[1], rel=1e-3)
+
+
+def test_a_place_that_is_hardly_known_is_not_looked_for_elsewhere(shown, panel):
+    held = holding(shown([panel(3.5, 1.2, 100.0)], 11))
+    fit = fit_of(held, [9, 10])
+    unsure = replace(fit, covariance=fit.covariance * 1e4)
+    assert predicted_box(unsure, held[6]) is None
+
+
+def test_views_that_no_candidate_showed_are_found_where_they_must_be(shown, panel):
+    gone = tuple(range(9))
+    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=gone)], 13)
+    held = holding(frames)
+    with_views = [k for k, h in enumerate(held) if len(h.open)]
+    fit = fit_of(held, with_views)
+    _, (followed,) = follow_back([fit], held, reddish(), Gates())
+    assert len(followed.rows) > len(fit.rows) + 3
+    assert followed.frames.tolist() == sorted(followed.frames.tolist())
+    new = ~np.isin(followed.frames, with_views)
+    assert not followed.used[new].any()
+    np.testing.assert_array_equal(followed.point, fit.point)
+    for frame in followed.frames[new]:
+        sources = held[frame].candidates.regions.source
+        assert [SOURCES[s] for s in sources] == ["predicted"]
+    rows = sightings_of(held)
+    local = np.array([(fit.point - rows.centre[f]) @ rows.rotation[f] for f in followed.frames])
+    np.testing.assert_allclose(rows.ray[followed.rows], local[:, :2] / local[:, 2:], atol=1e-5)
+
+
+def test_what_the_judge_refuses_there_is_no_view(shown, panel):
+    held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
+    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.open)])
+    never = replace(reddish(), accept=99.0)
+    before = [len(h.candidates) for h in held]
+    _, found = follow_back([fit], held, never, Gates())
+    assert found[0].rows.tolist() == fit.rows.tolist()
+    assert [len(h.candidates) for h in held] == before
+
+
+def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
+    def settled(judge):
+        frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
+        return list(track(iter(frames), TrackSettings(), SideJudges(judge)))
+
+    (alone,) = [p for s in settled(None) for p in s.places]
+    followed = settled(reddish())
+    (place,) = [p for s in followed for p in s.places]
+    assert len(place.views) >= len(alone.views) + 3
+    np.testing.assert_array_equal(place.position, alone.position)
+    for view in place.views:
+        table = followed[view.frame].candidates
+        assert table.verdict[view.row] == verdict_code("sign")
+        assert tuple(table.regions.box[view.row].tolist()) == view.box
+
+
+def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
+    frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
+    settled = track(iter(frames), TrackSettings(), SideJudges(reddish()))
+    assert {p.verdict for s in settled for p in s.places} == {"residual"}
+
+
+def test_joined_tables_keep_chances_and_fill_what_is_missing():
+    table = Candidates.of(holding_regions(2))
+    named = replace(table, color_odds=np.zeros((2, 8), np.float32))
+    both = named.joined(Candidates.of(holding_regions(1)))
+    assert both.color_odds is not None
+    assert np.isnan(both.color_odds[2]).all()
+    assert both.color_odds.shape == (3, 8)
+    assert both.shape_odds is None
+
+
+def holding_regions(count):
+    return Regions(
+        np.tile(np.array([[1, 2, 9, 12]], np.float32), (count, 1)),
+        np.full(count, 40, np.int32),
+        np.zeros((count, 3), np.float32),
+        np.zeros(count, np.uint8),
+    )

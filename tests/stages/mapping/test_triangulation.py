@@ -1,0 +1,220 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from wayside.stages.geometry.ray_midpoint import midpoint, pair_residual
+from wayside.stages.mapping.triangulation import triangulate_many, triangulate_views
+
+SIGMA = 0.25 / 1400
+small = st.floats(-0.1, 0.1)
+
+
+def drive(views=6, seed=0, noise=SIGMA, point=(3.1, -0.6, 62.0)):
+    """Cameras 8.05 m apart with a little of every rotation, and the rays to one point."""
+    generator = np.random.default_rng(seed)
+    rotations = Rotation.from_rotvec(generator.normal(0, 0.02, (views, 3))).as_matrix()
+    centres = np.c_[generator.normal(0, 0.05, (views, 2)), 8.05 * np.arange(views)]
+    local = np.einsum("nji,nj->ni", rotations, np.array(point) - centres)
+    rays = local[:, :2] / local[:, 2:] + generator.normal(0, noise, (views, 2))
+    return rotations, centres, rays, np.full(views, SIGMA)
+
+
+def gaps(point, rotations, centres, rays):
+    local = np.einsum("nji,nj->ni", rotations, point - centres)
+    return local[:, :2] / local[:, 2:] - rays
+
+
+def test_the_midpoint_is_the_closed_form_of_equation_7_3():
+    generator = np.random.default_rng(2)
+    c0, c1 = generator.normal(size=3), generator.normal(size=3)
+    d0, d1 = generator.normal(size=(20, 3)), generator.normal(size=(20, 3))
+    found = midpoint(c0, c1, d0, d1)
+    for i in range(20):
+        q3 = np.cross(d0[i], d1[i])
+        g1, _, g3 = np.linalg.solve(np.c_[-d0[i], d1[i], -q3], c0 - c1)
+        np.testing.assert_allclose(found.point[i], c0 + g1 * d0[i] + g3 / 2 * q3, rtol=1e-9)
+        assert found.gap[i] == pytest.approx(abs(g3) * np.linalg.norm(q3))
+
+
+@settings(deadline=None)
+@given(st.tuples(small, small, small), st.tuples(small, small, small))
+def test_rays_that_meet_give_their_meeting_point_in_any_frame(turn, shift):
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    points = np.array([[3.1, -0.6, 20.0], [-4.0, -2.0, 35.0]])
+    c0, c1 = np.zeros(3), np.array([0.1, 0.0, 8.05])
+    moved = points @ rotation.T + shift
+    found = midpoint(
+        c0 @ rotation.T + shift,
+        c1 @ rotation.T + shift,
+        (points - c0) @ rotation.T,
+        (points - c1) @ rotation.T,
+    )
+    np.testing.assert_allclose(found.point, moved, atol=1e-7)
+    assert found.ahead.all()
+    assert (found.gap < 1e-9).all()
+
+
+def test_parallel_rays_meet_nowhere():
+    forward = np.array([[0.0, 0.0, 1.0]])
+    found = midpoint(np.zeros(3), np.array([0.0, 0.0, 8.0]), forward, forward * 2)
+    assert np.isnan(found.point).all()
+    assert not found.ahead.any()
+
+
+def test_a_zero_baseline_puts_the_point_at_the_camera_and_not_ahead():
+    found = midpoint(np.zeros(3), np.zeros(3), np.array([[0.0, 0, 1]]), np.array([[0.1, 0, 1]]))
+    np.testing.assert_array_equal(found.point, [[0.0, 0.0, 0.0]])
+    assert not found.ahead.any()
+
+
+def test_a_point_behind_the_cameras_is_flagged():
+    point, c1 = np.array([2.0, 0.0, -10.0]), np.array([0.0, 0.0, 8.0])
+    found = midpoint(np.zeros(3), c1, -point[None], (c1 - point)[None])
+    np.testing.assert_allclose(found.point, point[None])
+    assert (found.along < 0).all()
+    assert not found.ahead.any()
+
+
+def test_views_without_noise_give_the_point_itself():
+    point, _, residuals = triangulate_views(*drive(noise=0.0))
+    np.testing.assert_allclose(point, [3.1, -0.6, 62.0], atol=1e-6)
+    assert residuals.max() < 1e-9
+
+
+@pytest.mark.parametrize("views", [2, 3, 8])
+def test_several_views_reach_the_minimum_that_scipy_finds(views):
+    rotations, centres, rays, sigma = drive(views, seed=views)
+    point, covariance, residuals = triangulate_views(rotations, centres, rays, sigma)
+
+    def weighted(x):
+        both = gaps(x, rotations, centres, rays) / SIGMA
+        square = (both**2).sum(axis=1, keepdims=True)
+        return (both * np.sqrt(2.385**2 * np.log1p(square / 2.385**2) / square)).ravel()
+
+    best = least_squares(
+        weighted, [3.0, -0.5, 61.0], x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    along = np.sqrt(np.diag(covariance))
+    assert (np.abs(point - best.x) < 0.01 * along).all()
+    np.testing.assert_allclose(
+        residuals, np.linalg.norm(gaps(point, rotations, centres, rays), axis=1)
+    )
+
+
+def test_the_covariance_is_the_scatter_of_many_trials():
+    trials = [triangulate_views(*drive(6, seed, noise=SIGMA)) for seed in range(300)]
+    # the cameras differ a little from trial to trial, so the scatter is taken in units of the stated sigma
+    pulls = np.array(
+        [(p - [3.1, -0.6, 62.0]) / np.sqrt(np.diag(covariance)) for p, covariance, _ in trials]
+    )
+    assert (np.abs(pulls.mean(axis=0)) < 0.2).all()
+    assert (0.8 < pulls.std(axis=0)).all()
+    assert (pulls.std(axis=0) < 1.15).all()
+
+
+def test_one_wrong_view_of_seven_does_little_harm():
+    rotations, centres, rays, sigma = drive(7, seed=4)
+    clean, covariance, _ = triangulate_views(rotations, centres, rays, sigma)
+    rays[3] += 40 / 1400
+    spoilt, _, residuals = triangulate_views(rotations, centres, rays, sigma)
+    assert np.abs(spoilt - clean).max() < 3 * np.sqrt(np.diag(covariance)).max()
+    assert residuals.argmax() == 3
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.tuples(small, small, small), st.tuples(small, small, small))
+def test_another_world_frame_moves_the_point_and_turns_its_covariance(turn, shift):
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    rotations, centres, rays, sigma = drive(5, seed=6)
+    point, covariance, residuals = triangulate_views(rotations, centres, rays, sigma)
+    moved, turned, same = triangulate_views(
+        rotation @ rotations, centres @ rotation.T + shift, rays, sigma
+    )
+    np.testing.assert_allclose(moved, point @ rotation.T + shift, atol=1e-4)
+    expected = rotation @ covariance @ rotation.T
+    np.testing.assert_allclose(turned, expected, atol=1e-3 * np.abs(covariance).max())
+    np.testing.assert_allclose(same, residuals, atol=1e-7)
+
+
+def test_one_view_gives_no_point():
+    point, covariance, residuals = triangulate_views(*drive(1))
+    assert np.isnan(point).all()
+    assert np.isnan(covariance).all()
+    assert np.isnan(residuals).all()
+
+
+def test_views_from_one_place_give_no_range():
+    rotations, centres, rays, sigma = drive(4, noise=0.0)
+    still = np.repeat(centres[:1], 4, axis=0)
+    rays = np.repeat(rays[:1], 4, axis=0)
+    point, covariance, _ = triangulate_views(
+        np.repeat(rotations[:1], 4, axis=0), still, rays, sigma
+    )
+    assert np.isnan(point).all()
+    assert np.isnan(covariance).all()
+
+
+def test_many_points_at_once_are_each_what_they_are_alone():
+    lone = [drive(n, seed=n) for n in (2, 5, 1, 3)]
+    first = np.cumsum([0, 2, 5, 1, 3])
+    stacked = [np.concatenate(parts) for parts in zip(*lone, strict=True)]
+    points, covariances, residuals = triangulate_many(first, *stacked)
+    for i, views in enumerate(lone):
+        point, covariance, gap = triangulate_views(*views)
+        np.testing.assert_array_equal(points[i], point)
+        np.testing.assert_array_equal(covariances[i], covariance)
+        np.testing.assert_array_equal(residuals[first[i] : first[i + 1]], gap)
+
+
+def test_arrays_that_do_not_fit_together_are_refused():
+    rotations, centres, rays, sigma = drive(4)
+    with pytest.raises(ValueError, match="as many"):
+        triangulate_views(rotations, centres, rays[:3], sigma)
+    with pytest.raises(ValueError, match="shape"):
+        triangulate_views(rotations[:, :2], centres, rays, sigma)
+    with pytest.raises(ValueError, match="positive"):
+        triangulate_views(rotations, centres, rays, 0 * sigma)
+    with pytest.raises(ValueError, match="ascending"):
+        triangulate_many(np.array([0, 3, 2, 4]), rotations, centres, rays, sigma)
+
+
+def test_the_residual_of_the_true_motion_is_nought_and_grows_with_an_unmodelled_turn():
+    generator = np.random.default_rng(8)
+    points = generator.uniform((-8, -4, 20), (8, 2, 60), (30, 3))
+    direction = np.array([0.0, 0.0, 1.0])
+    turn = Rotation.from_rotvec([0.004, 0.0, 0.0]).as_matrix()
+    local = (points - 8.05 * direction) @ turn
+    previous, current = points[:, :2] / points[:, 2:], local[:, :2] / local[:, 2:]
+    focal = (1400.0, 1400.0)
+    assert pair_residual(previous, current, turn, direction, focal).max() < 1e-12
+    straight = pair_residual(previous, current, np.eye(3), direction, focal)
+    # a pitch of 0.23 deg moves everything 5.6 px up or down; the midpoint takes a part of that
+    assert 1.0 < np.sqrt(np.median(straight) / 4) < 2.8
+
+
+def test_the_residual_is_the_sum_of_four_squared_differences_of_the_midpoint():
+    previous, current = np.array([[0.1, -0.02]]), np.array([[0.15, -0.025]])
+    centre = np.array([0.0, 0.0, 8.05])
+    point = midpoint(
+        np.zeros(3), centre, np.array([[0.1, -0.02, 1]]), np.array([[0.15, -0.025, 1]])
+    )
+    q, r = point.point[0], point.point[0] - centre
+    expected = 1400**2 * (
+        (q[0] / q[2] - 0.1) ** 2
+        + (q[1] / q[2] + 0.02) ** 2
+        + (r[0] / r[2] - 0.15) ** 2
+        + (r[1] / r[2] + 0.025) ** 2
+    )
+    found = pair_residual(previous, current, np.eye(3), centre, (1400.0, 1400.0))
+    assert found[0] == pytest.approx(expected)
+
+
+def test_rays_that_part_have_the_residual_of_a_point_at_infinity():
+    previous, current = np.array([[0.1, 0.0]]), np.array([[0.09, 0.0]])
+    found = pair_residual(
+        previous, current, np.eye(3), np.array([0.0, 0.0, 8.05]), (1000.0, 1000.0)
+    )
+    assert found[0] == pytest.approx(0.5 * 10**2)

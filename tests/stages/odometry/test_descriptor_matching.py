@@ -1,0 +1,97 @@
+import cv2
+import numpy as np
+import pytest
+
+from wayside.stages.odometry.descriptor_matching import match_in_bands
+
+
+def corners(count, seed):
+    generator = np.random.default_rng(seed)
+    points = generator.uniform((0, 0), (800, 600), (count, 2))
+    return points, generator.integers(0, 256, (count, 32), dtype=np.uint8)
+
+
+def bands_round(points, length=0.0, width=20.0, direction=(1.0, 0.0)):
+    n = len(points)
+    return np.c_[points, np.tile(direction, (n, 1)), np.full(n, length), np.full(n, width)]
+
+
+def match(bands, descriptors, points, others, farthest=64, ratio=0.9):
+    return match_in_bands(
+        np.ascontiguousarray(bands), descriptors, points, others, farthest=farthest, ratio=ratio
+    )
+
+
+def test_shuffled_corners_find_themselves():
+    points, descriptors = corners(300, 1)
+    order = np.random.default_rng(2).permutation(300)
+    pairs = match(bands_round(points), descriptors, points[order], descriptors[order])
+    np.testing.assert_array_equal(pairs[:, 0], np.arange(300))
+    np.testing.assert_array_equal(order[pairs[:, 1]], np.arange(300))
+
+
+def test_with_wide_bands_the_matches_are_those_of_opencv():
+    points, descriptors = corners(150, 3)
+    noise = np.random.default_rng(4).random((150, 256)) < 0.1
+    others = descriptors ^ np.packbits(noise, axis=1)
+    pairs = match(bands_round(points, width=2000.0), descriptors, points, others, ratio=0.8)
+    two = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(descriptors, others, k=2)
+    expected = [
+        (a.queryIdx, a.trainIdx)
+        for a, b in two
+        if a.distance <= 64 and a.distance < 0.8 * b.distance
+    ]
+    assert sorted(map(tuple, pairs.tolist())) == sorted(expected)
+
+
+def test_nothing_outside_a_band_is_matched():
+    descriptors = np.zeros((1, 32), np.uint8)
+    bands = bands_round(np.array([[100.0, 100.0]]), length=50.0, width=5.0, direction=(0.0, 1.0))
+    for place, expected in (
+        ((104.0, 140.0), 1),
+        ((107.0, 140.0), 0),
+        ((100.0, 156.0), 0),
+        ((100.0, 154.0), 1),
+        ((100.0, 94.0), 0),
+    ):
+        assert len(match(bands, descriptors, np.array([place]), descriptors)) == expected
+
+
+def test_a_band_far_outside_the_picture_matches_nothing():
+    points, descriptors = corners(50, 5)
+    for shift in ((-5000.0, 0.0), (5000.0, 0.0), (0.0, -5000.0), (0.0, 5000.0)):
+        assert len(match(bands_round(points + shift), descriptors, points, descriptors)) == 0
+
+
+def test_the_same_corner_at_two_sizes_is_no_rival_of_itself():
+    descriptors = np.zeros((1, 32), np.uint8)
+    points = np.array([[100.0, 100.0], [103.0, 101.0]])
+    others = np.zeros((2, 32), np.uint8)
+    others[1, 0] = 1
+    assert match(bands_round(points[:1]), descriptors, points, others).tolist() == [[0, 0]]
+
+
+def test_two_equal_places_are_both_refused():
+    descriptors = np.full((1, 32), 7, np.uint8)
+    points = np.array([[100.0, 100.0], [115.0, 100.0]])
+    assert len(match(bands_round(points[:1]), descriptors, points, descriptors.repeat(2, 0))) == 0
+
+
+def test_of_two_corners_that_want_the_same_one_the_closer_gets_it():
+    descriptors = np.zeros((2, 32), np.uint8)
+    descriptors[0, 0] = 1
+    points = np.array([[100.0, 100.0], [101.0, 100.0]])
+    pairs = match(bands_round(points), descriptors, points[:1], np.zeros((1, 32), np.uint8))
+    assert pairs.tolist() == [[1, 0]]
+
+
+def test_no_corners_give_no_matches():
+    points, descriptors = corners(4, 6)
+    nothing = match(bands_round(points), descriptors, points[:0], descriptors[:0])
+    assert nothing.shape == (0, 2)
+
+
+def test_descriptors_of_another_length_are_refused():
+    points, descriptors = corners(4, 7)
+    with pytest.raises(ValueError, match="descriptors"):
+        match(bands_round(points), descriptors[:, :16], points, descriptors)

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from wayside.stages.odometry.epipolar import Prior, fit_epipolar, half_turn, sampson_px
+
+FOCAL = 1400.0
+AHEAD = np.array([0.0, 0.0, 1.0])
+VAGUE = Prior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
+START = (np.eye(3), AHEAD)
+
+
+def pair(noise_px=0.1, count=150, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.02, -0.01)):
+    """Rotation, direction, and the rays of random roadside points in both pictures."""
+    generator = np.random.default_rng(seed)
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    direction = np.array([*slope, 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
+    points = generator.uniform((-12, -6, 14), (12, 2, 90), (count, 3))
+    local = (points - 8.05 * direction) @ rotation
+    noise = generator.normal(0, noise_px / FOCAL, (2, count, 2))
+    return (
+        rotation,
+        direction,
+        points[:, :2] / points[:, 2:] + noise[0],
+        local[:, :2] / local[:, 2:] + noise[1],
+    )
+
+
+def fit(previous, current, start=START, prior=VAGUE, scale_px=20.0, sigma_px=0.1):
+    return fit_epipolar(
+        previous, current, start, prior, focal_px=FOCAL, sigma_px=sigma_px, scale_px=scale_px
+    )
+
+
+def error_deg(found, rotation, direction):
+    turn = Rotation.from_matrix(found.rotation @ rotation.T).magnitude()
+    aside = np.linalg.norm(np.cross(found.direction, direction))
+    return np.degrees(turn), np.degrees(aside)
+
+
+def test_rays_without_noise_give_the_motion_itself():
+    rotation, direction, previous, current = pair(noise_px=0.0)
+    loose = VAGUE._replace(sigma_direction=np.array([10.0, 10.0]))
+    found = fit(previous, current, prior=loose)
+    assert max(error_deg(found, rotation, direction)) < 1e-4
+    gaps = sampson_px(previous, current, found.rotation, found.direction, FOCAL)
+    assert np.abs(gaps).max() < 1e-3
+
+
+def test_a_tenth_of_a_pixel_gives_the_rotation_to_a_hundredth_of_a_degree():
+    errors = []
+    for seed in range(20):
+        rotation, direction, previous, current = pair(seed=seed)
+        errors.append(error_deg(fit(previous, current), rotation, direction))
+    assert np.median(errors, axis=0)[0] < 0.005
+    assert np.median(errors, axis=0)[1] < 0.03
+
+
+def test_a_third_of_wrong_matches_is_ignored():
+    rotation, direction, previous, current = pair(count=240, seed=3)
+    current[::3] += np.random.default_rng(4).uniform(-60, 60, current[::3].shape) / FOCAL
+    found = START
+    for scale in (20.0, 5.0, 1.5, 0.3):
+        result = fit(previous, current, found, scale_px=scale)
+        found = (result.rotation, result.direction)
+    assert error_deg(result, rotation, direction)[0] < 0.01
+    assert error_deg(result, rotation, direction)[1] < 0.1
+
+
+def test_the_sampson_distance_is_the_textbook_formula():
+    rotation, direction, previous, current = pair(noise_px=2.0)
+    skew = np.array(
+        [
+            [0, -direction[2], direction[1]],
+            [direction[2], 0, -direction[0]],
+            [-direction[1], direction[0], 0],
+        ]
+    )
+    essential = skew @ rotation
+    p, q = (np.c_[rays, np.ones(len(rays))] for rays in (previous, current))
+    line, back = q @ essential.T, p @ essential
+    expected = FOCAL * (p * line).sum(axis=1)
+    expected /= np.sqrt((line[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1))
+    found = sampson_px(previous, current, rotation, direction, FOCAL)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_minimum_is_that_of_scipy():
+    _, _, previous, current = pair(seed=5)
+    found = fit(previous, current, scale_px=1e6)
+
+    def residuals(unknowns):
+        rotation = Rotation.from_rotvec(unknowns[:3]).as_matrix()
+        direction = np.array([unknowns[3], unknowns[4], 1.0])
+        direction /= np.linalg.norm(direction)
+        half = Rotation.from_rotvec(unknowns[:3] / 2).apply(AHEAD)
+        known = (direction[:2] / direction[2] - half[:2] / half[2]) / np.radians(1.5)
+        gaps = sampson_px(previous, current, rotation, direction, FOCAL)
+        return np.r_[gaps / 0.1, known]
+
+    best = least_squares(residuals, np.zeros(5), x_scale="jac", xtol=1e-14, ftol=1e-14)
+    turn = Rotation.from_rotvec(best.x[:3]).as_matrix()
+    direction = np.array([best.x[3], best.x[4], 1.0])
+    direction /= np.linalg.norm(direction)
+    assert max(error_deg(found, turn, direction)) < 1e-4
+
+
+def test_a_held_direction_stays_with_the_law_of_half_the_turn():
+    _, _, previous, current = pair(noise_px=0.0, slope=(0.05, 0.0))
+    held = VAGUE._replace(sigma_direction=np.array([1e-6, 1e-6]))
+    found = fit(previous, current, prior=held)
+    expected = half_turn(found.rotation, AHEAD)
+    np.testing.assert_allclose(found.direction, expected / np.linalg.norm(expected), atol=1e-5)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
+def test_half_a_turn_taken_twice_is_the_turn(yaw, pitch):
+    rotation = Rotation.from_rotvec([pitch, yaw, 0.0]).as_matrix()
+    half = half_turn(rotation, AHEAD)
+    expected = Rotation.from_rotvec([pitch / 2, yaw / 2, 0.0]).apply(AHEAD)
+    np.testing.assert_allclose(half, expected, atol=1e-9)
+
+
+def test_without_rays_the_prior_is_the_answer():
+    nothing = np.zeros((0, 2))
+    turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
+    prior = Prior(turn, 0.001, AHEAD, np.array([0.01, 0.01]), False)
+    found = fit(nothing, nothing, start=(np.eye(3), np.array([0.1, 0.0, 0.99])), prior=prior)
+    turn_error, aside = error_deg(found, turn, AHEAD)
+    assert turn_error < 1e-3
+    assert aside < 1e-3
+
+
+def test_rays_of_other_shapes_are_refused():
+    with pytest.raises(ValueError, match="current"):
+        fit(np.zeros((4, 2)), np.zeros((3, 2)))

@@ -1,0 +1,135 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pyproj import Geod
+from scipy.spatial.transform import Rotation
+
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
+from wayside.stages.odometry.motion_prior import Law, expect_step, fix_distance_m, trigger_speed
+
+AHEAD = np.array([0.0, 0.0, 1.0])
+LAW = Law(AHEAD, np.radians([0.35, 0.25]))
+FRAME = Frame(7, 0, None, USED, "jpeg", b"", Camera(640, 480, 500, 500, 320, 240))
+
+
+def expect(before, now, law=LAW, last_turn=None):
+    return expect_step(before, now, law, last_turn, spacing_sigma_m=0.02)
+
+
+def posed(centre, yaw_deg=0.0, sigma_m=0.02, sigma_rad=0.001):
+    rotation = Rotation.from_euler("y", yaw_deg, degrees=True).as_matrix()
+    prior = PosePrior(Pose(rotation, np.array(centre)), sigma_m, sigma_rad, "poses")
+    return replace(FRAME, pose=prior)
+
+
+def test_spacing_expects_a_straight_line_of_that_length():
+    found = expect(FRAME, replace(FRAME, spacing_m=8.05))
+    assert (found.baseline_m, found.sigma_m, found.source) == (8.05, 0.02, "straight")
+    np.testing.assert_array_equal(found.straight[0], np.eye(3))
+    assert found.prior.sigma_rotation == np.inf
+    assert found.prior.halfway
+
+
+def test_corners_are_looked_for_round_the_last_turn_and_wider_without_one():
+    turn = Rotation.from_euler("y", 2, degrees=True).as_matrix()
+    now = replace(FRAME, spacing_m=8.05)
+    np.testing.assert_array_equal(expect(FRAME, now, last_turn=turn).search, turn)
+    assert expect(FRAME, now).slack_px > expect(FRAME, now, last_turn=turn).slack_px
+
+
+@pytest.mark.parametrize(
+    ("seconds", "speeds", "triggers"),
+    [
+        (0.4, [20.0, 20.0, 20.0], 1),
+        (0.5, [20.0, 20.0, 20.0], 1),
+        (0.8, [20.0, 20.0, 20.0], 2),
+        (1.22, [20.0, 20.0, 20.0], 3),
+        # braking
+        (0.55, [22.0, 21.0, 20.0, 18.5, 17.0], 1),
+        (4.0, [4.0, 4.0, 4.0], 1),
+        (90.0, [20.0, 20.0, 20.0], 1),
+        # after a picture whose time was wrong, and after a lost trigger
+        (0.4, [20.0, 20.0, 20.0, 60.0], 1),
+        (0.4, [20.0, 20.0, 20.0, 10.0], 1),
+        (0.8, [np.nan, np.nan, 20.0], 1),
+        (0.0, [20.0, 20.0, 20.0], 1),
+    ],
+)
+def test_a_picture_that_comes_too_late_for_any_brake_is_of_a_later_trigger(
+    seconds, speeds, triggers
+):
+    before = replace(FRAME, header_time_ns=10**9)
+    now = replace(FRAME, header_time_ns=10**9 + int(seconds * 1e9), spacing_m=8.0)
+    turn = Rotation.from_euler("y", 2, degrees=True)
+    found = expect_step(before, now, LAW, turn.as_matrix(), spacing_sigma_m=0.02, speeds=speeds)
+    assert found.triggers == triggers
+    assert found.baseline_m == 8.0 * triggers
+    np.testing.assert_allclose(found.search, (turn**triggers).as_matrix(), atol=1e-12)
+
+
+def test_log_times_say_nothing_of_triggers():
+    now = replace(FRAME, log_time_ns=8 * 10**8, spacing_m=8.0)
+    assert np.isnan(trigger_speed(FRAME, now))
+
+
+def test_poses_come_before_spacing_and_fixes():
+    found = expect(posed((0, 0, 0)), replace(posed((0, 0, 7.9), 1.0), spacing_m=8.05))
+    assert found.source == "poses"
+    assert found.baseline_m == pytest.approx(7.9)
+    assert found.sigma_m == pytest.approx(0.02 * np.sqrt(2))
+    assert found.prior.sigma_rotation == pytest.approx(0.001 * np.sqrt(2))
+    expected = Rotation.from_euler("y", 1, degrees=True).as_matrix()
+    np.testing.assert_allclose(found.prior.rotation, expected)
+
+
+def test_the_direction_of_poses_is_weighed_against_the_mount():
+    both = expect(posed((0, 0, 0)), posed((0.08, 0, 8.0)))
+    slope = both.prior.direction[0] / both.prior.direction[2]
+    assert 0.0 < slope < 0.01
+    sharp = expect(posed((0, 0, 0), sigma_m=1e-5), posed((0.08, 0, 8.0), sigma_m=1e-5))
+    assert sharp.prior.direction[0] / sharp.prior.direction[2] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_poses_without_sigmas_get_default_ones():
+    silent = (posed(c, sigma_m=None, sigma_rad=None) for c in ((0, 0, 0), (0, 0, 8.0)))
+    found = expect(*silent)
+    assert 0 < found.sigma_m < 0.1
+    assert 0 < found.prior.sigma_rotation < 0.01
+
+
+def test_a_vehicle_that_stands_falls_back_on_the_spacing():
+    still = posed((0, 0, 0))
+    assert expect(still, replace(still, spacing_m=8.05)).source == "straight"
+
+
+def test_the_distance_of_fixes_is_the_geodesic_one():
+    first, second = Fix(38.0, -97.0, 500.0, None), Fix(38.00005, -96.99995, 500.3, None)
+    _, _, flat = Geod(ellps="WGS84").inv(-97.0, 38.0, -96.99995, 38.00005)
+    assert fix_distance_m(first, second) == pytest.approx(np.hypot(flat, 0.3), rel=5e-3)
+
+
+def test_fixes_serve_where_there_is_neither_pose_nor_spacing():
+    before = replace(FRAME, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    now = replace(FRAME, fix=Fix(38.00007, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    found = expect(before, now)
+    assert found.source == "fixes"
+    assert found.baseline_m == pytest.approx(7.78, abs=0.05)
+    assert found.sigma_m == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("off_deg", [0.0005, 38.0])
+def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_deg):
+    before = replace(FRAME, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    now = replace(FRAME, fix=Fix(38.00007 + off_deg, -97.0, 500.0, None), log_time_ns=3 * 10**8)
+    found = expect(before, now)
+    assert found.baseline_m == pytest.approx(22.5)
+    assert found.sigma_m == pytest.approx(22.5)
+    untimed = expect(before, replace(now, log_time_ns=0))
+    assert untimed.baseline_m > 50
+
+
+def test_no_source_of_the_distance_is_an_error_that_names_the_frame_and_the_option():
+    with pytest.raises(InputError, match=r"frame 7.*--spacing"):
+        expect(FRAME, FRAME)

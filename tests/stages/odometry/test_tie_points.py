@@ -1,0 +1,115 @@
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wayside.schemas.detections import Candidates, Detections, Features, Regions
+from wayside.schemas.frame import USED, Camera, Frame, Image
+from wayside.stages.odometry.coarse_pose import find_coarse_motion
+from wayside.stages.odometry.epipolar import Prior
+from wayside.stages.odometry.features import tie_corners
+from wayside.stages.odometry.tie_points import Ground, View, register_road, register_ties
+from wayside.stages.segmentation import unsegmented
+
+CAMERA = Camera(900, 700, 800.0, 800.0, 449.5, 349.5)
+AHEAD = np.array([0.0, 0.0, 1.0])
+PRIOR = Prior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
+HEIGHT, BASELINE = 1.6, 6.0
+
+
+def ground_picture(rotation, centre):
+    """A road of random blocks under a sky of random blocks, seen by a camera 1.6 m above it."""
+    v, u = np.mgrid[0:700, 0:900].astype(float)
+    rays = np.stack([(u - 449.5) / 800, (v - 349.5) / 800, np.ones_like(u)], axis=-1) @ rotation.T
+    generator = np.random.default_rng(5)
+    road, sky = (generator.uniform(30, 225, (400, 400)).astype(np.float32) for _ in range(2))
+    below = rays[..., 1] > 0.02
+    depth = HEIGHT / np.where(below, rays[..., 1], 1.0)
+    x = (rays[..., 0] * depth + centre[0]) / 0.35 + 200
+    z = (rays[..., 2] * depth + centre[2]) / 0.7 + 10
+    shown = [
+        cv2.remap(
+            texture,
+            a.astype(np.float32),
+            b.astype(np.float32),
+            cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_WRAP,
+        )
+        for texture, a, b in (
+            (road, x, z),
+            (sky, rays[..., 0] / rays[..., 2] * 25 + 200, rays[..., 1] / rays[..., 2] * 25 + 200),
+        )
+    ]
+    grey = np.where(below, shown[0], 0.5 * shown[1] + 60)
+    return np.clip(grey, 0, 255).astype(np.uint8)
+
+
+def view(grey):
+    corners, descriptors = tie_corners(grey, 3)
+    none = np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32), np.zeros(0, np.int32)
+    frame = Frame(0, 0, None, USED, "jpeg", b"", CAMERA, 900, 700)
+    features = Features(corners, descriptors, *none)
+    return View.of(
+        Detections(unsegmented(Image(frame, None, grey)), Candidates.of(Regions.empty()), features)
+    )
+
+
+@pytest.fixture(scope="module")
+def pair():
+    rotation = Rotation.from_euler("yx", [0.8, 0.2], degrees=True).as_matrix()
+    direction = np.array([0.01, 0.0, 1.0]) / np.linalg.norm([0.01, 0.0, 1.0])
+    before = view(ground_picture(np.eye(3), np.zeros(3)))
+    now = view(ground_picture(rotation, BASELINE * direction))
+    return before, now, rotation, direction
+
+
+def off_px(tied, rotation, direction):
+    """Distance of the ties on the road from where they belong."""
+    rays = np.c_[(tied.previous - (449.5, 349.5)) / 800, np.ones(len(tied.previous))]
+    low = rays[:, 1] > 0.05
+    points = rays[low] * (HEIGHT / rays[low, 1])[:, None]
+    local = (points - BASELINE * direction) @ rotation
+    expected = local[:, :2] / local[:, 2:] * 800 + (449.5, 349.5)
+    return np.linalg.norm(tied.current[low] - expected, axis=1)
+
+
+def test_the_coarse_motion_finds_the_turn(pair):
+    before, now, rotation, _ = pair
+    fit, agreeing = find_coarse_motion(before, now, PRIOR, np.eye(3), 60.0)
+    assert agreeing > 30
+    turn = Rotation.from_matrix(fit.rotation @ rotation.T).magnitude()
+    assert np.degrees(turn) < 0.5
+
+
+def test_too_few_corners_give_no_motion(pair):
+    before, _, _, _ = pair
+    blank = view(np.full((700, 900), 80, np.uint8))
+    assert find_coarse_motion(before, blank, PRIOR, np.eye(3), 60.0) == (None, 0)
+
+
+def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
+    before, now, rotation, direction = pair
+    ground = Ground(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
+    plain = register_ties(before, now, rotation, direction)
+    warped = register_ties(before, now, rotation, direction, ground)
+    more = register_road(before, now, rotation, direction, ground, warped)
+    assert len(more.rows) > len(warped.rows) + 20
+    assert (more.rows[len(warped.rows) :] == -1).all()
+    off_plain, off_warped = (off_px(t, rotation, direction) for t in (plain, warped))
+    assert np.median(off_warped) <= np.median(off_plain)
+    # the picture is painted without smoothing far texture, which costs some of the exactness
+    assert np.median(off_px(more, rotation, direction)) < 0.4
+
+
+def test_a_match_is_registered_once(pair):
+    before, now, rotation, direction = pair
+    first = register_ties(before, now, rotation, direction)
+    second = register_ties(before, now, rotation, direction, last=first)
+    np.testing.assert_array_equal(first.rows, second.rows)
+    np.testing.assert_array_equal(first.current, second.current)
+
+
+def test_an_image_without_pixels_is_no_view():
+    frame = Frame(0, 0, None, USED, "jpeg", b"", CAMERA, 900, 700)
+    detections = Detections(unsegmented(Image(frame, None, None)), Candidates.of(Regions.empty()))
+    assert View.of(detections) is None

@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from wayside.stages.geometry.rotation import across
+from wayside.stages.odometry.epipolar import Prior
+from wayside.stages.odometry.two_view_adjustment import adjust_two_views
+
+FOCAL = (1400.0, 1410.0)
+SIGMA = 0.1
+AHEAD = np.array([0.0, 0.0, 1.0])
+LOOSE = Prior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True)
+START = (np.eye(3), AHEAD)
+
+
+def pair(noise_px=SIGMA, count=60, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.02, -0.01)):
+    """Rotation, direction, points (first camera, baselines), and their rays in both pictures."""
+    generator = np.random.default_rng(seed)
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    direction = np.array([*slope, 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)
+    points = generator.uniform((-1.5, -0.8, 1.8), (1.5, 0.25, 11), (count, 3))
+    local = (points - direction) @ rotation
+    noise = generator.normal(0, noise_px, (2, count, 2)) / FOCAL
+    previous = points[:, :2] / points[:, 2:] + noise[0]
+    return rotation, direction, points, previous, local[:, :2] / local[:, 2:] + noise[1]
+
+
+def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6):
+    return adjust_two_views(
+        previous, current, start, prior, focal_px=FOCAL, sigma_px=SIGMA, scale_px=scale_px
+    )
+
+
+def test_views_without_noise_give_motion_and_points():
+    rotation, direction, points, previous, current = pair(noise_px=0.0)
+    found = adjust(previous, current)
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-6)
+    np.testing.assert_allclose(found.direction, direction, atol=1e-5)
+    solid = np.c_[found.point[:, :2], np.ones(len(points))] / found.point[:, 2:]
+    np.testing.assert_allclose(solid, points, rtol=1e-3)
+    assert found.squares.max() < 1e-6
+
+
+def test_the_baseline_is_held():
+    _, _, _, previous, current = pair()
+    assert np.linalg.norm(adjust(previous, current).direction) == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_cost_is_the_minimum_that_scipy_finds(seed):
+    _, direction, points, previous, current = pair(seed=seed, count=40)
+    found = adjust(previous, current)
+
+    def residuals(unknowns):
+        turn = Rotation.from_rotvec(unknowns[:3]).as_matrix()
+        centre = np.array([unknowns[3], unknowns[4], 1.0])
+        centre /= np.linalg.norm(centre)
+        solid = unknowns[5:].reshape(-1, 3)
+        local = (solid - centre) @ turn
+        gaps = np.hstack(
+            [
+                (solid[:, :2] / solid[:, 2:] - previous) * FOCAL,
+                (local[:, :2] / local[:, 2:] - current) * FOCAL,
+            ]
+        )
+        return gaps.ravel() / SIGMA
+
+    start = np.r_[0, 0.03, 0, direction[:2] / direction[2], points.ravel()]
+    best = least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12)
+    assert found.cost == pytest.approx(2 * best.cost, rel=1e-3)
+    turn = Rotation.from_rotvec(best.x[:3]).as_matrix()
+    assert Rotation.from_matrix(found.rotation @ turn.T).magnitude() < 1e-5
+    # the covariance is that of scipy's normal equations: points eliminated
+    inverse = np.linalg.inv(best.jac.T @ best.jac)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(found.covariance))[:3], np.sqrt(np.diag(inverse))[:3], rtol=0.05
+    )
+
+
+def test_errors_of_many_pairs_are_as_large_as_the_covariance_says():
+    pulls = []
+    for seed in range(60):
+        rotation, direction, _, previous, current = pair(seed=seed)
+        found = adjust(previous, current, start=(rotation, direction))
+        turn = Rotation.from_matrix(found.rotation @ rotation.T).as_rotvec()
+        aside = across(found.direction) @ (found.direction - direction)
+        pulls.append(np.r_[turn, aside] / np.sqrt(np.diag(found.covariance)))
+    spread = np.std(pulls, axis=0)
+    assert (spread > 0.7).all()
+    assert (spread < 1.35).all()
+
+
+def test_wrong_ties_do_not_pull():
+    rotation, direction, _, previous, current = pair(seed=3, count=150)
+    current[::10, 1] += 3 / FOCAL[1]
+    found = adjust(previous, current, start=(rotation, direction), scale_px=0.3)
+    assert np.degrees(Rotation.from_matrix(found.rotation @ rotation.T).magnitude()) < 0.01
+    assert np.median(found.squares[::10]) > 1
+    assert np.delete(found.squares, np.s_[::10]).max() < 1
+
+
+def test_points_at_infinity_do_no_harm():
+    rotation, _, _, previous, current = pair(seed=4)
+    far = np.c_[np.linspace(-0.4, 0.4, 40), np.linspace(-0.3, 0.0, 40), np.ones(40)]
+    seen = far @ rotation
+    generator = np.random.default_rng(5)
+    previous = np.vstack([previous, far[:, :2] + generator.normal(0, SIGMA, (40, 2)) / FOCAL])
+    current = np.vstack(
+        [current, seen[:, :2] / seen[:, 2:] + generator.normal(0, SIGMA, (40, 2)) / FOCAL]
+    )
+    found = adjust(previous, current)
+    assert np.degrees(Rotation.from_matrix(found.rotation @ rotation.T).magnitude()) < 0.01
+    assert np.abs(found.point[-40:, 2]).max() < 0.02
+    assert np.sqrt(found.squares.mean() / 4) < 1.2 * SIGMA
+
+
+def test_without_points_the_prior_is_the_answer():
+    nothing = np.zeros((0, 2))
+    turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
+    prior = Prior(turn, 0.001, AHEAD, np.array([0.01, 0.02]), False)
+    found = adjust(nothing, nothing, prior=prior)
+    np.testing.assert_allclose(found.rotation, turn, atol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[:3], 0.001, rtol=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[3:], [0.01, 0.02], rtol=1e-2)
+
+
+def test_rays_of_other_shapes_are_refused():
+    with pytest.raises(ValueError, match="previous"):
+        adjust(np.zeros((4, 3)), np.zeros((4, 2)))
+
+
+def test_the_residual_falls_from_step_to_step_to_that_of_the_result():
+    *_, previous, current = pair()
+    found = adjust(previous, current)
+    assert len(found.history) == found.iterations + 1
+    # The prior has a share in the cost, so a step may cost the ties a trifle.
+    assert (np.diff(found.history) <= 1e-6 * found.history[0]).all()
+    assert found.history[0] > 10 * found.history[-1]
+    assert found.history[-1] == pytest.approx(found.squares.mean())

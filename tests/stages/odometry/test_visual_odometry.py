@@ -1,0 +1,336 @@
+"""A drive past textured plates under a textured sky, painted here, and the motion found in it."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wayside.schemas.detections import Candidates, Detections, Regions, Segmentation
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import SKIPPED, USED, Camera, Fix, Frame, Image, Pose, PosePrior
+from wayside.schemas.settings import FeatureSettings, MotionSettings
+from wayside.stages.odometry.features import extract_features
+from wayside.stages.odometry.motion_prior import expect_step
+from wayside.stages.odometry.visual_odometry import Drive, estimate_motion
+
+CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
+SPACING = 8.0
+MOUNT = Rotation.from_euler("yx", [-0.6, 0.4], degrees=True)
+"""Camera against the vehicle: the direction of travel lies 0.6 deg right of and 0.4 deg above its axis."""
+
+
+def texture(shape, seed, block, spread=45.0):
+    """Blocks of random grey: corners at every size."""
+    height, width = shape[0] // block, shape[1] // block
+    levels = np.random.default_rng(seed).normal(128, spread, (height, width)).clip(5, 250)
+    blocks = cv2.resize(levels, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST)
+    return cv2.GaussianBlur(blocks, (0, 0), 0.8).astype(np.uint8)
+
+
+def drive_poses(frames, yaw_deg=0.0, missing=(), seed=0):
+    """Poses of a vehicle on an arc with a little sway, the camera fixed on it; steps 8 m, or more where missing."""
+    generator = np.random.default_rng(seed)
+    poses, heading, place = [], 0.0, np.zeros(3)
+    for trigger in range(frames + len(missing)):
+        if trigger not in missing:
+            sway = Rotation.from_euler("xz", generator.normal(0, 0.1, 2), degrees=True)
+            turn = Rotation.from_euler("y", heading, degrees=True) * MOUNT * sway
+            poses.append(Pose(turn.as_matrix(), place.copy()))
+        middle = np.radians(heading + yaw_deg / 2)
+        place = place + SPACING * np.array([np.sin(middle), 0.0, np.cos(middle)])
+        heading += yaw_deg
+    return poses
+
+
+class Scene:
+    """Plates that face back along the road, either side and on the ground, before a sky at infinity."""
+
+    def __init__(self, poses, seed=1, plates=240):
+        generator = np.random.default_rng(seed)
+        path = np.array([pose.centre for pose in poses])
+        self.texture = [texture((48, 48), 100 + i, 12) for i in range(40)]
+        station = generator.uniform(0, len(poses) + 9, plates)
+        ahead = np.minimum(station, len(path) - 1)
+        along = path[ahead.astype(int)] + 0.0
+        last = path[-1] - path[-2]
+        along += np.maximum(station - (len(path) - 1), ahead % 1)[:, None] * last
+        side = generator.choice([-1, 1], plates) * generator.uniform(4, 18, plates)
+        self.middle = along + np.c_[side, generator.uniform(-9, 4, plates), np.zeros(plates)]
+        self.size = generator.uniform(1.5, 2.4, plates)
+        self.sky = texture((1400, 2200), 7, 40, spread=20.0)
+
+    def picture(self, pose, movers=()):
+        k = CAMERA.matrix
+        sky = np.array([[1050.0, 0, 1100], [0, 1050.0, 700], [0, 0, 1]])
+        view = cv2.warpPerspective(self.sky, k @ pose.rotation.T @ np.linalg.inv(sky), (1200, 900))
+        middle = np.vstack([self.middle, *[m[None] for m in movers]])
+        size = np.r_[self.size, [2.0] * len(movers)]
+        local = pose.to_camera(middle)
+        for i in np.argsort(-local[:, 2]):
+            if 6 < local[i, 2] < 110:
+                self._paint(view, local[i], size[i], self.texture[i % 40])
+        noise = np.random.default_rng(int(abs(pose.centre).sum() * 1e6)).normal(0, 1.0, view.shape)
+        return np.clip(view + noise, 0, 255).astype(np.uint8)
+
+    @staticmethod
+    def _paint(view, local, size, plate):
+        scale = CAMERA.fx * size / local[2] / 47
+        u = CAMERA.fx * local[0] / local[2] + CAMERA.cx
+        v = CAMERA.fy * local[1] / local[2] + CAMERA.cy
+        reach = scale * 23.5 + 2
+        if not (reach < u < 1200 - reach and reach < v < 900 - reach):
+            return
+        x, y, n = int(u - reach), int(v - reach), int(2 * reach) + 2
+        warp = np.array([[scale, 0, u - x - 23.5 * scale], [0, scale, v - y - 23.5 * scale]])
+        soft = cv2.GaussianBlur(plate, (0, 0), max(0.3, 0.5 / scale)) if scale < 0.8 else plate
+        patch = cv2.warpAffine(soft, warp, (n, n), flags=cv2.INTER_LINEAR)
+        cover = cv2.warpAffine(np.full((48, 48), 1.0, np.float32), warp, (n, n))
+        part = view[y : y + n, x : x + n]
+        h, w = part.shape
+        part[:] = part * (1 - cover[:h, :w]) + patch[:h, :w] * cover[:h, :w]
+
+
+def looks(pictures, **known):
+    """Looks of pictures; `known` are Frame fields, one a picture."""
+
+    def judged():
+        for i, grey in enumerate(pictures):
+            frame = Frame(i, i * 10**8, None, USED, "jpeg", b"", CAMERA, 1200, 900)
+            frame = replace(frame, **{key: values[i] for key, values in known.items()})
+            picture = Image(frame, None, grey if frame.used else None)
+            none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32), (0, 900)
+            segmented = Segmentation(picture, Regions.empty(), 0, *none)
+            yield Detections(segmented, Candidates.of(Regions.empty()))
+
+    return extract_features(judged(), FeatureSettings())
+
+
+def motions(pictures, settings=None, **known):
+    settings = settings or MotionSettings()
+    return [m.motion for m in estimate_motion(looks(pictures, **known), settings)]
+
+
+@lru_cache
+def painted(frames=7, yaw_deg=0.0, missing=(), mover_speed=None):
+    poses = drive_poses(frames, yaw_deg, missing)
+    scene = Scene(poses)
+
+    def movers(i):
+        if mover_speed is None:
+            return ()
+        along = 16.0 + (SPACING + mover_speed) * i
+        places = [(x, y, along) for x in (-2.2, 0.5, 2.6) for y in (-0.6, 0.9)]
+        return tuple(poses[0].centre + np.array(place) for place in places)
+
+    return poses, [scene.picture(pose, movers(i)) for i, pose in enumerate(poses)]
+
+
+def errors(found, poses):
+    """Rotation, sideways and vertical direction (deg), and length ratio of each step against the truth."""
+    rows = []
+    for i in range(1, len(poses)):
+        true, step = poses[i].relative_to(poses[i - 1]), found[i].step
+        slopes = (c.centre[:2] / c.centre[2] for c in (step, true))
+        aside = np.degrees(np.subtract(*slopes))
+        turn = Rotation.from_matrix(step.rotation @ true.rotation.T).magnitude()
+        length = np.linalg.norm(step.centre) / np.linalg.norm(true.centre)
+        rows.append((np.degrees(turn), *np.abs(aside), length))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 2.0], ids=["straight", "curve"])
+def test_pictures_and_spacing_alone_give_the_motion(yaw_deg):
+    poses, pictures = painted(7, yaw_deg)
+    found = motions(pictures, spacing_m=[SPACING] * 7)
+    error = errors(found, poses)
+    assert np.median(error[:, 0]) < 0.02
+    assert np.median(error[:, 1]) < 0.08
+    assert np.median(error[:, 2]) < 0.08
+    assert error[:, 0].max() < 0.1
+    np.testing.assert_allclose(error[:, 3], 1.0, atol=2e-3)  # chord against arc on the curve
+    assert all(m.adjusted and m.source == "straight" for m in found[1:])
+    assert all(m.residual_px < 0.25 for m in found[1:])
+
+
+def test_errors_stay_within_the_stated_covariance():
+    poses, pictures = painted(7, 2.0)
+    found = motions(pictures, spacing_m=[SPACING] * 7)
+    pulls = []
+    for i in range(1, 7):
+        true, step = poses[i].relative_to(poses[i - 1]), found[i].step
+        turn = Rotation.from_matrix(step.rotation @ true.rotation.T).as_rotvec()
+        gap = np.r_[turn, step.centre - true.centre]
+        pulls.append(gap @ np.linalg.solve(found[i].covariance, gap))
+    assert np.median(pulls) < 6 * 2
+
+
+def test_poses_and_stations_are_chained_from_the_first_camera():
+    poses, pictures = painted(7, 2.0)
+    found = motions(pictures, spacing_m=[SPACING] * 7)
+    np.testing.assert_array_equal(found[0].pose.rotation, np.eye(3))
+    assert found[0].source == "start"
+    assert found[0].step is None
+    true = poses[6].relative_to(poses[0])
+    np.testing.assert_allclose(found[6].pose.centre, true.centre, atol=0.15)
+    assert found[6].station_m == pytest.approx(6 * SPACING)
+    chained = found[5].pose.compose(found[6].step)
+    np.testing.assert_allclose(found[6].pose.centre, chained.centre)
+
+
+def test_tie_points_are_where_the_plates_stand():
+    poses, pictures = painted(7, 0.0)
+    ties = motions(pictures, spacing_m=[SPACING] * 7)[3].ties
+    solid = ties.inlier & np.isfinite(ties.point[:, 2]) & (ties.point[:, 2] < 40)
+    assert solid.sum() > 20
+    local = poses[3].to_camera(Scene(poses).middle)
+    shown = local[local[:, 2] > 5]
+    pixels = shown[:, :2] / shown[:, 2:] * CAMERA.fx + (CAMERA.cx, CAMERA.cy)
+    gaps = []
+    for pixel, point in zip(ties.current[solid], ties.point[solid], strict=True):
+        inside = np.abs(pixels - pixel).max(axis=1) < 1.5 * CAMERA.fx / shown[:, 2]
+        if inside.any():
+            gaps.append(np.abs(shown[inside, 2] - point[2]).min() / point[2])
+    assert len(gaps) > 15
+    assert np.median(gaps) < 0.02
+
+
+def test_a_dropped_trigger_doubles_the_step():
+    _, pictures = painted(6, 0.0, missing=(3,))
+    found = motions(pictures, spacing_m=[SPACING] * 6)
+    assert [m.baseline_m / SPACING for m in found] == [0, 1, 1, 2, 1, 1]
+    assert found[5].station_m == pytest.approx(6 * SPACING)
+
+
+def test_things_that_move_with_the_traffic_do_not_bend_the_motion():
+    poses, pictures = painted(6, 0.0, mover_speed=-2.0)
+    error = errors(motions(pictures, spacing_m=[SPACING] * 6), poses)
+    assert np.median(error[:, 0]) < 0.02
+    assert np.median(error[:, 1]) < 0.1
+
+
+def test_noisy_poses_are_made_better():
+    poses, pictures = painted(7, 2.0)
+    generator = np.random.default_rng(9)
+    noisy = []
+    for pose in poses:
+        turn = Rotation.from_rotvec(generator.normal(0, np.radians(0.1), 3)).as_matrix()
+        pose = Pose(pose.rotation @ turn, pose.centre + generator.normal(0, 0.02, 3))
+        noisy.append(PosePrior(pose, 0.02, float(np.radians(0.1)), "odometry"))
+    found = motions(pictures, pose=noisy)
+    given = [noisy[i].pose.relative_to(noisy[i - 1].pose) for i in range(1, 7)]
+    before = [
+        Rotation.from_matrix(g.rotation @ poses[i + 1].relative_to(poses[i]).rotation.T).magnitude()
+        for i, g in enumerate(given)
+    ]
+    error = errors(found, poses)
+    assert np.median(error[:, 0]) < 0.3 * np.degrees(np.median(before))
+    assert found[1].source == "odometry"
+    assert np.abs(error[:, 3] - 1).max() < 0.01
+
+
+def test_fixes_give_the_distance_where_nothing_else_does():
+    poses, pictures = painted(5, 0.0)
+    degrees = 1 / 111_194.9
+    fixes = [Fix(38 + pose.centre[2] * degrees, -97.0, 500.0, (0.1, 0.1, 0.1)) for pose in poses]
+    found = motions(pictures, fix=fixes)
+    assert all(m.source == "fixes" for m in found[1:])
+    np.testing.assert_allclose(errors(found, poses)[:, 3], 1.0, atol=0.01)
+
+
+def test_the_report_adjusts_only_where_the_straight_line_does_not_fit():
+    _, pictures = painted(4, 2.0)
+    report = MotionSettings(always_adjust=False)
+    found = motions(pictures, report, spacing_m=[SPACING] * 4)
+    assert all(m.adjusted for m in found[1:])
+    assert all(m.residual_straight_px > 0.5 > m.residual_px for m in found[1:])
+    found = motions(
+        pictures, MotionSettings(always_adjust=False, residual_px=1e6), spacing_m=[SPACING] * 4
+    )
+    assert not any(m.adjusted for m in found)
+    np.testing.assert_array_equal(found[2].step.rotation, np.eye(3))
+    assert found[2].iterations == 0
+    assert found[2].ties is not None
+
+
+def test_with_too_few_ties_the_expectation_is_kept_and_said_so():
+    _, pictures = painted(4, 0.0)
+    pictures = [*pictures[:2], np.full_like(pictures[0], 90), *pictures[2:]]
+    found = motions(pictures, spacing_m=[SPACING] * 5)
+    assert [m.adjusted for m in found] == [False, True, False, False, True]
+    assert found[2].ties is None
+    np.testing.assert_array_equal(found[2].step.rotation, found[1].step.rotation)
+    assert found[2].baseline_m == SPACING
+    assert found[2].covariance[0, 0] > 100 * found[1].covariance[0, 0]
+
+
+def test_a_curve_goes_on_where_ties_are_too_few_but_not_for_ever():
+    poses, pictures = painted(4, 2.0)
+    blank = np.full_like(pictures[0], 90)
+    found = motions([*pictures[:3], blank, blank, blank, blank], spacing_m=[SPACING] * 7)
+    turn = poses[1].relative_to(poses[0]).rotation
+    assert [m.ties is None for m in found] == [True, False, False, True, True, True, True]
+    for motion in found[3:5]:
+        off = Rotation.from_matrix(turn.T @ motion.step.rotation).magnitude()
+        assert np.degrees(off) < 0.5
+        # the mount is not known yet
+        np.testing.assert_allclose(motion.step.centre, found[2].step.centre, atol=0.1)
+    for motion in found[5:]:
+        np.testing.assert_array_equal(motion.step.rotation, np.eye(3))
+
+
+def test_a_frame_that_is_not_used_passes_and_is_stepped_over():
+    _, pictures = painted(5, 0.0)
+    status = [USED, USED, SKIPPED, USED, USED]
+    found = motions(pictures, status=status, spacing_m=[8.0, 8.0, None, 16.0, 8.0])
+    assert found[2] is None
+    assert found[3].baseline_m == 16.0
+    assert found[4].station_m == pytest.approx(32.0)
+
+
+def test_a_drive_without_any_distance_is_refused_with_the_way_out():
+    _, pictures = painted(4, 0.0)
+    with pytest.raises(InputError, match="--spacing"):
+        motions(pictures)
+
+
+def test_the_same_pictures_give_the_same_bytes():
+    _, pictures = painted(4, 0.0)
+    first, second = (motions(pictures, spacing_m=[SPACING] * 4) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert a.pose.centre.tobytes() == b.pose.centre.tobytes()
+        assert a.pose.rotation.tobytes() == b.pose.rotation.tobytes()
+
+
+def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
+    frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    drive = Drive(MotionSettings(), sigma_m=0.1)
+    expected = expect_step(frame, far, drive.vehicle.law, None, spacing_sigma_m=0.02)
+    assert expected.baseline_m > 20
+    lengths = [drive._length((8.0, 0.02), expected)[0] for _ in range(3)]
+    assert lengths[:2] == [8.0, 8.0]
+    assert lengths[2] == expected.baseline_m
+    near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
+    agreeing = expect_step(frame, near, drive.vehicle.law, None, spacing_sigma_m=0.02)
+    assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)
+    assert drive._length((8.0, 0.02), expected)[0] == 8.0
+
+
+def test_ties_keep_what_a_window_adjusts_them_by():
+    """Corners that steps have in common, the map of each patch, how far it may slide, and what was known before."""
+    _, pictures = painted(4, 0.0)
+    found = motions(pictures, spacing_m=[SPACING] * 4)[1:]
+    for motion in found:
+        ties, count = motion.ties, len(motion.ties.current)
+        assert ties.rows.shape == (count, 2)
+        assert ties.warp.shape == (count, 3)
+        assert (ties.warp[:, [0, 2]] > 0.5).all()
+        assert (ties.sigma_px > 0).all()
+        assert motion.prior.length_m == pytest.approx(motion.baseline_m)
+        assert motion.prior.sigma_m > 0
+    earlier, later = (m.ties.rows for m in found[:2])
+    common = np.intersect1d(earlier[:, 1], later[:, 0])
+    assert (common >= 0).sum() > 10

@@ -1,0 +1,99 @@
+"""Colour classes by Mahalanobis distance (eq. 3.1)."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import mahalanobis
+
+from wayside.schemas.detections import COLORS, VERDICTS, Regions, Segmentation
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Frame, Image
+from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.stages.imaging.colorspace import to_space
+from wayside.stages.report.color import classify_color
+
+
+def model(space="rgb", yellow=3.0, red=3.0):
+    means = {"yellow": (220.0, 180, 30), "red": (170.0, 30, 40)}
+    covariance = np.array([[400.0, 200, 0], [200, 300, 50], [0, 50, 250]])
+    if space != "rgb":
+        covariance = np.diag([0.05, 0.02, 0.02])
+    classes = tuple(
+        GaussianClass(
+            name, to_space(np.array([mean]), space)[0], covariance, threshold, "by hand", 1
+        )
+        for (name, mean), threshold in zip(means.items(), (yellow, red), strict=True)
+    )
+    return GaussianModel(space, classes, "test")
+
+
+def segmented(rgb):
+    n = len(rgb)
+    regions = Regions(
+        np.tile(np.array([0, 0, 9, 9], np.float32), (n, 1)),
+        np.full(n, 81, np.int32),
+        np.array(rgb, np.float32).reshape(n, 3),
+        np.arange(n, dtype=np.uint8) % 4,
+    )
+    picture = Image(Frame(0, 0, None, "used", "jpeg", b"", None), None, None)
+    empty = np.zeros((0, 3), np.float32)
+    return Segmentation(picture, regions, n, empty, empty[:, 0], (0, 0))
+
+
+def classify(rgb, gate=True, **how):
+    (judged,) = classify_color(iter([segmented(rgb)]), model(**how), gate)
+    return judged.candidates
+
+
+def test_the_distance_is_that_of_scipy_in_the_models_space():
+    rgb = np.random.default_rng(0).uniform(0, 255, (20, 3))
+    for space in ("rgb", "log_chromaticity"):
+        candidates = classify(rgb, space=space)
+        for i, color in enumerate(rgb):
+            value = to_space(color[None].astype(np.float32), space)[0]
+            wanted = [
+                mahalanobis(value, one.mean, np.linalg.inv(one.covariance))
+                for one in model(space).classes
+            ]
+            assert candidates.color_distance[i] == pytest.approx(min(wanted), rel=1e-5)
+
+
+def test_the_nearest_class_is_taken_whatever_the_source_of_the_region():
+    candidates = classify([(218, 178, 33)] * 4 + [(168, 33, 42)] * 4)
+    assert [COLORS[c] for c in candidates.color] == ["yellow"] * 4 + ["red"] * 4
+    assert (candidates.verdict == 0).all()
+
+
+def test_a_region_beyond_every_threshold_stops_at_color_only_where_gated():
+    far = [(20, 60, 200)]
+    gated, open_ = classify(far), classify(far, gate=False)
+    assert VERDICTS[gated.verdict[0]] == "color"
+    assert VERDICTS[open_.verdict[0]] == "open"
+    assert gated.color_distance[0] == open_.color_distance[0] > 3
+
+
+def test_a_class_that_accepts_wins_over_a_nearer_one_that_does_not():
+    between = [(200, 120, 34)]
+    nearest = classify(between, gate=False, yellow=50.0, red=50.0)
+    assert COLORS[nearest.color[0]] == "yellow"
+    other = classify(between, gate=False, yellow=0.1, red=50.0)
+    assert COLORS[other.color[0]] == "red"
+
+
+def test_no_regions_are_no_candidates():
+    assert len(classify(np.zeros((0, 3)))) == 0
+
+
+def test_models_that_do_not_fit_are_refused():
+    good = model()
+    wrong_name = GaussianModel(
+        "rgb", (GaussianClass("pink", np.zeros(3), np.eye(3), 1, "", 1),), ""
+    )
+    wrong_size = GaussianModel("rgb", (GaussianClass("red", np.zeros(2), np.eye(2), 1, "", 1),), "")
+    for bad, message in (
+        (wrong_name, "'pink'"),
+        (wrong_size, "wanted 3 numbers"),
+        (GaussianModel("lab", good.classes, ""), "'lab'"),
+        (GaussianModel("rgb", (), ""), "at least one class"),
+    ):
+        with pytest.raises(InputError, match=message):
+            next(classify_color(iter([segmented([(1, 2, 3)])]), bad, True))

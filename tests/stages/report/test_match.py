@@ -1,0 +1,72 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.detections import VERDICTS
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.mapping.tracker import track
+from wayside.stages.report.match import match_by_descriptors
+
+REPORT = TrackSettings(fewest_views=2)
+
+
+def run(frames):
+    return list(match_by_descriptors(iter(frames), REPORT))
+
+
+def places_of(settled):
+    return [place for item in settled for place in item.places]
+
+
+def test_a_panel_is_chained_by_its_key_points_and_placed_by_two_views(panel, drive):
+    (place,) = places_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
+    np.testing.assert_allclose(
+        place.best_pose.to_world(place.position), [3.5, -1.2, 90.0], atol=0.02
+    )
+    assert place.verdict == "sign"
+    assert len(place.views) > 5
+
+
+def test_two_views_suffice(panel, drive):
+    (place,) = places_of(run(drive([panel(3.5, 1.2, 90.0, only_in=(6, 7))], 14)))
+    assert len(place.views) == 2
+
+
+def test_a_chain_ends_where_the_next_frame_does_not_show_it(panel, drive):
+    settled = run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14))
+    assert len(places_of(settled)) == 2
+
+
+def test_without_key_points_nothing_is_matched(panel, drive):
+    frames = drive([panel(3.5, 1.2, 90.0)], 14)
+    blank = frames[0].detections.features
+    blank = replace(
+        blank,
+        sign_points=np.zeros((0, 2), np.float32),
+        sign_descriptors=np.zeros((0, 128), np.float32),
+        sign_rows=np.zeros(0, np.int32),
+    )
+    settled = run([replace(f, detections=replace(f.detections, features=blank)) for f in frames])
+    assert places_of(settled) == []
+    assert {VERDICTS[v] for item in settled for v in item.candidates.verdict} == {"unmatched"}
+
+
+def test_what_does_not_fit_one_point_is_refused_by_its_residual(panel, drive):
+    # A panel that hops up and down has key points that match, but rays that pass each other.
+    low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)
+    even, odd = drive([low], 7), drive([high], 7)
+    mixed = [(even if i % 2 else odd)[i] for i in range(7)]
+    assert {place.verdict for place in places_of(run(mixed))} == {"residual"}
+
+
+def test_frames_come_out_once_in_order(panel, drive):
+    frames = drive([panel(3.5, 1.2, 90.0), panel(-4.0, 1.0, 150.0)], 30, unused=(3, 4, 29))
+    assert [item.frame.index for item in run(frames)] == list(range(30))
+
+
+@pytest.mark.parametrize("follow", [track, match_by_descriptors])
+def test_both_ways_of_matching_agree_on_a_clear_panel(panel, drive, follow):
+    frames = drive([panel(3.5, 1.2, 90.0)], 14)
+    (place,) = places_of(list(follow(iter(frames), TrackSettings(fewest_views=2))))
+    assert place.station_m == pytest.approx(90.0, abs=0.05)

@@ -1,0 +1,200 @@
+"""The stage as a whole: table, rows, states of frames, repeatability."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from wayside.schemas.detections import SOURCES
+from wayside.schemas.errors import UsageError
+from wayside.schemas.frame import Camera, Frame, Image
+from wayside.schemas.settings import GateSettings, SegmentSettings
+from wayside.stages.segmentation.two_pass import band_of, segment
+
+WHOLE = SegmentSettings(whole_picture=True)
+GATE = GateSettings(smallest_px=20, largest_px=20_000)
+
+
+def picture(height=150, width=200, seed=0, signs=True, camera=None):
+    rng = np.random.default_rng(seed)
+    rgb = np.empty((height, width, 3))
+    rgb[: height // 2], rgb[height // 2 :] = (150, 180, 220), (80, 85, 90)
+    rgb += 12 * cv2.GaussianBlur(rng.normal(size=rgb.shape), (0, 0), 2)
+    if signs:
+        rgb[60:80, 90:110] = (230, 190, 30)
+        rgb[62:75, 30:50] = (180, 30, 40)
+    rgb = np.clip(rgb + rng.normal(0, 2, rgb.shape), 0, 255).astype(np.uint8)
+    frame = Frame(0, 0, None, "used", "jpeg", b"", camera, width, height)
+    return Image(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+
+
+def one(given, settings=WHOLE, gate=GATE):
+    (result,) = segment(iter([given]), settings, gate)
+    return result
+
+
+def rows_of(result, source):
+    return result.regions.select(result.regions.source == SOURCES.index(source))
+
+
+def test_both_passes_agree_with_scipy_on_their_own_label_images():
+    given = picture()
+    result = one(given)
+    total = 0
+    for source, labels in zip(("pass1", "pass2"), result.labels, strict=True):
+        wanted = []
+        for label in np.unique(labels):
+            parts, count = ndimage.label(labels == label)
+            total += count
+            for number, (ys, xs) in enumerate(ndimage.find_objects(parts), start=1):
+                inside = parts == number
+                if 20 <= inside.sum() <= 20_000:
+                    mean = given.rgb[inside].mean(axis=0)
+                    wanted.append(
+                        (xs.start, ys.start, xs.stop, ys.stop, inside.sum(), *mean.round(2))
+                    )
+        found = rows_of(result, source)
+        rows = np.column_stack([found.box, found.area_px, found.rgb.astype(float).round(2)])
+        np.testing.assert_allclose(sorted(rows.tolist()), sorted(wanted), atol=0.011)
+    assert result.region_count == total
+
+
+def test_labels_are_nearest_colours_and_classes_of_the_distance_to_them():
+    given = picture()
+    result = one(given)
+    gap = given.rgb[:, :, None].astype(int) - result.palette.astype(int)
+    squared = (gap**2).sum(axis=-1)
+    np.testing.assert_array_equal(result.labels[0], squared.argmin(axis=-1))
+    difference = np.floor(np.sqrt(squared.min(axis=-1)) + 0.5)
+    levels = result.difference_levels
+    np.testing.assert_array_equal(
+        result.labels[1], np.searchsorted(levels[1:], difference, side="right")
+    )
+
+
+def test_a_bright_sign_is_a_region_of_its_own():
+    found = rows_of(one(picture()), "pass1")
+    middle = (found.box[:, :2] + found.box[:, 2:]) / 2
+    at = np.flatnonzero(np.abs(middle - [100, 70]).max(axis=1) < 2)
+    assert any(np.abs(found.rgb[i] - [230, 190, 30]).max() < 6 for i in at)
+
+
+def test_the_size_gate_bounds_every_region():
+    areas = one(picture(), gate=GateSettings(smallest_px=40, largest_px=900)).regions.area_px
+    assert areas.min() >= 40
+    assert areas.max() <= 900
+
+
+@pytest.mark.parametrize("clusters", [2, 3, 7, 16])
+def test_k_of_both_passes_is_as_set(clusters):
+    settings = replace(WHOLE, clusters=clusters, difference_clusters=18 - clusters)
+    result = one(picture(), settings)
+    assert len(result.palette) == clusters
+    assert len(result.difference_levels) == 18 - clusters
+    assert result.labels[0].max() < clusters
+
+
+CAMERA = Camera(200, 150, 150.0, 150.0, 100.0, 75.0)
+
+
+def test_the_band_is_segmented_as_rows_of_the_full_picture():
+    given = picture(camera=CAMERA)
+    result = one(given, SegmentSettings())
+    first, last = result.rows
+    assert 0 < first < 60 < 80 < last < 150
+    assert result.labels[0].shape == (last - first, 200)
+    assert result.regions.box[:, 1].min() >= first
+    assert result.regions.box[:, 3].max() <= last
+    for box, area, rgb in zip(
+        result.regions.box, result.regions.area_px, result.regions.rgb, strict=True
+    ):
+        x0, y0, x1, y1 = box.astype(int)
+        inside = given.rgb[y0:y1, x0:x1].reshape(-1, 3)
+        assert area <= len(inside)
+        assert (inside.min(axis=0) <= rgb).all()
+        assert (rgb <= inside.max(axis=0)).all()
+
+
+def test_the_band_covers_road_signs_seen_from_a_level_camera():
+    first, last = band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, 600.0), 1200)
+    for up, ahead in ((2.0, 12.0), (6.0, 35.0), (-1.0, 12.0)):
+        assert first <= 600 - 1400 * up / ahead < last
+    assert last - first < 500
+
+
+def test_a_camera_that_looks_away_or_is_unknown_gets_the_whole_picture():
+    assert band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, -5000.0), 1200) == (0, 1200)
+    assert band_of(None, 1200) == (0, 1200)
+
+
+def test_frames_without_pixels_travel_with_empty_tables():
+    unused = picture()
+    unused = Image(replace(unused.frame, status="thinned"), None, None)
+    result = one(unused)
+    assert result.image is unused
+    assert (len(result.regions), result.region_count, result.rows) == (0, 0, (0, 0))
+    assert result.labels is None
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (3, 2), (37, 41), (64, 1)])
+def test_tiny_and_odd_pictures_are_segmented(size):
+    result = one(picture(*size, signs=False), gate=GateSettings(smallest_px=1))
+    areas = [rows_of(result, source).area_px.sum() for source in ("pass1", "pass2")]
+    assert areas == [size[0] * size[1]] * 2
+
+
+def test_a_picture_of_one_colour_is_one_region_in_each_pass():
+    given = picture(signs=False)
+    flat = Image(given.frame, np.full_like(given.rgb, 77), given.grey)
+    result = one(flat, gate=GateSettings(smallest_px=1, largest_px=10**6))
+    assert result.region_count == 2
+    assert result.regions.rgb.tolist() == [[77, 77, 77]] * 2
+
+
+def test_pictures_of_changing_size_share_one_generator():
+    sizes = [(40, 60), (150, 200), (60, 40), (150, 210)]
+    given = [picture(*size, seed=i, signs=False) for i, size in enumerate(sizes)]
+    for together, alone in zip(segment(iter(given), WHOLE, GATE), given, strict=True):
+        assert_same(together, one(alone))
+
+
+def assert_same(a, b):
+    for column in ("box", "area_px", "rgb", "source"):
+        x, y = getattr(a.regions, column), getattr(b.regions, column)
+        assert x.tobytes() == y.tobytes()
+    assert a.palette.tobytes() == b.palette.tobytes()
+    assert all(x.tobytes() == y.tobytes() for x, y in zip(a.labels, b.labels, strict=True))
+
+
+def test_threads_side_by_side_give_the_same_bytes_as_one():
+    given = [picture(seed=i) for i in range(6)]
+    alone = list(segment(iter(given), WHOLE, GATE))
+    with ThreadPoolExecutor(2) as pool:
+        both = list(pool.map(lambda _: list(segment(iter(given), WHOLE, GATE)), range(2)))
+    for results in both:
+        for a, b in zip(alone, results, strict=True):
+            assert_same(a, b)
+
+
+def test_a_view_that_is_not_contiguous_is_refused():
+    given = picture()
+    cut = Image(given.frame, given.rgb[:, ::2], given.grey[:, ::2])
+    with pytest.raises(ValueError, match="C-contiguous"):
+        one(cut)
+
+
+@pytest.mark.parametrize(
+    ("settings", "gate", "name"),
+    [
+        (replace(WHOLE, clusters=17), GATE, "segment.clusters"),
+        (replace(WHOLE, difference_clusters=1), GATE, "segment.difference_clusters"),
+        (WHOLE, GateSettings(smallest_px=0), "gate"),
+        (WHOLE, GateSettings(smallest_px=9, largest_px=8), "gate"),
+    ],
+)
+def test_settings_out_of_range_are_refused_by_name(settings, gate, name):
+    with pytest.raises(UsageError, match=name):
+        one(picture(), settings, gate)
