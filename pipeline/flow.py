@@ -17,12 +17,11 @@ from wayside.pipeline.workers import Item, Result, StageClock, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.schemas.models import SideJudges
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
-from wayside.stages.detection import judge, propose
+from wayside.stages.detection import BoxClassifier, judge, propose
 from wayside.stages.imaging import decode
-from wayside.stages.mapping import assemble, classify_location, track
+from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
 from wayside.stages.segmentation import segment
@@ -100,8 +99,9 @@ class Flow:
         s, m = self.settings, self.models
         if s.track.matching == "sift":
             return match_by_descriptors(posed, settings=s.track)
-        front = SideJudges(None if s.candidates.judge == "report" else m.judge, m.place)
-        back = None if m.back is None else SideJudges(m.back, m.back_place)
+        by_report = s.candidates.judge == "report"
+        front = SideClassifiers(None if by_report else BoxClassifier(m.judge), m.place)
+        back = None if m.back is None else SideClassifiers(BoxClassifier(m.back), m.back_place)
         return track(posed, settings=s.track, front=front, back=back)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:

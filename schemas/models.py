@@ -120,14 +120,6 @@ class ConvolutionModel:
     provenance: str
 
 
-@dataclass(frozen=True, slots=True)
-class SideJudges:
-    """Who judges panels from one side: a `view` in one picture, a `place` over all its views; None: nobody does."""
-
-    view: TreeModel | None = None
-    place: TreeModel | None = None
-
-
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 
 Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel

@@ -13,10 +13,11 @@ from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_tre
 from wayside.pipeline.learning.calibration import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
-from wayside.schemas.models import SideJudges, TreeModel
+from wayside.schemas.models import TreeModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping import FEATURES, track
+from wayside.stages.detection import BoxClassifier
+from wayside.stages.mapping import FEATURES, SideClassifiers, track
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a place is that face; overlap with one
@@ -74,8 +75,12 @@ def gather_places(drives: Iterable[Tracked]) -> Places:
     for drive in drives:
         known = panels_by_frame(drive.truth)
         settings = TrackSettings(fewest_views=FEWEST)
-        behind = None if drive.back is None else SideJudges(drive.back)
-        for settled in track(iter(drive.moved), settings, SideJudges(drive.face), behind):
+        front, back = (
+            SideClassifiers(None if model is None else BoxClassifier(model))
+            for model in (drive.face, drive.back)
+        )
+        behind = None if drive.back is None else back
+        for settled in track(iter(drive.moved), settings, front, behind):
             for place in settled.places:
                 values.append(place.evidence)
                 labels.append(label_of(place, known))

@@ -23,12 +23,12 @@ from wayside.stages.detection import (
     drawn_patches,
     gate_features,
     overlap_of,
-    picture_levels,
     propose,
     shared_of,
     view_features,
     view_names,
 )
+from wayside.stages.imaging import pyramid
 from wayside.stages.segmentation import segment
 
 FACE_SHARE, FACE_PX = 0.4, 8
@@ -237,7 +237,7 @@ def _again(
         rows = np.flatnonzero(views.frame == picture.frame.index)
         camera = picture.frame.camera
         if picture.rgb is not None and camera is not None and len(rows):
-            yield rows, picture_levels(picture.rgb), views.regions.select(rows), camera
+            yield rows, pyramid(picture.rgb), views.regions.select(rows), camera
 
 
 def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:
@@ -287,7 +287,7 @@ def _views(item: Segmentation, shown: Shown) -> Views:
     rgb, camera, regions = item.image.rgb, item.frame.camera, item.regions
     if rgb is None or camera is None:
         raise InputError("learning: wanted pictures with calibration, found one without")
-    glance = gate_features(picture_levels(rgb), regions, camera)
+    glance = gate_features(pyramid(rgb), regions, camera)
     return labelled(regions, glance, np.full(len(regions), item.frame.index), shown)
 
 

@@ -1,4 +1,4 @@
-"""Maps of one value in which a sign face is brighter than what surrounds it, and the pyramid they are made on."""
+"""Maps of one value in which a sign face is brighter than what surrounds it."""
 
 from __future__ import annotations
 
@@ -25,17 +25,6 @@ DARK_LEVEL = 64
 
 NEIGHBOURHOOD = 104
 """Side of the square whose mean stands for the neighbourhood, pixels of the map."""
-
-
-def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture at half size, each pixel the mean of four (an odd last row or column is left out)."""
-    height, width = rgb.shape[0] // 2 * 2, rgb.shape[1] // 2 * 2
-    if height == 0 or width == 0:
-        return np.zeros((0, 0, 3), np.uint8)
-    small = cv2.resize(
-        rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA
-    )
-    return np.asarray(small, np.uint8)
 
 
 def neighbourhood(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ together; so the bar here is low, and the score travels on.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -30,11 +30,11 @@ from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_chances, log_odds
 from wayside.stages.detection.box_regression import check_box_network, moved_boxes
 from wayside.stages.detection.boxes import suppressed_boxes
-from wayside.stages.detection.contrast_maps import halved
 from wayside.stages.detection.patch_cnn import check_closer, closer_odds, told_of
 from wayside.stages.detection.patch_features import patch_feature_names, patch_features
 from wayside.stages.detection.prefilter_features import glance_names, glances
 from wayside.stages.detection.region_features import REGION_FEATURES, region_features
+from wayside.stages.imaging import pyramid
 
 OVERLAP = 0.4
 """Boxes that overlap a better one by more (IoU) show the same face."""
@@ -72,7 +72,7 @@ def judge(
         if image.rgb is None or image.frame.camera is None or len(rows) == 0:
             yield item
             continue
-        levels = picture_levels(image.rgb)
+        levels = pyramid(image.rgb)
         regions, camera = item.candidates.regions.select(rows), image.frame.camera
         candidates = item.candidates
         if trees.gate is not None:
@@ -110,6 +110,25 @@ def judge(
             score[rows[behind]] = seen[behind]
             candidates = replace(candidates, back_score=score)
         yield replace(item, candidates=candidates)
+
+
+@dataclass(frozen=True, slots=True)
+class BoxClassifier:
+    """The classifier of single boxes by itself: a second look at boxes that tracking predicts."""
+
+    model: TreeModel
+
+    @property
+    def threshold(self) -> float:
+        """Log odds from which a box is accepted."""
+        return self.model.accept
+
+    def scores(
+        self, levels: tuple[NDArray[np.uint8], ...], regions: Regions, camera: Camera
+    ) -> NDArray[np.float32]:
+        """Log odds (n,) that the regions show faces; levels: the image at full, half and quarter size."""
+        values = view_features(levels, regions, camera)
+        return view_odds(self.model, levels, regions, values, log_odds(self.model, values))
 
 
 def near_bar(trees: TreeModel) -> float:
@@ -191,12 +210,6 @@ def gate_names() -> tuple[str, ...]:
 def view_names() -> tuple[str, ...]:
     """Names of the columns of `view_features`, in order."""
     return (*REGION_FEATURES, *patch_feature_names())
-
-
-def picture_levels(rgb: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
-    """The picture at full, half and quarter size."""
-    half = halved(rgb)
-    return rgb, half, halved(half)
 
 
 def gate_features(

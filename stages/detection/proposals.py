@@ -20,9 +20,10 @@ from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_odds
 from wayside.stages.detection.boxes import distinct_boxes, patch_means, stacked_pairs
-from wayside.stages.detection.contrast_maps import LOWEST, face_maps, halved
+from wayside.stages.detection.contrast_maps import LOWEST, face_maps
 from wayside.stages.detection.region_features import REGION_FEATURES, region_features
 from wayside.stages.detection.stable_regions import level_regions
+from wayside.stages.imaging import halved
 
 BANDS = ((-0.062, 0.056), (-0.16, 0.09), (-0.36, 0.13))
 """Rows looked at in full, half and quarter size, as tangents from the optical axis (up negative).

@@ -2,10 +2,13 @@
 
 from wayside.stages.imaging.colorspace import DARK_LEVEL, SPACES, to_space
 from wayside.stages.imaging.decoding import decode
+from wayside.stages.imaging.pyramids import halved, pyramid
 
 __all__ = [
     "DARK_LEVEL",
     "SPACES",
     "decode",
+    "halved",
+    "pyramid",
     "to_space",
 ]

@@ -2,6 +2,7 @@
 
 from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.association import Gates
+from wayside.stages.mapping.classifiers import SideClassifiers, ViewClassifier
 from wayside.stages.mapping.covariance import STEP_SIGMA
 from wayside.stages.mapping.hypotheses import Fit, fit_views
 from wayside.stages.mapping.landmark import DOUBT, FEATURES, build_place, measured_place
@@ -18,7 +19,9 @@ __all__ = [
     "Gates",
     "Held",
     "Scatter",
+    "SideClassifiers",
     "TravelledPath",
+    "ViewClassifier",
     "assemble",
     "build_place",
     "classify_location",

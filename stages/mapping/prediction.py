@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Regions
-from wayside.schemas.models import TreeModel
-from wayside.stages.classifiers import log_odds
-from wayside.stages.detection import view_features, view_odds
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.mapping.association import Gates, Sightings
+from wayside.stages.mapping.classifiers import ViewClassifier
 from wayside.stages.mapping.hypotheses import Fit
 from wayside.stages.mapping.window import Held, first_rows, local_rows, sightings_of
 
@@ -39,9 +37,9 @@ class _Predicted(NamedTuple):
 def follow_back(
     fits: Sequence[Fit],
     held: Sequence[Held],
-    trees: TreeModel | None,
+    faces: ViewClassifier | None,
     gates: Gates,
-    back_trees: TreeModel | None = None,
+    backs: ViewClassifier | None = None,
 ) -> tuple[Sightings, list[Fit]]:
     """Add to each place the predicted views that the judge of one view accepts: of faces, or of backs.
 
@@ -61,13 +59,13 @@ def follow_back(
                 wanted.setdefault((frame, fit.back), []).append(_Predicted(place, *found))
     accepted: list[list[tuple[int, _Predicted, Regions, float]]] = [[] for _ in fits]
     for (frame, back), here in sorted(wanted.items()):
-        judge = back_trees if back else trees
-        if judge is None:
+        classifier = backs if back else faces
+        if classifier is None:
             continue
         regions = _regions(here, fits, held)
-        scores = _scores(held[frame], regions, judge)
+        scores = _scores(held[frame], regions, classifier)
         for k, (one, score) in enumerate(zip(here, scores.tolist(), strict=True)):
-            if score >= judge.accept:
+            if score >= classifier.threshold:
                 row = regions.select(np.array([k]))
                 accepted[one.place].append((frame, one, row, score))
     before = first_rows(held)
@@ -130,14 +128,13 @@ def _regions(here: Sequence[_Predicted], fits: Sequence[Fit], held: Sequence[Hel
     )
 
 
-def _scores(home: Held, regions: Regions, trees: TreeModel) -> NDArray[np.float32]:
+def _scores(home: Held, regions: Regions, classifier: ViewClassifier) -> NDArray[np.float32]:
     camera, levels = home.frame.camera, home.picture_levels()
     if camera is None or levels is None:
         return np.full(len(regions), -np.inf, np.float32)
-    # The judge was taught with regions of levels: what it knows of their source holds for these.
+    # The classifier was taught with regions of levels: what it knows of their source holds for these.
     shown = replace(regions, source=np.full(len(regions), SOURCES.index("level"), np.uint8))
-    values = view_features(levels, shown, camera)
-    return view_odds(trees, levels, shown, values, log_odds(trees, values))
+    return classifier.scores(levels, shown, camera)
 
 
 def _extended(

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.schemas.models import SideJudges
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import Beside
 from wayside.stages.mapping.association import Gates, Sightings, link
+from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.hypotheses import Fit, overlap_share, solve_places
 from wayside.stages.mapping.landmark import build_place, judge_place, measured_place, place_features
 from wayside.stages.mapping.panel import Panel, measure_panel
@@ -65,8 +65,8 @@ the box of its plaque, but panels of one width stand clear of each other."""
 def track(
     moved: Iterator[PosedDetections],
     settings: TrackSettings,
-    front: SideJudges | None = None,
-    back: SideJudges | None = None,
+    front: SideClassifiers | None = None,
+    back: SideClassifiers | None = None,
 ) -> Iterator[TrackedFrame]:
     """Settle every candidate: place it in space with its other views, or say why not.
 
@@ -85,13 +85,15 @@ def track(
     back
         The same of panels seen from behind; None: they are not looked for.
     """
-    yield from through_window(moved, _Tracker(settings, front or SideJudges(), back))
+    yield from through_window(moved, _Tracker(settings, front or SideClassifiers(), back))
 
 
 class _Tracker:
     """The window and the places proposed in it."""
 
-    def __init__(self, settings: TrackSettings, front: SideJudges, back: SideJudges | None) -> None:
+    def __init__(
+        self, settings: TrackSettings, front: SideClassifiers, back: SideClassifiers | None
+    ) -> None:
         self._settings = settings
         self._sides = {False: front} if back is None else {False: front, True: back}
         self._gates = Gates(gap_px=settings.gap_px)
@@ -177,7 +179,7 @@ class _Tracker:
         for fit in fits:
             beside = self._path.beside(fit.point)
             evidence = place_features(fit, self._held, sightings.score[fit.rows], beside)
-            judge = self._sides[fit.back].place
+            judge = self._sides[fit.back].landmark
             judged.append((*judge_place(evidence, judge), fit, beside, evidence))
         judged.sort(key=lambda entry: -entry[0])
         self._known = [f for f in self._known if not behind(sightings, f)]
@@ -192,7 +194,7 @@ class _Tracker:
             alike, panel = 0, None
             if verdict == "sign":
                 alike, panel = measure_panel(fit, self._held, beside)
-            odds = SURE if self._sides[fit.back].place is None else score
+            odds = SURE if self._sides[fit.back].landmark is None else score
             if verdict == "sign" and not stands(
                 fit, alike, panel, self._settings.fewest_views, odds
             ):

@@ -14,8 +14,8 @@ from wayside.schemas.detections import Candidates, Features, Regions, verdict_co
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.stages.detection import picture_levels
 from wayside.stages.geometry import Beside, beside_path, ideal_points, rays_of_ideal, to_rays
+from wayside.stages.imaging import pyramid
 from wayside.stages.mapping.association import Sightings
 
 NO_TRACK = -1
@@ -102,7 +102,7 @@ class Held:
     def picture_levels(self) -> tuple[NDArray[np.uint8], ...] | None:
         """The picture at full, half and quarter size, None where it is gone."""
         if self.levels is None and self.rgb is not None:
-            self.levels = picture_levels(self.rgb)
+            self.levels = pyramid(self.rgb)
         return self.levels
 
     def add(self, region: Regions, score: float, *, back: bool = False) -> int:

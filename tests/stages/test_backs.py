@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
-from wayside.schemas.models import SideJudges, TreeModel
+from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.landmark import FEATURES
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.tracker import track
 
-BEHIND = SideJudges()
+BEHIND = SideClassifiers()
 
 
 def seen_from_behind(frames, score, faces="score"):
@@ -102,7 +103,7 @@ def test_backs_are_not_looked_for_where_nobody_judges_them(panel, drive):
 @pytest.mark.parametrize(("face", "back"), [(1.0, 3.0), (3.0, 1.0)])
 def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(panel, drive, face, back):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0, faces="open")
-    judges = SideJudges(place=sure(face)), SideJudges(place=sure(back))
+    judges = SideClassifiers(landmark=sure(face)), SideClassifiers(landmark=sure(back))
     settled = list(track(iter(frames), TrackSettings(), *judges))
     reported = [place for place in places_of(settled) if place.verdict == "sign"]
     assert [place.back for place in reported] == [back > face]

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from wayside.stages.detection.contrast_maps import MAPS, face_maps, halved, neighbourhood
+from wayside.stages.detection.contrast_maps import MAPS, face_maps, neighbourhood
+from wayside.stages.imaging import halved
 
 COLORS = {
     "red": (190, 30, 40),

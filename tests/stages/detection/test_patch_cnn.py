@@ -7,7 +7,7 @@ from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ConvolutionModel, TreeModel
-from wayside.stages.detection.detector import picture_levels, view_features, view_names, view_odds
+from wayside.stages.detection.detector import view_features, view_names, view_odds
 from wayside.stages.detection.patch_cnn import (
     FEATURES,
     check_closer,
@@ -16,6 +16,7 @@ from wayside.stages.detection.patch_cnn import (
     told_of,
 )
 from wayside.stages.detection.patch_features import INNER, SIDE, drawn_patches
+from wayside.stages.imaging import pyramid
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 BOXES = np.array([[40, 40, 60, 60], [200, 100, 240, 160]], np.float32)
@@ -51,7 +52,7 @@ def picture(bright):
     rgb = np.random.default_rng(0).integers(60, 80, (240, 320, 3)).astype(np.uint8)
     x0, y0, x1, y1 = BOXES[1].astype(int)
     rgb[y0:y1, x0:x1] = bright
-    return picture_levels(rgb)
+    return pyramid(rgb)
 
 
 def regions(box=BOXES):

@@ -2,9 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.stages.detection.detector import picture_levels
 from wayside.stages.detection.patch_features import OUTLINES, patch_feature_names, patch_features
 from wayside.stages.detection.prefilter_features import glance_names, glances
+from wayside.stages.imaging import pyramid
 
 BOX = np.array([[60, 50, 100, 90]], np.float32)
 
@@ -16,9 +16,7 @@ def scene(draw, seed=0):
 
 
 def values(rgb, box=BOX):
-    return dict(
-        zip(patch_feature_names(), patch_features(picture_levels(rgb), box)[0], strict=True)
-    )
+    return dict(zip(patch_feature_names(), patch_features(pyramid(rgb), box)[0], strict=True))
 
 
 def polygon(*points):
@@ -73,8 +71,8 @@ def test_a_mirrored_picture_has_mirrored_cells():
 def test_a_picture_of_twice_the_size_looks_the_same():
     rgb = scene(SHAPES["diamond"])
     large = cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
-    one = patch_features(picture_levels(rgb), BOX)[0]
-    other = patch_features(picture_levels(large), BOX * 2)[0]
+    one = patch_features(pyramid(rgb), BOX)[0]
+    other = patch_features(pyramid(large), BOX * 2)[0]
     # The larger one is drawn from its half size, which is the smaller one.
     assert np.abs(one - other).max() < 0.02
 
@@ -98,26 +96,26 @@ def test_an_even_picture_has_no_gradient_and_no_step():
 )
 def test_boxes_at_and_beyond_the_border_have_finite_features(box):
     rgb, table = scene(SHAPES["circle"]), np.array([box], np.float32)
-    assert np.isfinite(patch_features(picture_levels(rgb), table)).all()
-    assert np.isfinite(glances(picture_levels(rgb), table)).all()
+    assert np.isfinite(patch_features(pyramid(rgb), table)).all()
+    assert np.isfinite(glances(pyramid(rgb), table)).all()
 
 
 def test_a_glance_sees_the_colour_inside_and_the_surroundings_outside():
     rgb = scene(SHAPES["rectangle"])
-    found = dict(zip(glance_names(), glances(picture_levels(rgb), BOX)[0], strict=True))
+    found = dict(zip(glance_names(), glances(pyramid(rgb), BOX)[0], strict=True))
     assert found["glance_2_2_red_green"] > 1.5
     assert abs(found["glance_0_0_red_green"]) < 0.3
 
 
 def test_no_boxes_give_a_table_without_rows():
-    levels, none = picture_levels(scene(SHAPES["circle"])), np.zeros((0, 4), np.float32)
+    levels, none = pyramid(scene(SHAPES["circle"])), np.zeros((0, 4), np.float32)
     assert patch_features(levels, none).shape == (0, len(patch_feature_names()))
     assert glances(levels, none).shape == (0, len(glance_names()))
 
 
 @pytest.mark.parametrize("look", [patch_features, glances])
 def test_wrong_pictures_are_refused_at_the_door(look):
-    good = picture_levels(scene(SHAPES["circle"]))
+    good = pyramid(scene(SHAPES["circle"]))
     for levels in (good[:2], (good[0].astype(np.float32), *good[1:]), (good[0][:0], *good[1:])):
         with pytest.raises(ValueError, match="levels"):
             look(levels, BOX)

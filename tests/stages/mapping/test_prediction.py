@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
-from wayside.schemas.models import SideJudges, TreeModel
+from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.detector import view_names
+from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.association import Gates
 from wayside.stages.mapping.hypotheses import fit_views
 from wayside.stages.mapping.prediction import follow_back, predicted_box
@@ -87,7 +89,7 @@ def test_views_that_no_candidate_showed_are_found_where_they_must_be(shown, pane
     held = holding(frames)
     with_views = [k for k, h in enumerate(held) if len(h.open)]
     fit = fit_of(held, with_views)
-    _, (followed,) = follow_back([fit], held, reddish(), Gates())
+    _, (followed,) = follow_back([fit], held, BoxClassifier(reddish()), Gates())
     assert len(followed.rows) > len(fit.rows) + 3
     assert followed.frames.tolist() == sorted(followed.frames.tolist())
     new = ~np.isin(followed.frames, with_views)
@@ -106,7 +108,7 @@ def test_what_the_judge_refuses_there_is_no_view(shown, panel):
     fit = fit_of(held, [k for k, h in enumerate(held) if len(h.open)])
     never = replace(reddish(), accept=99.0)
     before = [len(h.candidates) for h in held]
-    _, found = follow_back([fit], held, never, Gates())
+    _, found = follow_back([fit], held, BoxClassifier(never), Gates())
     assert found[0].rows.tolist() == fit.rows.tolist()
     assert [len(h.candidates) for h in held] == before
 
@@ -114,7 +116,9 @@ def test_what_the_judge_refuses_there_is_no_view(shown, panel):
 def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
     def settled(judge):
         frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
-        return list(track(iter(frames), TrackSettings(), SideJudges(judge)))
+        return list(
+            track(iter(frames), TrackSettings(), SideClassifiers(judge and BoxClassifier(judge)))
+        )
 
     (alone,) = [p for s in settled(None) for p in s.places]
     followed = settled(reddish())
@@ -129,7 +133,7 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
 
 def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    settled = track(iter(frames), TrackSettings(), SideJudges(reddish()))
+    settled = track(iter(frames), TrackSettings(), SideClassifiers(BoxClassifier(reddish())))
     assert {p.verdict for s in settled for p in s.places} == {"residual"}
 
 

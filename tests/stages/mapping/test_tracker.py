@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.models import SideJudges, TreeModel
+from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.association import Sightings
 from wayside.stages.mapping.hypotheses import fit_views
 from wayside.stages.mapping.landmark import BORDER, FEATURES
@@ -24,7 +25,7 @@ def verdicts_of(settled):
 
 
 def run(frames, settings=SETTINGS, judge=None):
-    return list(track(iter(frames), settings, SideJudges(place=judge)))
+    return list(track(iter(frames), settings, SideClassifiers(landmark=judge)))
 
 
 def test_a_panel_is_placed_where_it_stands(panel, drive):

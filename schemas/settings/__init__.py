@@ -1,0 +1,29 @@
+"""Every setting: one frozen group a stage, each leaf with unit, meaning, origin and limits.
+
+`setting(default, unit, words, ...)` keeps these beside the value, so that `wayside settings`, the TOML reader and
+`run.json` need no list of their own. Values of the preset `report` that differ stand in `REPORT`.
+"""
+
+from wayside.schemas.settings.detection import CandidateSettings
+from wayside.schemas.settings.field import setting
+from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
+from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
+from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+from wayside.schemas.settings.tree import REPORT, Settings
+
+__all__ = [
+    "REPORT",
+    "CandidateSettings",
+    "FeatureSettings",
+    "GateSettings",
+    "LocateSettings",
+    "ModelSettings",
+    "MotionSettings",
+    "ReadSettings",
+    "RunSettings",
+    "SegmentSettings",
+    "Settings",
+    "TrackSettings",
+    "setting",
+]

@@ -1,0 +1,45 @@
+"""Which images of a log take part, and how the work is carried out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wayside.schemas.settings.field import setting
+
+
+@dataclass(frozen=True, slots=True)
+class ReadSettings:
+    """Which pictures of the log take part."""
+
+    camera: str = setting("", "topic", "picture topic to use; empty: the only one there is")
+    calibration: str = setting(
+        "", "file", "ROS camera_info YAML that replaces the log's calibration"
+    )
+    spacing_m: float = setting(
+        0.0, "m", "distance between pictures where the log has no poses; 0: unknown", low=0
+    )
+    thin_m: float = setting(
+        8.0, "m", "pictures are thinned to about this distance; 0: use every picture", low=0
+    )
+    from_s: float = setting(0.0, "s", "start this long after the first picture", low=0)
+    until_s: float = setting(
+        0.0, "s", "stop this long after the first picture; 0: at the end", low=0
+    )
+    every: int = setting(1, "pictures", "use every n-th picture only", low=1)
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """How the work is carried out; nothing here changes a result."""
+
+    workers: int = setting(2, "threads", "pictures looked at side by side", low=1, high=64)
+    queue: int = setting(4, "frames", "frames waiting at most for each worker", low=1, high=1000)
+
+
+@dataclass(frozen=True, slots=True)
+class ModelSettings:
+    """Learned numbers: colours, shapes, places and judges."""
+
+    folder: str = setting(
+        "", "folder", "model files here replace those that ship, each by its name; empty: none"
+    )

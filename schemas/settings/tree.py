@@ -1,0 +1,40 @@
+"""All settings as one tree: one frozen group a stage, and the preset `report`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from wayside.schemas.settings.detection import CandidateSettings
+from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
+from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
+from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All groups, one a stage."""
+
+    read: ReadSettings = field(default_factory=ReadSettings)
+    segment: SegmentSettings = field(default_factory=SegmentSettings)
+    gate: GateSettings = field(default_factory=GateSettings)
+    candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    features: FeatureSettings = field(default_factory=FeatureSettings)
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    track: TrackSettings = field(default_factory=TrackSettings)
+    locate: LocateSettings = field(default_factory=LocateSettings)
+    models: ModelSettings = field(default_factory=ModelSettings)
+    run: RunSettings = field(default_factory=RunSettings)
+
+
+REPORT: dict[str, dict[str, Any]] = {
+    "segment": {"whole_picture": True},
+    "gate": {"smallest_px": 50, "largest_px": 20_000},
+    "candidates": {"judge": "report"},
+    "features": {"sift": True},
+    "motion": {"always_adjust": False},
+    "track": {"matching": "sift"},
+    "locate": {"beyond": 1e9},
+}
+"""Preset `report`: the report's own choices where they differ from the defaults."""

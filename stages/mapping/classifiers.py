@@ -1,0 +1,37 @@
+"""What decides on panels of one side, handed to the tracker: it knows no detector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import Regions
+from wayside.schemas.frame import Camera
+from wayside.schemas.models import TreeModel
+
+
+class ViewClassifier(Protocol):
+    """Scores boxes of one image that tracking predicts."""
+
+    @property
+    def threshold(self) -> float:
+        """Log odds from which a box counts as a view."""
+
+    def scores(
+        self, levels: tuple[NDArray[np.uint8], ...], regions: Regions, camera: Camera
+    ) -> NDArray[np.float32]:
+        """Log odds (n,) that the regions show panels; levels: the image at full, half and quarter size."""
+
+
+@dataclass(frozen=True, slots=True)
+class SideClassifiers:
+    """Classifiers of panels seen from one side: of a `view` in one image, of a `landmark` over all its views.
+
+    None: nothing classifies them.
+    """
+
+    view: ViewClassifier | None = None
+    landmark: TreeModel | None = None
