@@ -13,12 +13,19 @@ from geometry_runs import DRIVES, FIXES_ONLY, Array, Run, heading, pair, row, tr
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.earth import Earth, Origin, align_level
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.world import PathPoint, place_in_world
 from wayside.schemas.frame import Fix, Pose
-from wayside.schemas.settings import ReadSettings
-from wayside.stages.georeference import Chain, Seen, smooth
+from wayside.schemas.settings import GeoreferenceSettings, ReadSettings
+from wayside.stages.georeference import (
+    AbsoluteMeasurements,
+    Globe,
+    LocalOrigin,
+    PathPoint,
+    RelativeMotionChain,
+    align_level,
+    georeference,
+    smooth,
+)
 
 FIX_SIGMA_M, FIX_KEEPS, FIX_NEW_M = 1.0, 0.99, 0.08
 """Errors of the fixes in the rendered logs: of each, what is left of it at the next picture, what is new."""
@@ -126,26 +133,26 @@ def log_table() -> Iterator[str]:
     yield ""
     yield from heading("what is given|drives|on the globe|sigma|within|lags|left out")
     for way in ("fixes and spacing", "poses and fixes"):
-        away, sigmas, pulls, lags, out = [], [], [], 0, 0
+        away, sigmas, pulls, offsets, out = [], [], [], 0, 0
         for log in sorted(DRIVES.glob("*.mcap")):
-            earth, error = on_earth(log, poses=way.startswith("poses"))
-            if earth is None:
+            globe, error = on_earth(log, poses=way.startswith("poses"))
+            if globe is None:
                 continue
-            sigma = np.sqrt(np.diagonal(earth.path.covariance[:, :3, :3], axis1=1, axis2=2))
+            sigma = np.sqrt(np.diagonal(globe.trajectory.covariance[:, :3, :3], axis1=1, axis2=2))
             away.append(np.linalg.norm(error[:, :2], axis=1))
             sigmas.append(sigma[:, :2].ravel())
             pulls.append(np.abs(error / sigma)[[0, len(error) // 2, -1]])
-            lags += earth.path.lag_s != 0
-            out += earth.path.outliers
+            offsets += globe.trajectory.time_offset_s != 0
+            out += globe.trajectory.outliers
         within = [100 * (np.array(pulls) < n).mean() for n in (1, 2)]
         cells = [way, str(len(away)), pair(*_tails(np.concatenate(away)), 1)]
         cells.append(f"{np.median(np.concatenate(sigmas)):.2f}")
-        cells += [f"{within[0]:.0f} / {within[1]:.0f} %", str(lags), str(out)]
+        cells += [f"{within[0]:.0f} / {within[1]:.0f} %", str(offsets), str(out)]
         yield row(cells)
     yield ""
 
 
-def on_earth(log: Path, *, poses: bool) -> tuple[Earth | None, Array]:
+def on_earth(log: Path, *, poses: bool) -> tuple[Globe | None, Array]:
     """The cameras of a rendered log on the globe, and their errors east, north, up (n, 3); None without fixes."""
     truth = json.loads(log.with_suffix(".truth.json").read_text())
     settings = ReadSettings(thin_m=0.0, spacing_m=LONG_STEP_M)
@@ -166,12 +173,13 @@ def on_earth(log: Path, *, poses: bool) -> tuple[Earth | None, Array]:
         path.append(
             PathPoint(frame.index, chained, given, frame.fix, frame.time_ns, covariance, "straight")
         )
-    earth = place_in_world(path).earth
-    if earth is None:
+    (laid,) = georeference(iter(path), GeoreferenceSettings())
+    globe = laid.globe
+    if globe is None:
         return None, np.zeros((0, 3))
-    places = [Fix(lat, lon, height, None) for lon, lat, height in earth.route().tolist()]
-    local = Origin(*truth["origin_wgs84"]).local(places)
-    return earth, local - np.array([every[f.index].centre for f in used])
+    places = [Fix(lat, lon, height, None) for lon, lat, height in globe.route().tolist()]
+    local = LocalOrigin(*truth["origin_wgs84"]).local(places)
+    return globe, local - np.array([every[f.index].centre for f in used])
 
 
 def long_table() -> Iterator[str]:
@@ -190,8 +198,8 @@ def long_table() -> Iterator[str]:
     for count in LONG:
         rigid, held, pulls, ways = [], [], [], []
         for seed in range(LONG_DRIVES):
-            chain, seen, start, truth = made_up(seed, count)
-            found = smooth(chain, seen, *start)
+            chain, measured, start, truth = made_up(seed, count)
+            found = smooth(chain, measured, *start, GeoreferenceSettings())
             error = found.centre - truth
             rigid.append(np.linalg.norm((start[1] - truth)[:, :2], axis=1))
             held.append(np.linalg.norm(error[:, :2], axis=1))
@@ -208,7 +216,9 @@ def long_table() -> Iterator[str]:
     yield ""
 
 
-def made_up(seed: int, count: int) -> tuple[Chain, Seen, tuple[Array, Array], Array]:
+def made_up(
+    seed: int, count: int
+) -> tuple[RelativeMotionChain, AbsoluteMeasurements, tuple[Array, Array], Array]:
     """Steps and fixes of a drive, the chain of the steps laid over the fixes, and the true path (n, 3)."""
     rng = np.random.default_rng([seed, count])
     station = LONG_STEP_M * np.arange(count)
@@ -227,15 +237,19 @@ def made_up(seed: int, count: int) -> tuple[Chain, Seen, tuple[Array, Array], Ar
     step[1:] += rng.normal(size=(count - 1, 3)) * sigma
     covariance = np.tile(np.diag([TURN_RAD**2] * 3 + (sigma**2).tolist()), (count, 1, 1))
     known = np.full((count, 2), np.nan)
-    chain = Chain(station / LONG_SPEED, turn, step, covariance, np.zeros(count, bool), known)
+    chain = RelativeMotionChain(
+        station / LONG_SPEED, turn, step, covariance, np.zeros(count, bool), known
+    )
     keeps = np.exp(-LONG_STEP_M / LONG_SPEED / MEMORY_S)
-    slow = [rng.normal(0, FIX_SIGMA_M, 3)]
+    correlated = [rng.normal(0, FIX_SIGMA_M, 3)]
     for _ in range(count - 1):
-        slow.append(keeps * slow[-1] + rng.normal(0, FIX_SIGMA_M * np.sqrt(1 - keeps**2), 3))
+        correlated.append(
+            keeps * correlated[-1] + rng.normal(0, FIX_SIGMA_M * np.sqrt(1 - keeps**2), 3)
+        )
     new = np.full((count, 3), 0.1 * FIX_SIGMA_M)
-    place = truth + slow + rng.normal(size=(count, 3)) * new
+    place = truth + correlated + rng.normal(size=(count, 3)) * new
     first = np.radians([5.0, 5.0, 180.0])
-    seen = Seen(
+    measured = AbsoluteMeasurements(
         np.arange(count),
         place,
         new,
@@ -252,7 +266,7 @@ def made_up(seed: int, count: int) -> tuple[Chain, Seen, tuple[Array, Array], Ar
         centres.append(centres[-1] + rotations[-1] @ step[k])
         rotations.append(rotations[-1] @ turn[k])
     laid, shift = align_level(np.array(centres), place)
-    return chain, seen, (laid @ np.array(rotations), np.array(centres) @ laid.T + shift), truth
+    return chain, measured, (laid @ np.array(rotations), np.array(centres) @ laid.T + shift), truth
 
 
 def _apart(one: dict[str, Any], other: dict[str, Any]) -> float:

@@ -2,24 +2,26 @@
 
 Read it beside the report: K-means, difference image, K-means again, size gate (chapters 2 and 3.1); colour
 (3.2); shape (4); SIFT (5); motion by straight line and adjustment (7 and 8); matching and triangulation (5, 7);
-location (8, 11).
+location (8, 11). After the last frame: the path of the whole drive in its world frame, and the signs on it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import thread_time
 from typing import Protocol
 
 from wayside.pipeline.model_files import Models
-from wayside.pipeline.workers import Item, Result, StageClock, ordered_parallel
+from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
+from wayside.schemas.signs import Sign
 from wayside.stages.detection import BoxClassifier, judge, propose
+from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
@@ -42,6 +44,7 @@ class Flow:
     models: Models
     clock: StageClock
     observer: Observer | None = None
+    record: DriveRecord = field(default_factory=DriveRecord)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
@@ -92,7 +95,23 @@ class Flow:
         posed = stage("motion", estimate_motion(detections, settings=s.motion))
         tracked = stage("track", self._tracked(posed))
         located = stage("location", classify_location(tracked, model=m.location, settings=s.locate))
-        return stage("assemble", assemble(located))
+        assembled = stage("assemble", assemble(located))
+        return self.clock.timed("collect", collect(assembled, record=self.record))
+
+    def georeference(self) -> DrivePath:
+        """After the last frame: the path of the whole drive in its world frame and on the globe."""
+        s, points = self.settings, iter(self.record.points)
+        laid = georeference(points, settings=s.georeference, antenna_m=s.motion.antenna_m)
+        (path,) = self.drive_stage("georeference", laid)
+        return path
+
+    def signs(self, path: DrivePath) -> Iterator[Sign]:
+        """After the last frame: the signs of the drive on its path, in the order of their numbers."""
+        s, landmarks = self.settings, iter(self.record.landmarks)
+        placed = place_signs(
+            landmarks, path=path, settings=s.georeference, confidence=s.locate.confidence
+        )
+        return self.drive_stage("signs", placed)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""
@@ -112,3 +131,7 @@ class Flow:
                 self.observer.see(name, item)
                 self.clock.add("view", thread_time() - start)
             yield item
+
+    def drive_stage(self, name: str, items: Iterator[Value]) -> Iterator[Value]:
+        """The items of a stage after the last frame: timed, its faults named."""
+        return self.clock.counted(name, items)

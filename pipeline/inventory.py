@@ -1,10 +1,9 @@
-"""Writes the three tables of a result, in memory that grows with the signs and not with the pictures."""
+"""Writes the three tables of a result, in memory that grows with the signs and not with the images."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,20 @@ from wayside.pipeline.parquet import (
     known,
     record_batch,
 )
-from wayside.pipeline.rows import FRAME_COLUMNS, SignRows, frame_row, pose_numbers, stretched_frames
-from wayside.pipeline.world import PathPoint, World, place_in_world
+from wayside.pipeline.rows import (
+    FRAME_COLUMNS,
+    POSE_COLUMNS,
+    frame_row,
+    pose_row,
+    sign_id,
+    sign_row,
+)
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.errors import OutputError
-from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.signs import Sign
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.stages.georeference import DrivePath
 
 _BATCH_ROWS = 4096
 _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
@@ -33,18 +40,22 @@ _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """What was written: sign rows in the order of the file and their places, counts, the world they stand in."""
+    """What was written: signs in the order of the file, the path they stand on, counts of rows and of verdicts."""
 
-    signs: list[dict[str, Any]]
-    places: list[Landmark]
+    log: str
+    signs: tuple[Sign, ...]
+    path: DrivePath
     rows: dict[str, int]
     verdicts: dict[str, int]
-    world: World
-    camera_height_m: float | None
+
+    @property
+    def sign_rows(self) -> list[dict[str, Any]]:
+        """The rows of `signs.parquet`."""
+        return [sign_row(sign, self.log) for sign in self.signs]
 
 
 class InventoryWriter:
-    """Takes settled frames one by one; `finish` numbers the signs and leaves the Parquet files.
+    """Takes tracked frames one by one; `finish` takes the signs and leaves the Parquet files.
 
     Observations wait in a scratch file of the output folder, because the number of a sign is known only when all
     signs are. Parquet files appear whole or not at all.
@@ -55,12 +66,8 @@ class InventoryWriter:
         Existing output folder.
     log
         Stem of the log's file name, the first part of every sign's name.
-    confidence
-        Signs below get status `uncertain`.
     every_region
         Also list regions that the colour gate refused.
-    antenna_m
-        Where the antenna of the fixes is: right, down, ahead of the camera.
 
     Raises
     ------
@@ -68,21 +75,8 @@ class InventoryWriter:
         Where the folder cannot be written.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        log: str,
-        *,
-        confidence: float,
-        every_region: bool = False,
-        antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    ) -> None:
-        self._folder, self._log = folder, log
-        self._confidence, self._every_region = confidence, every_region
-        self._antenna_m = antenna_m
-        self._places: list[Landmark] = []
-        self._path: list[PathPoint] = []
-        self._heights: list[float] = []
+    def __init__(self, folder: Path, log: str, *, every_region: bool = False) -> None:
+        self._folder, self._log, self._every_region = folder, log, every_region
         self._verdicts: Counter[str] = Counter()
         self._frames: list[tuple[Any, ...]] = []
         self._scratch_path = folder / ".observations.scratch"
@@ -94,14 +88,7 @@ class InventoryWriter:
         self._stream = pa.ipc.new_stream(self._scratch, OBSERVATIONS.schema)
 
     def append(self, settled: TrackedFrame) -> None:
-        """Take one frame with its candidates and the places that ended with it."""
-        self._places += [place for place in settled.places if place.verdict == "sign"]
-        point = PathPoint.of(settled)
-        if point is not None:
-            self._path.append(point)
-        motion = settled.motion
-        if motion is not None and math.isfinite(motion.camera_height_m):
-            self._heights.append(motion.camera_height_m)
+        """Take one frame with its candidates."""
         self._frames.append(frame_row(settled))
         if settled.left_out:
             self._verdicts["left_out"] += settled.left_out
@@ -118,19 +105,14 @@ class InventoryWriter:
         self._scratch.close()
         self._scratch_path.unlink(missing_ok=True)
 
-    def finish(self) -> Inventory:
-        """Number the signs and write the tables."""
+    def finish(self, path: DrivePath, signs: Sequence[Sign]) -> Inventory:
+        """Write the tables."""
         self._stream.close()
         self._scratch.close()
-        world = place_in_world(self._path, self._antenna_m)
-        height = float(np.median(self._heights)) * world.stretch if self._heights else None
-        ordered = sorted(self._places, key=lambda p: (p.station_m, p.offset[0], p.track_id))
-        signs = self._sign_rows(ordered, world, height)
-        names = {p.track_id: row["sign_id"] for p, row in zip(ordered, signs, strict=True)}
         try:
-            self._write_signs(signs, world)
-            self._write_frames(world)
-            self._write_observations(names)
+            self._write_signs(signs, path)
+            self._write_frames(path)
+            self._write_observations(signs)
         except OSError as error:
             raise _unwritable(self._folder, error) from error
         finally:
@@ -140,7 +122,7 @@ class InventoryWriter:
             OBSERVATIONS.file: self._observation_count,
             FRAMES.file: len(self._frames),
         }
-        return Inventory(signs, ordered, rows, dict(sorted(self._verdicts.items())), world, height)
+        return Inventory(self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items())))
 
     def _observations(self, settled: TrackedFrame) -> pa.RecordBatch:
         table = settled.candidates
@@ -178,7 +160,8 @@ class InventoryWriter:
         }
         return record_batch(OBSERVATIONS, values)
 
-    def _write_observations(self, names: dict[int, str]) -> None:
+    def _write_observations(self, signs: Sequence[Sign]) -> None:
+        names = {sign.landmark.track_id: sign_id(sign, self._log) for sign in signs}
         at = OBSERVATIONS.schema.get_field_index("sign_id")
         tracks = OBSERVATIONS.schema.get_field_index("track_id")
         with (
@@ -195,44 +178,26 @@ class InventoryWriter:
                     waiting = []
             sink.write(waiting)
 
-    def _write_frames(self, world: World) -> None:
-        rows = stretched_frames(self._frames, world)
-        columns = list(zip(*rows, strict=True)) or [()] * len(FRAME_COLUMNS)
-        values = dict(zip(FRAME_COLUMNS, columns, strict=True))
-        poses = [world.poses.get(int(row[0])) for row in self._frames]
-        blank = (None,) * 7
-        placed = list(zip(*(blank if p is None else pose_numbers(p) for p in poses), strict=True))
-        values |= dict(
-            zip(("x", "y", "z", "qx", "qy", "qz", "qw"), placed or [()] * 7, strict=True)
-        )
+    def _write_frames(self, path: DrivePath) -> None:
+        values = _columns(FRAME_COLUMNS, self._frames)
+        frames = values["frame"]
+        values |= _columns(POSE_COLUMNS, [pose_row(path.poses.get(frame)) for frame in frames])
+        values["station_m"] = [path.stations.get(frame) for frame in frames]
+        values["baseline_m"] = [path.baselines.get(frame) for frame in frames]
         with ParquetFile(self._folder / FRAMES.file, FRAMES.schema) as sink:
             sink.write([record_batch(FRAMES, values)])
 
-    def _write_signs(self, signs: Sequence[dict[str, Any]], world: World) -> None:
-        values = {name: [row[name] for row in signs] for name in SIGNS.schema.names}
-        geo = None if world.earth is None else geoparquet_metadata(signs)
+    def _write_signs(self, signs: Sequence[Sign], path: DrivePath) -> None:
+        rows = [sign_row(sign, self._log) for sign in signs]
+        values = {name: [row[name] for row in rows] for name in SIGNS.schema.names}
+        geo = None if path.globe is None else geoparquet_metadata(rows)
         with ParquetFile(self._folder / SIGNS.file, SIGNS.schema, geo) as sink:
             sink.write([record_batch(SIGNS, values)])
 
-    def _sign_rows(
-        self, places: Iterable[Landmark], world: World, camera_height_m: float | None
-    ) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = []
-        assemblies: dict[int, str] = {}
-        made = SignRows(world, self._frames, camera_height_m)
-        for number, place in enumerate(places, 1):
-            row = made.row(place)
-            key = place.assembly if place.assembly >= 0 else -1 - place.track_id
-            assembly = assemblies.setdefault(key, f"{self._log}-a{len(assemblies) + 1:04d}")
-            row |= {
-                "sign_id": f"{self._log}-{number:04d}",
-                "assembly_id": assembly,
-                "log": self._log,
-            }
-            if not place.back and row["confidence"] < self._confidence:
-                row["status"] = "uncertain"
-            rows.append(row)
-        return rows
+
+def _columns(names: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> dict[str, Sequence[Any]]:
+    """Columns by name of rows, which may be none."""
+    return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
 
 
 def _unwritable(folder: Path, error: OSError) -> OutputError:

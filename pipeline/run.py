@@ -66,7 +66,7 @@ class RunResult:
     @property
     def notes(self) -> list[str]:
         """What was found amiss in the log and made good, or has to be known to trust the result; in words."""
-        return [*self.report.notes, *self.inventory.world.notes]
+        return [*self.report.notes, *self.inventory.path.notes]
 
     @property
     def lost(self) -> list[str]:
@@ -129,13 +129,7 @@ def run_log(
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
     flow = Flow(settings, models, clock, observer)
-    writer = InventoryWriter(
-        folder,
-        log.stem,
-        confidence=settings.locate.confidence,
-        every_region=every_region,
-        antenna_m=settings.motion.antenna_m,
-    )
+    writer = InventoryWriter(folder, log.stem, every_region=every_region)
     statuses: Counter[str] = Counter()
     try:
         for settled in flow.track(_with_first(first, frames)):
@@ -144,12 +138,14 @@ def run_log(
             watch(settled, report)
         if not statuses[USED]:
             raise InputError(_no_picture(log, statuses))
+        path = flow.georeference()
+        signs = tuple(flow.signs(path))
     except BaseException:
         writer.discard()
         if observer is not None:
             observer.close()
         raise
-    inventory = writer.finish()
+    inventory = writer.finish(path, signs)
     faults: list[str] = []
     if observer is not None:
         observer.finish(inventory)
@@ -214,8 +210,8 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": models.digests(),
-        "world": result.inventory.world.name,
-        "camera_height_m": result.inventory.camera_height_m,
+        "world": result.inventory.path.world,
+        "camera_height_m": result.inventory.path.camera_height_m,
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),

@@ -16,14 +16,13 @@ _MOST_SIGNS = 40
 
 def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> None:
     """Signs found, pictures used and not used, time by stage; where the files are `kept`, and what to type next."""
-    signs = [row for row in result.inventory.signs if row["status"] == "sign"]
-    if result.inventory.signs:
-        console.print(sign_table(result.inventory.signs[:_MOST_SIGNS]))
-    if len(result.inventory.signs) > _MOST_SIGNS:
-        console.print(f"... and {len(result.inventory.signs) - _MOST_SIGNS} more in signs.parquet")
-    console.print(
-        f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(result.inventory.signs)}"
-    )
+    rows = result.inventory.sign_rows
+    signs = [row for row in rows if row["status"] == "sign"]
+    if rows:
+        console.print(sign_table(rows[:_MOST_SIGNS]))
+    if len(rows) > _MOST_SIGNS:
+        console.print(f"... and {len(rows) - _MOST_SIGNS} more in signs.parquet")
+    console.print(f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(rows)}")
     console.print(_pictures(result))
     console.print(_regions(result.inventory.verdicts))
     console.print(_times(result))

@@ -24,6 +24,7 @@ class Item(Protocol):
 
 Source = TypeVar("Source", bound=Item)
 Result = TypeVar("Result", bound=Item)
+Value = TypeVar("Value")
 
 
 class StageClock:
@@ -56,6 +57,18 @@ class StageClock:
         StageError
             Where the stage raised anything that is not already a `WaysideError`.
         """
+        for item in self.counted(name, items):
+            self._thread.frame = item.frame.index
+            yield item
+
+    def counted(self, name: str, items: Iterator[Value]) -> Iterator[Value]:
+        """The same of items that belong to no frame.
+
+        Raises
+        ------
+        StageError
+            As `timed`.
+        """
         thread = self._thread
         while True:
             before, thread.upstream = thread.upstream, 0.0
@@ -72,7 +85,6 @@ class StageClock:
                 thread.upstream = before + inclusive
             if item is None:
                 return
-            thread.frame = item.frame.index
             yield item
 
 

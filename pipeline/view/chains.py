@@ -73,8 +73,8 @@ def closing(
 ) -> Iterator[Batch | Columns]:
     """Everything that only the end of the drive tells, sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
-    for row, place in zip(inventory.signs, inventory.places, strict=True):
-        yield from chain(row["sign_id"], place, poses, times)
+    for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
+        yield from chain(row["sign_id"], sign.landmark, poses, times)
         figures = rr.TextDocument(sign_figures(row), media_type="text/markdown")
         part = rr.escape_entity_path_part(row["sign_id"])
         yield Batch(None, (Entity(f"{at.SIGN_FIGURES}/{part}", (figures,)),))
@@ -168,22 +168,22 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
-    document = rr.TextDocument(inventory_table(inventory.signs), media_type="text/markdown")
+    signs, places = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
+    document = rr.TextDocument(inventory_table(signs), media_type="text/markdown")
     yield Entity(at.INVENTORY, (document,))
-    signs = inventory.signs
     names = [row["sign_id"] for row in signs]
-    yield Entity(f"{at.LOCATION}/signs", (cross_section(inventory.places, names),))
-    if inventory.world.earth is None:
+    yield Entity(f"{at.LOCATION}/signs", (cross_section(places, names),))
+    if inventory.path.globe is None:
         return
-    route = inventory.world.earth.route()[:, [1, 0]]
+    route = inventory.path.globe.route()[:, [1, 0]]
     yield Entity(f"{at.MAP}/route", (rr.GeoLineStrings(lat_lon=[route]),))
     if signs:
-        places = rr.GeoPoints(
+        points = rr.GeoPoints(
             lat_lon=[(row["lat_deg"], row["lon_deg"]) for row in signs],
-            colors=[place_color(p) for p in inventory.places],
+            colors=[place_color(p) for p in places],
             radii=rr.Radius.ui_points(6),
         )
-        yield Entity(f"{at.MAP}/signs", (places,))
+        yield Entity(f"{at.MAP}/signs", (points,))
 
 
 def sign_figures(row: Mapping[str, Any]) -> str:

@@ -6,6 +6,7 @@
 
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
+from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
@@ -17,6 +18,7 @@ __all__ = [
     "CandidateSettings",
     "FeatureSettings",
     "GateSettings",
+    "GeoreferenceSettings",
     "LocateSettings",
     "ModelSettings",
     "MotionSettings",

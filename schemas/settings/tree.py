@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wayside.schemas.settings.detection import CandidateSettings
+from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
@@ -24,6 +25,7 @@ class Settings:
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
+    georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
 

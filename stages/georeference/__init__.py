@@ -1,11 +1,25 @@
-"""The path of the camera over a whole drive, held by poses and fixes."""
+"""After the last frame: the path of the camera in the world frame and on the globe, and the signs on it."""
 
-from wayside.stages.georeference.measurements import Chain, Seen
+from wayside.stages.georeference.geodesy import Globe, LocalOrigin, align_level
+from wayside.stages.georeference.georeferencing import georeference
+from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
+from wayside.stages.georeference.path import DrivePath, DriveRecord, PathPoint, StepScale, collect
+from wayside.stages.georeference.placement import place_signs
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 
 __all__ = [
-    "Chain",
-    "Seen",
+    "AbsoluteMeasurements",
+    "DrivePath",
+    "DriveRecord",
+    "Globe",
+    "LocalOrigin",
+    "PathPoint",
+    "RelativeMotionChain",
+    "StepScale",
     "Trajectory",
+    "align_level",
+    "collect",
+    "georeference",
+    "place_signs",
     "smooth",
 ]

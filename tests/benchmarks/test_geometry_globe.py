@@ -83,7 +83,7 @@ def test_the_table_has_a_row_a_run(globe):
 
 
 def test_made_up_steps_lead_along_the_true_path(globe):
-    chain, seen, (_, laid), truth = globe.made_up(1, 60)
+    chain, measured, (_, laid), truth = globe.made_up(1, 60)
     assert chain.length[1:] == pytest.approx(np.full(59, globe.LONG_STEP_M), abs=0.1)
     assert np.abs(laid - truth).max() < 5
-    assert np.abs(seen.place - truth).max() < 6
+    assert np.abs(measured.position - truth).max() < 6

@@ -12,7 +12,9 @@ from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
+from wayside.schemas.settings import GeoreferenceSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 
 CAMERA = Camera(1600, 1200, 1400, 1400, 800, 600)
 
@@ -92,10 +94,12 @@ def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
 
 
 def write(folder, frames, **options):
-    writer = InventoryWriter(folder, "drive", confidence=0.5, **options)
-    for frame in frames:
+    writer, record = InventoryWriter(folder, "drive", **options), DriveRecord()
+    for frame in collect(iter(frames), record):
         writer.append(frame)
-    return writer.finish()
+    settings = GeoreferenceSettings()
+    (path,) = georeference(iter(record.points), settings)
+    return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, settings, 0.5)))
 
 
 def drive():
@@ -221,7 +225,7 @@ def test_signs_grow_with_the_lengths_that_the_whole_drive_gives(tmp_path):
     pictures = pq.read_table(tmp_path / FRAMES.file).to_pylist()
     assert pictures[29]["station_m"] == pytest.approx(29 * fixed_m, abs=0.5)
     assert pictures[10]["baseline_m"] == pytest.approx(fixed_m, abs=0.02)
-    assert found.camera_height_m == pytest.approx(1.8 * scale, rel=2e-3)
+    assert found.path.camera_height_m == pytest.approx(1.8 * scale, rel=2e-3)
 
 
 def test_a_sign_below_the_confidence_setting_is_uncertain(tmp_path):
@@ -247,11 +251,11 @@ def test_a_drive_without_signs_gives_empty_tables(tmp_path):
 
 def test_a_missing_folder_is_an_output_error(tmp_path):
     with pytest.raises(OutputError, match="choose another folder"):
-        InventoryWriter(tmp_path / "missing", "drive", confidence=0.5)
+        InventoryWriter(tmp_path / "missing", "drive")
 
 
 def test_nothing_is_left_behind_when_a_run_is_given_up(tmp_path):
-    writer = InventoryWriter(tmp_path, "drive", confidence=0.5)
+    writer = InventoryWriter(tmp_path, "drive")
     writer.append(drive()[0])
     writer.discard()
     assert list(tmp_path.iterdir()) == []

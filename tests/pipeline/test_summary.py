@@ -3,20 +3,21 @@
 import io
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from wayside.pipeline.inventory import Inventory
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.run import RunResult
 from wayside.pipeline.summary import print_summary
-from wayside.pipeline.world import World
+from wayside.stages.georeference import DrivePath
 
 LATE = "the fixes are 0.200 s behind the pictures (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
 
 
 def result(notes):
-    world = World("enu", {}, None, notes=notes)
-    inventory = Inventory([], [], {"signs.parquet": 0}, {}, world, None)
+    path = DrivePath("enu", {}, {}, {}, np.zeros(0), None, None, {}, notes)
+    inventory = Inventory("a", (), path, {"signs.parquet": 0}, {})
     report = ReadReport(notes=["header times are of different clocks"])
     return RunResult(Path("a.mcap"), Path("out"), inventory, report, {"used": 3}, {}, 1.0)
 

@@ -7,13 +7,14 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.georeference.measurements import Chain, Seen
-from wayside.stages.georeference.trajectory import smooth
+from wayside.schemas.settings import GeoreferenceSettings
+from wayside.stages.georeference import AbsoluteMeasurements, RelativeMotionChain, smooth
 
 LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 STEP_M, TURN_RAD, SIDE_RAD, LENGTH_M = 8.0, 5e-5, 3e-4, 0.02
 NEW_SHARE, UP = 0.1, 1.6
-OWN_WAY = np.radians([5.0, 5.0, 180.0])
+FIRST_SIGMA_RAD = np.radians([5.0, 5.0, 180.0])
+SETTINGS = GeoreferenceSettings()
 
 
 @dataclass
@@ -22,16 +23,21 @@ class Drive:
 
     rotation: np.ndarray
     centre: np.ndarray
-    chain: Chain
-    seen: Seen
+    chain: RelativeMotionChain
+    measured: AbsoluteMeasurements
     start: tuple[np.ndarray, np.ndarray]
 
     def smooth(self, **changes):
-        return smooth(self.chain, replace(self.seen, **changes), *self.start)
+        return smooth(self.chain, replace(self.measured, **changes), *self.start, SETTINGS)
 
     def kept(self, rows):
-        """What was seen in these frames alone."""
-        return {"row": rows, "place": self.seen.place[rows], "sigma": self.seen.sigma[rows]}
+        """What was measured in these frames alone."""
+        measured = self.measured
+        return {
+            "row": rows,
+            "position": measured.position[rows],
+            "sigma_m": measured.sigma_m[rows],
+        }
 
 
 def winding(n, radius_m, swing):
@@ -72,7 +78,7 @@ def steps_of(rng, rotation, centre, time_s, free, noise):
     if free:
         ratio[2:, 0] = length[1:] / length[:-1] * np.exp(noise * rng.normal(0, 0.0015, n - 2))
         ratio[2:, 1] = 0.0
-    return Chain(time_s, turn, step, covariance, (np.arange(n) > 0) & free, ratio)
+    return RelativeMotionChain(time_s, turn, step, covariance, (np.arange(n) > 0) & free, ratio)
 
 
 def fading(rng, time_s, sigma, memory_s):
@@ -93,37 +99,37 @@ def drive_of(
     swing=0.0,
     free=False,
     sigma_m=1.0,
-    arm=(0.0, 0.0, 0.0),
-    lag_s=0.0,
+    lever_arm=(0.0, 0.0, 0.0),
+    time_offset_s=0.0,
     noise=1.0,
 ):
     rng = np.random.default_rng(seed)
     rotation, centre, time_s = winding(n, radius_m, swing)
     chain = steps_of(rng, rotation, centre, time_s, free, noise)
     sigma = sigma_m * np.array([1.0, 1.0, UP])
-    late = np.stack([np.interp(time_s - lag_s, time_s, axis) for axis in centre.T], axis=1)
-    place = late + rotation @ np.array(arm) + noise * fading(rng, time_s, sigma, 60.0)
+    late = np.stack([np.interp(time_s - time_offset_s, time_s, axis) for axis in centre.T], axis=1)
+    place = late + rotation @ np.array(lever_arm) + noise * fading(rng, time_s, sigma, 60.0)
     place += noise * rng.normal(size=(n, 3)) * NEW_SHARE * sigma
     every = np.tile(sigma, (n, 1))
-    seen = Seen(
+    measured = AbsoluteMeasurements(
         np.arange(n),
         place,
         NEW_SHARE * every,
         every,
         60.0,
-        np.array(arm),
+        np.array(lever_arm),
         None,
         None,
-        OWN_WAY,
+        FIRST_SIGMA_RAD,
         np.radians(10.0),
     )
-    return Drive(rotation, centre, chain, seen, chained(chain, rotation[0], centre[0]))
+    return Drive(rotation, centre, chain, measured, chained(chain, rotation[0], centre[0]))
 
 
 def chained(chain, rotation, centre):
     """Poses of the chain alone, from a first one on."""
     rotations, centres = [rotation], [centre]
-    for turn, step in zip(chain.rotation[1:], chain.step[1:], strict=True):
+    for turn, step in zip(chain.rotation[1:], chain.translation[1:], strict=True):
         centres.append(centres[-1] + rotations[-1] @ step)
         rotations.append(rotations[-1] @ turn)
     return np.array(rotations), np.array(centres)
@@ -144,7 +150,7 @@ def test_without_noise_the_truth_comes_out(radius_m, free):
     found = drive.smooth()
     np.testing.assert_allclose(found.centre, drive.centre, atol=2e-3)
     np.testing.assert_allclose(found.rotation, drive.rotation, atol=1e-5)
-    assert (found.outliers, found.lag_s) == (0, 0.0)
+    assert (found.outliers, found.time_offset_s) == (0, 0.0)
 
 
 @pytest.mark.parametrize(("radius_m", "free"), [(250.0, False), (1e9, True)])
@@ -154,12 +160,12 @@ def test_errors_are_bounded_by_those_of_the_fixes_and_stated(radius_m, free):
         drive = drive_of(seed, 110, radius_m=radius_m, free=free)
         found = drive.smooth()
         error = found.centre - drive.centre
-        errors.append([(error**2).mean(), ((drive.seen.place - drive.centre) ** 2).mean()])
+        errors.append([(error**2).mean(), ((drive.measured.position - drive.centre) ** 2).mean()])
         # errors are alike over a minute: a few places of each drive tell all
         shares.append(np.abs(error / sigmas(found))[::50])
         true = way_between(drive.centre) / drive.chain.length[1:]
         stated = np.sqrt(found.covariance[1:, 6, 6])
-        stretches.append(((np.log(found.stretch[1:]) - np.log(true)) / stated)[::50])
+        stretches.append(((np.log(found.scale[1:]) - np.log(true)) / stated)[::50])
     smoothed, fixes = np.sqrt(np.mean(errors, axis=0))
     assert smoothed < fixes
     pulls = np.array(shares)
@@ -193,7 +199,7 @@ def test_lengths_known_as_ratios_take_their_scale_from_the_whole_drive():
 
 def test_a_lost_ratio_is_bridged_by_a_steady_speed():
     drive = drive_of(1, free=True)
-    drive.chain.ratio[150] = np.nan
+    drive.chain.length_ratio[150] = np.nan
     found = drive.smooth()
     error = np.log(way_between(found.centre) / way_between(drive.centre))
     assert np.abs(error[149]) < 0.02
@@ -202,11 +208,11 @@ def test_a_lost_ratio_is_bridged_by_a_steady_speed():
 
 def test_outliers_and_a_receiver_that_wakes_up_elsewhere_are_left_out():
     drive = drive_of(4)
-    place, rng = drive.seen.place.copy(), np.random.default_rng(1)
+    place, rng = drive.measured.position.copy(), np.random.default_rng(1)
     struck = rng.choice(np.arange(10, 300), 30, replace=False)
     place[struck] += rng.normal(size=(30, 3)) * 30 + 10
     place[:3] += 4e6
-    found = drive.smooth(place=place)
+    found = drive.smooth(position=place)
     np.testing.assert_allclose(found.centre, drive.smooth().centre, atol=0.3)
     assert found.outliers >= 30
     assert (found.weight[:3] < 1e-6).all()
@@ -215,9 +221,9 @@ def test_outliers_and_a_receiver_that_wakes_up_elsewhere_are_left_out():
 @pytest.mark.parametrize("jump", [[15.0, -10.0, 5.0], [0.0, 40.0, 0.0]])
 def test_a_jump_of_the_fixes_does_not_bend_the_path(jump):
     drive = drive_of(5)
-    place = drive.seen.place.copy()
+    place = drive.measured.position.copy()
     place[100:130] += jump
-    found = drive.smooth(place=place)
+    found = drive.smooth(position=place)
     assert np.abs(found.centre - drive.smooth().centre).max() < 0.7
     assert found.outliers == 30
 
@@ -233,53 +239,53 @@ def test_sigmas_grow_where_there_are_no_fixes():
 
 
 def test_an_antenna_beside_the_camera_turns_with_it():
-    arm = (0.5, -1.5, -4.0)
-    drive = drive_of(7, arm=arm, sigma_m=0.05)
-    with_arm = np.abs(drive.smooth().centre - drive.centre).mean(axis=0)
-    without = np.abs(drive.smooth(arm=np.zeros(3)).centre - drive.centre).mean(axis=0)
-    assert with_arm.max() < 0.12
+    lever_arm = (0.5, -1.5, -4.0)
+    drive = drive_of(7, lever_arm=lever_arm, sigma_m=0.05)
+    with_lever_arm = np.abs(drive.smooth().centre - drive.centre).mean(axis=0)
+    without = np.abs(drive.smooth(lever_arm_m=np.zeros(3)).centre - drive.centre).mean(axis=0)
+    assert with_lever_arm.max() < 0.12
     assert without.max() > 1.0
 
 
 @pytest.mark.parametrize(("radius_m", "swing"), [(250.0, 0.0), (250.0, 0.3), (1e9, 0.3)])
-@pytest.mark.parametrize("lag_s", [0.3, -0.2])
-def test_a_lag_of_the_clock_is_found_and_undone(radius_m, swing, lag_s):
-    drive = drive_of(8, radius_m=radius_m, swing=swing, lag_s=lag_s)
+@pytest.mark.parametrize("time_offset_s", [0.3, -0.2])
+def test_a_time_offset_is_found_and_undone(radius_m, swing, time_offset_s):
+    drive = drive_of(8, radius_m=radius_m, swing=swing, time_offset_s=time_offset_s)
     found = drive.smooth()
-    assert found.lag_s == pytest.approx(lag_s, abs=4 * found.lag_sigma_s)
+    assert found.time_offset_s == pytest.approx(time_offset_s, abs=4 * found.time_offset_sigma_s)
     assert np.abs(found.centre - drive.centre).mean() < 1.5
 
 
-def test_no_lag_is_made_up():
+def test_no_time_offset_is_found_where_there_is_none():
     for seed in range(8):
         drive = drive_of(seed, 150, swing=0.3)
-        assert drive.smooth().lag_s == 0.0
+        assert drive.smooth().time_offset_s == 0.0
 
 
-def test_given_poses_that_lag_are_undone_by_turns_alone():
+def test_a_time_offset_of_poses_is_found_by_rotations_alone():
     drive = drive_of(9, noise=0.2)
-    lag, n = 0.15, len(drive.centre)
+    offset, n = 0.15, len(drive.centre)
     time_s = drive.chain.time_s
-    late = np.stack([np.interp(time_s - lag, time_s, axis) for axis in drive.centre.T], axis=1)
+    late = np.stack([np.interp(time_s - offset, time_s, axis) for axis in drive.centre.T], axis=1)
     vectors = Rotation.from_matrix(drive.rotation @ LEVEL.T).as_rotvec()
-    turned = np.stack([np.interp(time_s - lag, time_s, axis) for axis in vectors.T], axis=1)
+    turned = np.stack([np.interp(time_s - offset, time_s, axis) for axis in vectors.T], axis=1)
     turn = Rotation.from_rotvec(turned).as_matrix() @ LEVEL
     found = drive.smooth(
-        place=late,
-        sigma=np.full((n, 3), 0.03),
-        slow=np.zeros((n, 3)),
-        turn=turn,
+        position=late,
+        sigma_m=np.full((n, 3), 0.03),
+        correlated_sigma_m=np.zeros((n, 3)),
+        rotation=turn,
         sigma_rad=np.full(n, 1e-3),
-        first_rad=np.full(3, 3.0),
-        level_rad=np.inf,
+        first_sigma_rad=np.full(3, 3.0),
+        roll_sigma_rad=np.inf,
     )
-    assert found.lag_s == pytest.approx(lag, abs=0.01)
+    assert found.time_offset_s == pytest.approx(offset, abs=0.01)
     assert np.abs(found.centre - drive.centre)[5:-5].max() < 0.1
 
 
 def test_the_same_drive_gives_the_same_bits():
     one, two = (drive_of(10, 80, free=True).smooth() for _ in range(2))
-    for name in ("rotation", "centre", "stretch", "covariance", "weight"):
+    for name in ("rotation", "centre", "scale", "covariance", "weight"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
 
 
@@ -301,10 +307,13 @@ def test_a_dense_solver_finds_the_same(free):
 
 def by_dense_least_squares(drive):
     """Centres (n, 3) by scipy over all unknowns at once, written from the model and not from the code."""
-    chain, seen, n = drive.chain, drive.seen, len(drive.centre)
-    length = np.linalg.norm(chain.step, axis=1)
-    root = [None, *(np.linalg.inv(np.linalg.cholesky(c)) for c in chain.spread()[1:])]
-    keeps = np.exp(-np.diff(chain.time_s) / seen.memory_s)
+    chain, measured, n = drive.chain, drive.measured, len(drive.centre)
+    length = np.linalg.norm(chain.translation, axis=1)
+    root = [
+        None,
+        *(np.linalg.inv(np.linalg.cholesky(c)) for c in chain.step_covariance(SETTINGS)[1:]),
+    ]
+    keeps = np.exp(-np.diff(chain.time_s) / measured.correlation_s)
 
     def loss(residual, freedom, reach):
         # Cauchy's loss as a residual whose square it is
@@ -316,27 +325,35 @@ def by_dense_least_squares(drive):
         )
 
     def residuals(x):
-        move, turn, slow = x[: 3 * n], x[3 * n : 6 * n], x[6 * n : 9 * n].reshape(n, 3)
-        stretch = x[9 * n :]
+        move, turn, correlated = x[: 3 * n], x[3 * n : 6 * n], x[6 * n : 9 * n].reshape(n, 3)
+        log_scale = x[9 * n :]
         centre = drive.start[1] + move.reshape(n, 3)
         rotation = Rotation.from_rotvec(turn.reshape(n, 3)).as_matrix() @ drive.start[0]
-        parts = [slow[0], turn[:3] / seen.first_rad, rotation[:, 2, 0] / seen.level_rad]
-        parts.append(stretch / np.where(chain.free, 0.3, 1e-4))
+        parts = [
+            correlated[0],
+            turn[:3] / measured.first_sigma_rad,
+            rotation[:, 2, 0] / measured.roll_sigma_rad,
+        ]
+        parts.append(log_scale / np.where(chain.free_length, 0.3, 1e-4))
         for k in range(n):
-            antenna = centre[k] + rotation[k] @ seen.arm + seen.slow[k] * slow[k]
-            parts.append(loss((seen.place[k] - antenna) / seen.sigma[k], 3, 3.0))
+            antenna = (
+                centre[k]
+                + rotation[k] @ measured.lever_arm_m
+                + measured.correlated_sigma_m[k] * correlated[k]
+            )
+            parts.append(loss((measured.position[k] - antenna) / measured.sigma_m[k], 3, 3.0))
             if k == 0:
                 continue
             fresh = np.sqrt(1 - keeps[k - 1] ** 2)
-            parts.append((slow[k] - keeps[k - 1] * slow[k - 1]) / fresh)
+            parts.append((correlated[k] - keeps[k - 1] * correlated[k - 1]) / fresh)
             back = rotation[k - 1].T
             slip = Rotation.from_matrix(back @ rotation[k] @ chain.rotation[k].T).as_rotvec()
-            gap = back @ (centre[k] - centre[k - 1]) - np.exp(stretch[k]) * chain.step[k]
+            gap = back @ (centre[k] - centre[k - 1]) - np.exp(log_scale[k]) * chain.translation[k]
             parts.append(loss(root[k] @ np.concatenate([slip, gap]), 6, 6.0))
-            if k > 1 and chain.free[k]:
-                change = stretch[k] - stretch[k - 1] + np.log(length[k] / length[k - 1])
+            if k > 1 and chain.free_length[k]:
+                change = log_scale[k] - log_scale[k - 1] + np.log(length[k] / length[k - 1])
                 parts.append(
-                    loss(np.array([(change - np.log(chain.ratio[k, 0])) / 0.0015]), 1, 6.0)
+                    loss(np.array([(change - np.log(chain.length_ratio[k, 0])) / 0.0015]), 1, 6.0)
                 )
                 now, before = np.diff(chain.time_s)[k - 1], np.diff(chain.time_s)[k - 2]
                 stamps = 2e-3 * np.sqrt(now**-2 + before**-2 + 1 / (now * before))

@@ -1,4 +1,4 @@
-"""Which world the results stand in."""
+"""The world frame of a drive, its path in it and on the globe."""
 
 import dataclasses
 from itertools import pairwise
@@ -8,14 +8,19 @@ import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.earth import Origin, align_level
 from wayside.pipeline.reading.series import blend_fixes
-from wayside.pipeline.world import PathPoint, beside_in_world, place_in_world
 from wayside.schemas.frame import Fix, Pose, PosePrior
+from wayside.schemas.settings import GeoreferenceSettings
+from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
 
 LEVEL_CAMERA = np.array(
     [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 )  # world x ahead, y left, z up
+
+
+def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
+    (path,) = georeference(iter(points), GeoreferenceSettings(), antenna_m)
+    return path
 
 
 def camera_at(x, y=0.0, z=0.0, yaw_deg=0.0):
@@ -33,48 +38,48 @@ def told(pose):
 
 def test_a_drive_without_poses_starts_at_the_first_camera_with_x_ahead_y_left_z_up():
     chained = chain([camera_at(8.0 * n) for n in range(4)])
-    world = place_in_world([PathPoint(2 * n, pose, None, None) for n, pose in enumerate(chained)])
-    assert world.name == "drive_start"
-    assert world.earth is None
-    np.testing.assert_allclose(world.poses[4].centre, [16, 0, 0], atol=1e-9)
-    np.testing.assert_allclose(world.poses[0].rotation, LEVEL_CAMERA, atol=1e-9)
+    path = path_through([PathPoint(2 * n, pose, None, None) for n, pose in enumerate(chained)])
+    assert path.world == "drive_start"
+    assert path.globe is None
+    np.testing.assert_allclose(path.poses[4].centre, [16, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(path.poses[0].rotation, LEVEL_CAMERA, atol=1e-9)
 
 
 def test_a_camera_turned_against_travel_still_gives_x_along_the_travel():
     crab = [Pose(camera_at(0, yaw_deg=10).rotation, np.array([8.0 * n, 0, 0])) for n in range(3)]
-    world = place_in_world([PathPoint(n, pose, None, None) for n, pose in enumerate(chain(crab))])
-    np.testing.assert_allclose(world.poses[2].centre, [16, 0, 0], atol=1e-9)
+    path = path_through([PathPoint(n, pose, None, None) for n, pose in enumerate(chain(crab))])
+    np.testing.assert_allclose(path.poses[2].centre, [16, 0, 0], atol=1e-9)
 
 
 def test_given_poses_are_the_world_and_gaps_follow_the_chain():
     given = [camera_at(100 + 8 * n, 50, 3, yaw_deg=n) for n in range(5)]
-    path = [
+    points = [
         PathPoint(n, pose, told(given[n]) if n in (1, 4) else None, None)
         for n, pose in enumerate(chain(given))
     ]
-    world = place_in_world(path)
-    assert world.name == "log"
+    path = path_through(points)
+    assert path.world == "log"
     for n in range(5):
-        np.testing.assert_allclose(world.poses[n].centre, given[n].centre, atol=1e-9)
-        np.testing.assert_allclose(world.poses[n].rotation, given[n].rotation, atol=1e-9)
+        np.testing.assert_allclose(path.poses[n].centre, given[n].centre, atol=1e-9)
+        np.testing.assert_allclose(path.poses[n].rotation, given[n].rotation, atol=1e-9)
 
 
 def test_fixes_alone_give_east_north_up_at_the_first_fix():
     geod = Geod(ellps="WGS84")
     lon, lat, heading = 11.0, 48.0, 30.0
     chained = chain([camera_at(8.0 * n) for n in range(30)])
-    path = []
+    points = []
     for n, pose in enumerate(chained):
         east, north, _ = geod.fwd(lon, lat, heading, 8.0 * n)
-        path.append(PathPoint(n, pose, None, Fix(north, east, 500.0, None)))
-    world = place_in_world(path)
-    assert world.name == "enu"
-    assert world.earth is not None
-    last = world.poses[29].centre
+        points.append(PathPoint(n, pose, None, Fix(north, east, 500.0, None)))
+    path = path_through(points)
+    assert path.world == "enu"
+    assert path.globe is not None
+    last = path.poses[29].centre
     distance, azimuth = np.hypot(last[0], last[1]), np.degrees(np.arctan2(last[0], last[1]))
     assert distance == pytest.approx(232, abs=0.2)
     assert azimuth == pytest.approx(heading, abs=0.05)
-    lonlat = world.earth.origin.geodetic(last[None])[0]
+    lonlat = path.globe.origin.geodetic(last[None])[0]
     east, north, _ = geod.fwd(lon, lat, heading, 232.0)
     np.testing.assert_allclose(lonlat[:2], [east, north], atol=3e-6)
 
@@ -82,48 +87,48 @@ def test_fixes_alone_give_east_north_up_at_the_first_fix():
 def test_poses_and_fixes_together_place_the_log_world_on_the_earth():
     geod = Geod(ellps="WGS84")
     given = [camera_at(8.0 * n, 5.0, 2.0) for n in range(20)]
-    path = []
+    points = []
     for n, pose in enumerate(chain(given)):
         east, north, _ = geod.fwd(-98.0, 38.0, 90.0, 8.0 * n)  # the world's x points east
-        path.append(PathPoint(n, pose, told(given[n]), Fix(north, east, 100.0, None)))
-    world = place_in_world(path)
-    assert world.name == "log"
-    assert world.earth is not None
-    lonlat = world.earth.origin.geodetic(world.earth.pose(10).centre[None])[0]
+        points.append(PathPoint(n, pose, told(given[n]), Fix(north, east, 100.0, None)))
+    path = path_through(points)
+    assert path.world == "log"
+    assert path.globe is not None
+    lonlat = path.globe.origin.geodetic(path.globe.pose(10).centre[None])[0]
     east, north, _ = geod.fwd(-98.0, 38.0, 90.0, 80.0)
     np.testing.assert_allclose(lonlat, [east, north, 100.0], atol=1e-2)
     assert geod.inv(lonlat[0], lonlat[1], east, north)[2] < 0.05
 
 
 def test_no_used_picture_is_an_empty_world():
-    assert place_in_world([]).poses == {}
+    assert path_through([]).poses == {}
 
 
 def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_camera():
     roll = Rotation.from_euler("z", 2.0, degrees=True).as_matrix()
     poses = [camera_at(8.0 * n, z=0.16 * n) for n in range(6)]
     rolled = [Pose(pose.rotation @ roll, pose.centre) for pose in poses]
-    path = [
+    points = [
         PathPoint(n, c, told(g), None)
         for n, (c, g) in enumerate(zip(chain(rolled), rolled, strict=True))
     ]
-    world = place_in_world(path)
+    path = path_through(points)
     slope = np.arctan(0.02)
-    found = beside_in_world(world, range(6), 2, np.array([30.0, -8.0, 0.6 + 2.5]))
+    found = path.offset_of(np.array([30.0, -8.0, 0.6 + 2.5]), 2, 3, 20)
     assert found.right == pytest.approx(8.0)
     assert found.above == pytest.approx(2.5 * np.cos(slope))
 
 
 def test_without_given_poses_the_camera_is_all_that_knows_up():
-    path = [
+    points = [
         PathPoint(n, pose, None, None) for n, pose in enumerate(chain([camera_at(0), camera_at(8)]))
     ]
-    assert beside_in_world(place_in_world(path), range(2), 0, np.zeros(3)) is None
+    assert path_through(points).offset_of(np.zeros(3), 0, 3, 20) is None
 
 
 def fixes_on(poses, heading_deg=0.0, sigma=None, turn=None):
     """Fixes of a drive whose world is turned against north, one for each pose."""
-    origin = Origin(48.0, 11.0, 500.0)
+    origin = LocalOrigin(48.0, 11.0, 500.0)
     c, s = np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))
     about_up = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     local = np.array([p.centre if turn is None else p.to_world(turn) for p in poses])
@@ -158,10 +163,10 @@ def path_of(poses, fixes, given=None, **changes):
 def test_an_antenna_behind_the_camera_is_told_by_the_settings():
     poses, antenna = bend(30), (0.4, -1.2, -3.0)
     fixes = fixes_on(poses, 20.0, (0.02, 0.02, 0.03), np.array(antenna))
-    with_arm, without = (place_in_world(path_of(poses, fixes), a) for a in (antenna, (0, 0, 0)))
+    with_lever_arm, without = (path_through(path_of(poses, fixes), a) for a in (antenna, (0, 0, 0)))
     truth = fixes_on(poses, 20.0)
-    for world, low, high in ((with_arm, 0.0, 0.05), (without, 0.3, 5.0)):
-        lonlat = world.earth.route()
+    for path, low, high in ((with_lever_arm, 0.0, 0.05), (without, 0.3, 5.0)):
+        lonlat = path.globe.route()
         away = [
             Geod(ellps="WGS84").inv(*at[:2], t.longitude_deg, t.latitude_deg)[2]
             for at, t in zip(lonlat, truth, strict=True)
@@ -177,39 +182,39 @@ def test_lengths_that_came_from_fixes_are_known_better_in_the_end():
         step = poses[n].relative_to(poses[n - 1])
         noisy.append(noisy[-1].compose(Pose(step.rotation, step.centre * wrong[n])))
     fixes = fixes_on(poses, 70.0, (0.5, 0.5, 0.8))
-    world = place_in_world(
+    path = path_through(
         path_of(
             noisy,
             fixes,
             source=["start"] + ["fixes"] * 39,
-            ratio=[(np.nan, np.nan)] * 2 + [(1.0, 0.001)] * 38,
+            length_ratio=[(np.nan, np.nan)] * 2 + [(1.0, 0.001)] * 38,
         )
     )
-    stretch = np.array([world.lengths[n].stretch for n in range(1, 40)])
-    np.testing.assert_allclose(stretch, 1 / wrong[1:], atol=0.003)
-    assert world.stretch == pytest.approx(1.0, abs=0.02)
-    assert all(one.sigma < 0.01 for one in world.lengths.values())
+    factor = np.array([path.scales[n].factor for n in range(1, 40)])
+    np.testing.assert_allclose(factor, 1 / wrong[1:], atol=0.003)
+    assert np.mean([one.factor for one in path.scales.values()]) == pytest.approx(1.0, abs=0.02)
+    assert all(one.sigma < 0.01 for one in path.scales.values())
 
 
 def test_lengths_that_were_given_stay():
     poses = bend(10)
-    world = place_in_world(path_of(poses, fixes_on(poses), source=["straight"] * 10))
-    assert world.lengths == {}
+    path = path_through(path_of(poses, fixes_on(poses), source=["straight"] * 10))
+    assert path.scales == {}
 
 
-def test_what_is_wrong_with_fixes_is_said_in_words():
+def test_outliers_and_gaps_of_fixes_are_noted():
     poses = bend(60)
     fixes = fixes_on(poses, 0.0, (0.5, 0.5, 0.8))
     fixes[30] = Fix(fixes[30].latitude_deg + 0.001, fixes[30].longitude_deg, 500.0, (0.5, 0.5, 0.8))
     fixes[40:56] = [None] * 16
-    world = place_in_world(path_of(poses, fixes))
-    assert world.notes[0] == "1 of 44 fixes do not fit the way between the pictures: left out"
-    assert world.notes[1].startswith(
+    path = path_through(path_of(poses, fixes))
+    assert path.notes[0] == "1 of 44 fixes do not fit the way between the pictures: left out"
+    assert path.notes[1].startswith(
         "no fixes for 17 s (pictures 39 to 56): places there are known to "
     )
 
 
-def test_a_lag_of_the_fixes_is_said_in_words_and_undone():
+def test_a_time_offset_of_the_fixes_is_noted_and_undone():
     late = bend(60)
     poses = [late[0], *late]
     shifted = fixes_on(poses[:60], 10.0, (0.05, 0.05, 0.08))  # each fix is of the picture before
@@ -222,53 +227,53 @@ def test_a_lag_of_the_fixes_is_said_in_words_and_undone():
         )
         for a, b in zip(fixes_on(late, 10.0, (0.05, 0.05, 0.08)), shifted, strict=True)
     ]
-    world = place_in_world(path_of(late, half))
-    assert world.notes[0].startswith("the fixes are 0.")
-    assert "s behind the pictures" in world.notes[0]
+    path = path_through(path_of(late, half))
+    assert path.notes[0].startswith("the fixes are 0.")
+    assert "s behind the pictures" in path.notes[0]
     truth = fixes_on(late, 10.0)[30]
-    lon, lat, _ = world.earth.route()[30]
+    lon, lat, _ = path.globe.route()[30]
     assert Geod(ellps="WGS84").inv(lon, lat, truth.longitude_deg, truth.latitude_deg)[2] < 0.6
 
 
 def test_fixes_of_another_continent_move_neither_origin_nor_path():
     poses = bend(30)
     fixes = fixes_on(poses, 0.0, (1.0, 1.0, 1.6))
-    kept = place_in_world(path_of(poses, fixes))
+    kept = path_through(path_of(poses, fixes))
     fixes[0] = Fix(0.0, 0.0, 0.0, (1.0, 1.0, 1.6))
-    world = place_in_world(path_of(poses, fixes))
-    assert world.earth.origin.latitude_deg == pytest.approx(48.0, abs=0.01)
-    np.testing.assert_allclose(world.earth.route()[10], kept.earth.route()[10], atol=1e-5)
+    path = path_through(path_of(poses, fixes))
+    assert path.globe.origin.latitude_deg == pytest.approx(48.0, abs=0.01)
+    np.testing.assert_allclose(path.globe.route()[10], kept.globe.route()[10], atol=1e-5)
 
 
 def test_poses_that_drift_do_not_bend_the_place_on_the_globe():
     poses = [camera_at(8.0 * n) for n in range(250)]
     drifted = [Pose(p.rotation, p.centre * [1.004, 1, 1]) for p in poses]  # 8 m over 2 km
     given = [PosePrior(p, 0.02, 0.001, "odometry") for p in drifted]
-    world = place_in_world(path_of(poses, fixes_on(poses, 45.0, (1.0, 1.0, 1.6)), given))
+    path = path_through(path_of(poses, fixes_on(poses, 45.0, (1.0, 1.0, 1.6)), given))
     truth = fixes_on(poses, 45.0)
     for n in (0, 125, 249):
-        lon, lat, _ = world.earth.route()[n]
+        lon, lat, _ = path.globe.route()[n]
         away = Geod(ellps="WGS84").inv(lon, lat, truth[n].longitude_deg, truth[n].latitude_deg)[2]
         assert away < 1.0
-    np.testing.assert_allclose(world.poses[249].centre, drifted[249].centre, atol=0.1)
+    np.testing.assert_allclose(path.poses[249].centre, drifted[249].centre, atol=0.1)
 
 
 def test_without_fixes_nothing_is_known_of_the_globe():
     poses = bend(5)
     given = [told(p) for p in poses]
-    assert place_in_world(path_of(poses, [None] * 5, given)).earth is None
+    assert path_through(path_of(poses, [None] * 5, given)).globe is None
     one = fixes_on(poses)[:1] + [None] * 4
-    assert place_in_world(path_of(poses, one)).name == "drive_start"
+    assert path_through(path_of(poses, one)).world == "drive_start"
 
 
 def test_what_is_stated_of_a_sign_on_the_globe_holds_camera_and_sign():
     poses = bend(30)
-    world = place_in_world(path_of(poses, fixes_on(poses, 0.0, (1.0, 1.0, 1.6))))
+    path = path_through(path_of(poses, fixes_on(poses, 0.0, (1.0, 1.0, 1.6))))
     own = np.diag([0.04, 0.01, 0.25])
-    spread = world.earth.spread(15, np.array([3.0, -0.5, 12.0]), own)
-    bare = world.earth.spread(15, np.zeros(3), np.zeros((3, 3)))
+    spread = path.globe.point_covariance(15, np.array([3.0, -0.5, 12.0]), own)
+    bare = path.globe.point_covariance(15, np.zeros(3), np.zeros((3, 3)))
     assert np.sqrt(bare[0, 0]) == pytest.approx(1.0, abs=0.2)
-    turned = world.earth.pose(15).rotation @ own @ world.earth.pose(15).rotation.T
+    turned = path.globe.pose(15).rotation @ own @ path.globe.pose(15).rotation.T
     assert (np.linalg.eigvalsh(spread - turned) > 0).all()
 
 
@@ -287,16 +292,16 @@ def test_worlds_are_laid_over_each_other_though_some_points_are_far_off(struck):
 
 
 @pytest.mark.parametrize("what", ["poses", "fixes"])
-def test_a_jump_is_said_in_words_with_its_place(what):
+def test_a_jump_is_noted_with_its_place(what):
     poses = bend(80)
     moved = [Pose(p.rotation, np.add(p.centre, [3.0, 4.0, 0.0])) for p in poses]
     if what == "poses":
         given = [PosePrior(p, 0.02, 0.001, "poses") for p in [*poses[:50], *moved[50:]]]
-        world = place_in_world(path_of(poses, [None] * 80, given))
+        path = path_through(path_of(poses, [None] * 80, given))
     else:
         fixes = fixes_on([*poses[:50], *moved[50:]], 0.0, (0.5, 0.5, 0.8))
-        world = place_in_world(path_of(poses, fixes))
-    assert f"the {what} jump once, furthest by 5.0 m at picture 50" in world.notes
+        path = path_through(path_of(poses, fixes))
+    assert f"the {what} jump once, furthest by 5.0 m at picture 50" in path.notes
 
 
 def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
@@ -312,18 +317,19 @@ def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
     true = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(poses)]
     for bare, worst in ((False, 0.03), (True, 0.2)):
         fixes = [dataclasses.replace(f, span_s=0.0) for f in rare] if bare else rare
-        world = place_in_world(path_of(poses, fixes))
-        way = [np.linalg.norm(world.poses[n + 1].centre - world.poses[n].centre) for n in range(80)]
+        path = path_through(path_of(poses, fixes))
+        way = [np.linalg.norm(path.poses[n + 1].centre - path.poses[n].centre) for n in range(80)]
         assert (np.abs(np.subtract(way, true)).max() > worst) == bare
 
 
 def test_one_fix_among_poses_places_the_camera_and_leaves_north_open():
     poses = bend(6)
     fixes = [None, *fixes_on(poses)[1:2], *[None] * 4]
-    world = place_in_world(path_of(poses, fixes, [told(p) for p in poses]))
+    path = path_through(path_of(poses, fixes, [told(p) for p in poses]))
     point = np.array([0.0, 0.0, 20.0])
     sigma = [
-        np.sqrt(world.earth.spread(1, at, np.zeros((3, 3))).trace()) for at in (0 * point, point)
+        np.sqrt(path.globe.point_covariance(1, at, np.zeros((3, 3))).trace())
+        for at in (0 * point, point)
     ]
     assert sigma[0] < 4
     assert sigma[1] > 20
@@ -337,6 +343,6 @@ def test_places_in_a_gap_of_the_poses_are_as_unsure_as_the_chain():
     loose = [np.diag([1e-4] * 3 + [0.25] * 3)] * 40
     sigmas = []
     for known in (given, [*given[:8], *[None] * 24, *given[32:]]):
-        earth = place_in_world(path_of(poses, fixes, known, covariance=loose)).earth
-        sigmas.append(np.sqrt(earth.spread(20, np.zeros(3), np.zeros((3, 3)))[0, 0]))
+        globe = path_through(path_of(poses, fixes, known, covariance=loose)).globe
+        sigmas.append(np.sqrt(globe.point_covariance(20, np.zeros(3), np.zeros((3, 3)))[0, 0]))
     assert sigmas[1] > 1.5 * sigmas[0]

@@ -1,0 +1,50 @@
+"""Signs as the inventory lists them: landmarks placed on the path of the whole drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.landmarks import Landmark
+
+
+@dataclass(frozen=True, slots=True)
+class GlobePosition:
+    """A point on WGS 84; sigma_m: standard deviations east, north, up of the camera and the sign together."""
+
+    longitude_deg: float
+    latitude_deg: float
+    altitude_m: float
+    sigma_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """A landmark with its final position; metres, nan where a number is unknown.
+
+    number, assembly: of the sign and of its support, from 1; status: a key of `SIGN_STATUSES`; position (3,),
+    covariance (3, 3): in the camera frame of `landmark.best_frame` (right, down, ahead), with the final scale;
+    centre (3,), world_covariance (3, 3): in the world frame; station_m along the path, lateral_m right of it, up_m and
+    bottom_m above the road.
+    """
+
+    number: int
+    assembly: int
+    landmark: Landmark
+    status: str
+    confidence: float
+    position: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    world_covariance: NDArray[np.float64]
+    station_m: float
+    lateral_m: float
+    up_m: float
+    bottom_m: float
+    width_m: float
+    height_m: float
+    sigma_width_m: float
+    sigma_height_m: float
+    globe: GlobePosition | None

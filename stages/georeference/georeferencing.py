@@ -1,0 +1,264 @@
+"""The stage that lays the path on the world: the log's poses, the fixes' east-north-up, or the drive's own start.
+
+World axes: x, y level, z up, metres. The chain of camera motions is exact between neighbours but drifts; poses and
+fixes, which scatter but do not drift, bound it over the whole drive (`trajectory`). A world pose places one camera, and
+everything near it is placed relative to that camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import nan, pi, radians
+
+import numpy as np
+
+from wayside.schemas.frame import Pose
+from wayside.schemas.settings import GeoreferenceSettings
+from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
+from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
+from wayside.stages.georeference.notes import notes_on
+from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, drive_path
+from wayside.stages.georeference.trajectory import Trajectory, smooth
+from wayside.stages.kernels import Array
+from wayside.stages.mapping import STEP_SIGMA
+from wayside.stages.odometry import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
+
+
+def georeference(
+    points: Iterator[PathPoint],
+    settings: GeoreferenceSettings,
+    antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Iterator[DrivePath]:
+    """Choose the world frame of a drive and give every used camera its pose in it: one path for all points.
+
+    With poses in the log, theirs, smoothed by the steps between frames. With fixes only, east-north-up at the first
+    fix, the chain of steps bounded by all fixes. Else `drive_start`: origin at the first used camera, x along the first
+    step, y left, z the camera's own up.
+
+    Parameters
+    ----------
+    points
+        Used frames in the order of travel.
+    settings
+        Scatter of what is measured, and of what is known beforehand.
+    antenna_m
+        Where the fixes' antenna is: right, down, ahead of the camera.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the measurements do not determine the path.
+    """
+    path = list(points)
+    if any(p.given is not None for p in path):
+        yield _in_world_of_poses(path, settings, antenna_m)
+        return
+    start = _drive_start(path, settings.heading_step_m) if path else None
+    poses = [] if start is None else [start.compose(p.chained) for p in path]
+    if sum(p.fix is not None for p in path) < 2:
+        yield drive_path(
+            path, "drive_start", {p.frame: q for p, q in zip(path, poses, strict=True)}
+        )
+        return
+    chain = _chain(path)
+    tilt, roll = radians(settings.first_tilt_deg), radians(settings.roll_deg)
+    globe, notes = _on_globe(path, chain, _stacked(poses), antenna_m, tilt, roll, settings)
+    scales = _scales(path, chain, globe.trajectory)
+    yield drive_path(path, "enu", _poses(path, globe.trajectory), globe, scales, notes)
+
+
+def _in_world_of_poses(
+    path: Sequence[PathPoint], settings: GeoreferenceSettings, antenna_m: tuple[float, float, float]
+) -> DrivePath:
+    """The path in the world of the log's poses; on the globe by a second adjustment, since that world drifts."""
+    chain, measured = _chain(path), _measured_poses(path, settings)
+    inside = smooth(chain, measured, *_stacked(_follow_given(path)), settings)
+    notes = notes_on([p.frame for p in path], chain, measured, inside, "poses", settings)
+    globe = None
+    if any(p.fix is not None for p in path):
+        start = inside.rotation, inside.centre
+        drifting = _drifting_chain(path, chain, inside, settings)
+        tilt = radians(settings.world_tilt_deg)
+        globe, more = _on_globe(path, drifting, start, antenna_m, tilt, np.inf, settings)
+        notes += more
+    scales = _scales(path, chain, inside)
+    return drive_path(path, "log", _poses(path, inside), globe, scales, notes)
+
+
+def _poses(path: Sequence[PathPoint], found: Trajectory) -> dict[int, Pose]:
+    return {p.frame: Pose(found.rotation[i], found.centre[i]) for i, p in enumerate(path)}
+
+
+def _stacked(poses: Sequence[Pose]) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) and centres (n, 3)."""
+    return np.stack([q.rotation for q in poses]), np.stack([q.centre for q in poses])
+
+
+def _chain(path: Sequence[PathPoint]) -> RelativeMotionChain:
+    """The steps as measured; lengths that came from fixes are unknowns, which these determine."""
+    count = len(path)
+    rotation, translation = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    covariance = np.tile(np.diag(STEP_SIGMA**2), (count, 1, 1))
+    for row in range(1, count):
+        one = path[row].chained.relative_to(path[row - 1].chained)
+        rotation[row], translation[row] = one.rotation, one.centre
+        known = path[row].covariance
+        if known is not None and np.isfinite(known).all():
+            covariance[row] = known
+    free = np.array([p.source == "fixes" for p in path])
+    free[0] = False
+    ratio = np.array([p.length_ratio for p in path])
+    return RelativeMotionChain(_times(path), rotation, translation, covariance, free, ratio)
+
+
+def _drifting_chain(
+    path: Sequence[PathPoint],
+    chain: RelativeMotionChain,
+    inside: Trajectory,
+    settings: GeoreferenceSettings,
+) -> RelativeMotionChain:
+    """Smoothed poses as steps whose sum drifts against the globe as the log's source does, in its gaps as the chain."""
+    s = settings
+    back = inside.rotation[:-1].transpose(0, 2, 1)
+    rotation, translation = np.tile(np.eye(3), (len(path), 1, 1)), np.zeros((len(path), 3))
+    rotation[1:] = back @ inside.rotation[1:]
+    translation[1:] = np.einsum("nij,nj->ni", back, np.diff(inside.centre, axis=0))
+    poses = next(p.given.source for p in path if p.given is not None) == "poses"
+    drift_m = s.poses_drift_m if poses else s.odometry_drift_m
+    drift_rad = radians(s.poses_drift_deg if poses else s.odometry_drift_deg)
+    length = np.linalg.norm(translation, axis=1)
+    covariance = length[:, None, None] * np.diag([drift_rad**2] * 3 + [drift_m**2] * 3)
+    gap = np.array([p.given is None for p in path])
+    gap[1:] |= gap[:-1]
+    covariance[gap] += chain.covariance[gap]
+    free, ratio = np.zeros(len(path), bool), np.full((len(path), 2), nan)
+    return RelativeMotionChain(_times(path), rotation, translation, covariance, free, ratio)
+
+
+def _times(path: Sequence[PathPoint]) -> Array:
+    return np.array([(p.time_ns - path[0].time_ns) * 1e-9 for p in path])
+
+
+def _measured_poses(
+    path: Sequence[PathPoint], settings: GeoreferenceSettings
+) -> AbsoluteMeasurements:
+    """The log's own poses."""
+    s = settings
+    given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
+    sigma = np.array([max(_or(g.sigma_m, POSE_SIGMA_M), s.pose_floor_m) for _, g in given])
+    return AbsoluteMeasurements(
+        row=np.array([row for row, _ in given]),
+        position=np.stack([g.pose.centre for _, g in given]),
+        sigma_m=np.tile(sigma[:, None], (1, 3)),
+        correlated_sigma_m=np.zeros((len(path), 3)),
+        correlation_s=s.correlation_s,
+        lever_arm_m=np.zeros(3),
+        rotation=np.stack([g.pose.rotation for _, g in given]),
+        sigma_rad=np.array(
+            [max(_or(g.sigma_rad, POSE_SIGMA_RAD), s.pose_floor_rad) for _, g in given]
+        ),
+        first_sigma_rad=np.full(3, pi),
+        roll_sigma_rad=np.inf,
+    )
+
+
+def _on_globe(
+    path: Sequence[PathPoint],
+    chain: RelativeMotionChain,
+    start: tuple[Array, Array],
+    antenna_m: tuple[float, float, float],
+    tilt_rad: float,
+    roll_rad: float,
+    settings: GeoreferenceSettings,
+) -> tuple[Globe, tuple[str, ...]]:
+    """The path in east, north, up, bounded by the fixes, and notes on these.
+
+    start: rotations and centres, level; tilt_rad: how level the first is, roll_rad: all cameras are.
+    """
+    s = settings
+    fixed = [(row, p.fix) for row, p in enumerate(path) if p.fix is not None]
+    rows = np.array([row for row, _ in fixed])
+    fixes = [fix for _, fix in fixed]
+    origin = origin_of(fixes, s.origin_reach_deg)
+    position = origin.local(fixes)
+    unknown = (FIX_SIGMA_M, FIX_SIGMA_M, s.up_factor * FIX_SIGMA_M)
+    sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
+    latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
+    lever_arm = np.array(antenna_m)
+    rotation, centre = start
+    span_s = np.array([f.span_s for f in fixes])
+    sagitta = _acceleration(chain.time_s, centre)[rows] * span_s**2 / 8
+    measured = AbsoluteMeasurements(
+        row=rows,
+        position=position,
+        sigma_m=np.hypot(np.hypot(s.white_fraction * sigma, s.white_m), sagitta[:, None]),
+        correlated_sigma_m=sigma[latest],
+        correlation_s=s.correlation_s,
+        lever_arm_m=lever_arm,
+        rotation=None,
+        sigma_rad=None,
+        first_sigma_rad=np.array([tilt_rad, tilt_rad, pi]),
+        roll_sigma_rad=roll_rad,
+    )
+    heading, shift = align_level(centre[rows] + rotation[rows] @ lever_arm, position)
+    found = smooth(chain, measured, heading @ rotation, centre @ heading.T + shift, s)
+    frames = [p.frame for p in path]
+    notes = notes_on(frames, chain, measured, found, "fixes", s)
+    return Globe(origin, {frame: row for row, frame in enumerate(frames)}, found), notes
+
+
+def _acceleration(time_s: Array, centre: Array) -> Array:
+    """Acceleration (n,), m/s^2: a chord over t seconds has the sagitta acceleration * t^2 / 8."""
+    if len(centre) < 3:
+        return np.zeros(len(centre))
+    interval = np.maximum(np.diff(time_s), 1e-3)
+    velocity = np.diff(centre, axis=0) / interval[:, None]
+    change = 2 * np.diff(velocity, axis=0) / (interval[1:] + interval[:-1])[:, None]
+    return np.pad(np.linalg.norm(change, axis=1), 1, mode="edge")
+
+
+def _scales(
+    path: Sequence[PathPoint], chain: RelativeMotionChain, found: Trajectory
+) -> dict[int, StepScale]:
+    """Scales of the steps whose length was first taken from fixes."""
+    ahead = chain.translation / chain.length[:, None]
+    before = np.einsum("ni,nij,nj->n", ahead, chain.covariance[:, 3:, 3:], ahead)
+    relative = np.sqrt(before) / chain.length
+    sigma = np.sqrt(found.covariance[:, 6, 6])
+    return {
+        p.frame: StepScale(float(found.scale[row]), float(sigma[row]), float(relative[row]))
+        for row, p in enumerate(path)
+        if p.source == "fixes"
+    }
+
+
+def _follow_given(path: Sequence[PathPoint]) -> list[Pose]:
+    """Given poses; between them and before the first the chain, from the nearest given one before (or the first)."""
+    anchor = next(p for p in path if p.given is not None)
+    result = []
+    for point in path:
+        if point.given is not None:
+            anchor = point
+        if anchor.given is None:  # narrows the type: every anchor has a pose
+            continue
+        result.append(anchor.given.pose.compose(point.chained.relative_to(anchor.chained)))
+    return result
+
+
+def _drive_start(path: Sequence[PathPoint], heading_step_m: float) -> Pose:
+    """The first camera in the frame `drive_start`; without a step, travel is along the optical axis."""
+    first = path[0].chained
+    steps = (first.to_camera(p.chained.centre) for p in path[1:])
+    optical_axis = np.array([0.0, 0.0, 1.0])
+    ahead = next((step for step in steps if np.linalg.norm(step) > heading_step_m), optical_axis)
+    forward = ahead / np.linalg.norm(ahead)
+    camera_up = np.array([0.0, -1.0, 0.0])
+    up = camera_up - (camera_up @ forward) * forward
+    up /= np.linalg.norm(up)
+    axes = np.stack([forward, np.cross(up, forward), up])  # world axes in the first camera's frame
+    rotation = axes @ first.rotation.T
+    return Pose(rotation, -rotation @ first.centre)
+
+
+def _or(value: float | None, default: float) -> float:
+    return default if value is None or not value > 0 else value

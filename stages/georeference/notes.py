@@ -1,0 +1,110 @@
+"""Faults of the poses and fixes of a log, in words: a time offset, outliers, jumps, gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.settings import GeoreferenceSettings
+from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
+from wayside.stages.georeference.trajectory import Trajectory
+from wayside.stages.kernels import Array
+
+
+def notes_on(
+    frames: Sequence[int],
+    chain: RelativeMotionChain,
+    measured: AbsoluteMeasurements,
+    found: Trajectory,
+    what: str,
+    settings: GeoreferenceSettings,
+) -> tuple[str, ...]:
+    """Notes on `what` was measured ("poses" or "fixes"); frames: the index of each row."""
+    every = (
+        _time_offset(chain, found, what),
+        _outliers(found, what),
+        _jumps(frames, chain, measured, found, what, settings),
+        _gap(frames, chain, measured, found, what, settings.gap_s),
+    )
+    return tuple(note for note in every if note)
+
+
+def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> str:
+    offset = found.time_offset_s
+    if not offset:
+        return ""
+    late = "behind" if offset > 0 else "ahead of"
+    note = f"the {what} are {abs(offset):.3f} s {late} the pictures (± {found.time_offset_sigma_s:.3f} s)"
+    if what == "fixes":
+        speed = chain.length[1:].sum() / max(float(chain.time_s[-1]), 1e-9)
+        note += f", or their antenna {abs(offset) * speed:.1f} m {late} the camera"
+    return f"{note}: corrected"
+
+
+def _outliers(found: Trajectory, what: str) -> str:
+    if not found.outliers:
+        return ""
+    count = len(found.weight)
+    return f"{found.outliers} of {count} {what} do not fit the way between the pictures: left out"
+
+
+def _jumps(
+    frames: Sequence[int],
+    chain: RelativeMotionChain,
+    measured: AbsoluteMeasurements,
+    found: Trajectory,
+    what: str,
+    settings: GeoreferenceSettings,
+) -> str:
+    """Where positions leave the relative motion and stay off; an outlier, which comes back at once, is no jump."""
+    off, later = _disagreement(chain, measured, found)
+    if len(off) < 3:
+        return ""
+    far = off > max(settings.jump_m, settings.jump_factor * float(np.median(off)))
+    beside = np.zeros(len(off), bool)
+    beside[1:] |= far[:-1]
+    beside[:-1] |= far[1:]
+    alone = np.flatnonzero(far & ~beside)
+    if not len(alone):
+        return ""
+    largest = alone[np.argmax(off[alone])]
+    times = "once" if len(alone) == 1 else f"{len(alone)} times"
+    return f"the {what} jump {times}, furthest by {off[largest]:.1f} m at picture {frames[later[largest]]}"
+
+
+def _disagreement(
+    chain: RelativeMotionChain, measured: AbsoluteMeasurements, found: Trajectory
+) -> tuple[Array, NDArray[np.int64]]:
+    """Distance (k,) between measured and relative displacement of neighbouring frames; rows (k,) of the later."""
+    pair = np.flatnonzero(np.diff(measured.row) == 1)
+    before, later = measured.row[pair], measured.row[pair + 1]
+    lever = found.rotation @ measured.lever_arm_m
+    step = found.scale[later, None] * chain.translation[later]
+    moved = (found.rotation[before] @ step[:, :, None])[:, :, 0] + lever[later] - lever[before]
+    off = np.linalg.norm(measured.position[pair + 1] - measured.position[pair] - moved, axis=1)
+    return np.asarray(off), np.asarray(later)
+
+
+def _gap(
+    frames: Sequence[int],
+    chain: RelativeMotionChain,
+    measured: AbsoluteMeasurements,
+    found: Trajectory,
+    what: str,
+    longest_s: float,
+) -> str:
+    held = np.unique(np.concatenate([[0], measured.row, [len(frames) - 1]]))
+    if len(held) < 2:
+        return ""
+    gaps = np.diff(chain.time_s[held])
+    longest = int(np.argmax(gaps))
+    if gaps[longest] <= longest_s:
+        return ""
+    first, last = int(held[longest]), int(held[longest + 1])
+    variance = found.covariance[first : last + 1, :2, :2].trace(axis1=1, axis2=2)
+    return (
+        f"no {what} for {gaps[longest]:.0f} s (pictures {frames[first]} to {frames[last]}): places there are "
+        f"known to {np.sqrt(variance.max()):.1f} m"
+    )

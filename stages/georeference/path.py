@@ -1,0 +1,153 @@
+"""What is kept of every frame until the drive has ended, and the path that comes of it."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import nan
+
+import numpy as np
+
+from wayside.schemas.frame import Fix, Pose, PosePrior
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.stages.geometry import Beside, beside_path
+from wayside.stages.georeference.geodesy import Globe
+from wayside.stages.kernels import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PathPoint:
+    """One used frame: pose by the chain of steps, the log's own pose and fix where given, numbers of the step to it.
+
+    covariance (6, 6), source, length_ratio, baseline_m (None at the first), station_m, camera_height_m: as in `Motion`.
+    """
+
+    frame: int
+    chained: Pose
+    given: PosePrior | None
+    fix: Fix | None
+    time_ns: int = 0
+    covariance: Array | None = field(default=None, repr=False)
+    source: str = ""
+    length_ratio: tuple[float, float] = (nan, nan)
+    station_m: float = 0.0
+    baseline_m: float | None = None
+    camera_height_m: float = nan
+
+
+@dataclass(slots=True)
+class DriveRecord:
+    """What the end of the drive needs: a point for each used frame, and the landmarks that are signs."""
+
+    points: list[PathPoint] = field(default_factory=list)
+    landmarks: list[Landmark] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class StepScale:
+    """Final length of a step over that first taken for it; relative scatter of both, metres a metre."""
+
+    factor: float = 1.0
+    sigma: float = 0.0
+    sigma_before: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DrivePath:
+    """The camera's path in its world frame, by used frame in the order of travel.
+
+    world: "log" (that of the log's poses), "enu" (east, north, up at the first fix) or "drive_start"; stations,
+    baselines: final, metres; given_stations (n,): as first taken; globe: the path on WGS 84, where there are fixes;
+    scales: of the steps whose length was first taken from fixes; notes: faults of the poses and fixes, in words.
+    """
+
+    world: str
+    poses: dict[int, Pose]
+    stations: dict[int, float]
+    baselines: dict[int, float | None]
+    given_stations: Array
+    camera_height_m: float | None
+    globe: Globe | None
+    scales: dict[int, StepScale]
+    notes: tuple[str, ...]
+
+    def station_of(self, given_m: float) -> float:
+        """Final station of what stands at a station as first taken; before and past its ends the path goes on."""
+        if not self.scales:
+            return given_m
+        before, after = self.given_stations, np.array(list(self.stations.values()))
+        inside = float(np.clip(given_m, before[0], before[-1]))
+        return float(np.interp(inside, before, after)) + given_m - inside
+
+    def offset_of(self, point: Array, frame: int, before: int, after: int) -> Beside | None:
+        """Offset of a world point (3,) from the path near a frame; None where only the cameras know which way is up.
+
+        With given poses up is the world's z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in
+        height.
+
+        Parameters
+        ----------
+        before, after
+            Used frames before `frame`, and from it on, that make the path.
+        """
+        if self.world != "log":
+            return None
+        frames = sorted(self.poses)
+        at = bisect_left(frames, frame)
+        near = [self.poses[f] for f in frames[max(0, at - before) : at + after]]
+        centres = np.array([pose.centre for pose in near])
+        ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
+        return beside_path(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
+
+
+def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[TrackedFrame]:
+    """Pass every frame on and note in `record` what the end of the drive needs of it: no pixels, no candidates."""
+    for item in tracked:
+        frame, motion = item.frame, item.motion
+        record.landmarks += [landmark for landmark in item.places if landmark.verdict == "sign"]
+        if motion is not None:
+            record.points.append(
+                PathPoint(
+                    frame.index,
+                    motion.pose,
+                    frame.pose,
+                    frame.fix,
+                    frame.time_ns,
+                    motion.covariance,
+                    motion.source,
+                    motion.length_ratio,
+                    motion.station_m,
+                    None if motion.step is None else motion.baseline_m,
+                    motion.camera_height_m,
+                )
+            )
+        yield item
+
+
+def drive_path(
+    points: Sequence[PathPoint],
+    world: str,
+    poses: dict[int, Pose],
+    globe: Globe | None = None,
+    scales: dict[int, StepScale] | None = None,
+    notes: tuple[str, ...] = (),
+) -> DrivePath:
+    """The path with the stations, baselines and camera height that its final lengths give."""
+    scales = scales or {}
+    stations: dict[int, float] = {}
+    baselines: dict[int, float | None] = {}
+    gained = 0.0
+    for point in points:
+        baseline, scale = point.baseline_m, scales.get(point.frame)
+        if scale is not None and baseline is not None:
+            scaled = baseline * scale.factor
+            gained += scaled - baseline
+            baseline = scaled
+        stations[point.frame], baselines[point.frame] = point.station_m + gained, baseline
+    heights = [p.camera_height_m for p in points if math.isfinite(p.camera_height_m)]
+    factor = sum(one.factor for one in scales.values()) / len(scales) if scales else 1.0
+    height = float(np.median(heights)) * factor if heights else None
+    given = np.array([p.station_m for p in points])
+    return DrivePath(world, poses, stations, baselines, given, height, globe, scales, notes)

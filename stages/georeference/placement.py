@@ -1,0 +1,134 @@
+"""The stage that places landmarks on the path of the whole drive: position, size, confidence, status, number."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from wayside.schemas.landmarks import Landmark
+from wayside.schemas.settings import GeoreferenceSettings
+from wayside.schemas.signs import GlobePosition, Sign
+from wayside.stages.georeference.geodesy import Globe
+from wayside.stages.georeference.path import DrivePath, StepScale
+from wayside.stages.kernels import Array
+
+
+def place_signs(
+    landmarks: Iterator[Landmark],
+    path: DrivePath,
+    settings: GeoreferenceSettings,
+    confidence: float,
+) -> Iterator[Sign]:
+    """Signs in the order of their numbers: by station, then lateral offset.
+
+    Parameters
+    ----------
+    landmarks
+        All of the drive that are signs, in any order.
+    path
+        Of the whole drive.
+    settings
+        Which steps scale a sign, and which part of the path it is measured against.
+    confidence
+        Signs below get the status `uncertain`; backs keep theirs.
+    """
+    ordered = sorted(landmarks, key=lambda p: (p.station_m, p.offset[0], p.track_id))
+    assemblies: dict[int, int] = {}
+    for number, landmark in enumerate(ordered, 1):
+        key = landmark.assembly if landmark.assembly >= 0 else -1 - landmark.track_id
+        assembly = assemblies.setdefault(key, len(assemblies) + 1)
+        yield _sign(landmark, number, assembly, path, settings, confidence)
+
+
+def _sign(
+    landmark: Landmark,
+    number: int,
+    assembly: int,
+    path: DrivePath,
+    settings: GeoreferenceSettings,
+    confidence: float,
+) -> Sign:
+    scale = _scale(landmark, path, settings.scale_steps)
+    position = scale.factor * landmark.position
+    covariance = _scaled_covariance(landmark, scale, settings.scale_fraction)
+    pose = path.poses[landmark.best_frame]
+    centre = pose.to_world(position)
+    offset = path.offset_of(
+        centre, landmark.best_frame, settings.frames_before, settings.frames_after
+    )
+    right, above = (
+        scale.factor * landmark.offset[:2] if offset is None else (offset.right, offset.above)
+    )
+    road_m = math.nan if path.camera_height_m is None else path.camera_height_m
+    up = float(above) + road_m
+    width, height = scale.factor * landmark.width_m, scale.factor * landmark.height_m
+    probability = 1 / (1 + math.exp(-min(max(landmark.score, -50.0), 50.0)))
+    unsure = "uncertain" if probability < confidence else "sign"
+    return Sign(
+        number=number,
+        assembly=assembly,
+        landmark=landmark,
+        status="back" if landmark.back else unsure,
+        confidence=probability,
+        position=position,
+        covariance=covariance,
+        centre=centre,
+        world_covariance=pose.rotation @ covariance @ pose.rotation.T,
+        station_m=path.station_of(landmark.station_m),
+        lateral_m=float(right),
+        up_m=up,
+        bottom_m=up - height / 2,
+        width_m=width,
+        height_m=height,
+        sigma_width_m=math.hypot(scale.factor * landmark.sigma_width_m, scale.sigma * width),
+        sigma_height_m=math.hypot(scale.factor * landmark.sigma_height_m, scale.sigma * height),
+        globe=_on_globe(path.globe, landmark.best_frame, position, covariance),
+    )
+
+
+def _on_globe(
+    globe: Globe | None, frame: int, position: Array, covariance: Array
+) -> GlobePosition | None:
+    """The place on WGS 84 and how sure it is."""
+    if globe is None:
+        return None
+    point = globe.pose(frame).to_world(position)
+    longitude, latitude, altitude = globe.origin.geodetic(point[None])[0].tolist()
+    sigma = np.sqrt(np.diag(globe.point_covariance(frame, position, covariance)))
+    east, north, up = sigma.tolist()
+    return GlobePosition(longitude, latitude, altitude, (east, north, up))
+
+
+def _scale(landmark: Landmark, path: DrivePath, steps: int) -> StepScale:
+    """Scale of the steps up to the best frame: the landmark is measured against these."""
+    frames = sorted(path.poses)
+    at = bisect_right(frames, landmark.best_frame)
+    near = frames[max(0, at - steps) : at]
+    return mean_scale([path.scales[f] for f in near if f in path.scales])
+
+
+def mean_scale(scales: Sequence[StepScale]) -> StepScale:
+    """The common scale of neighbouring steps, whose errors were independent at first and are common in the end."""
+    if not scales:
+        return StepScale()
+    count = len(scales)
+    return StepScale(
+        sum(one.factor for one in scales) / count,
+        math.sqrt(sum(one.sigma**2 for one in scales) / count),
+        math.sqrt(sum(one.sigma_before**2 for one in scales)) / count,
+    )
+
+
+def _scaled_covariance(landmark: Landmark, scale: StepScale, fraction: float) -> Array:
+    """Covariance (3, 3) of the scaled position: the scatter of the steps' lengths replaced by their final one."""
+    if not scale.sigma:
+        return landmark.covariance
+    ray = landmark.position
+    # at most this fraction of the variance along the ray can be taken away: it stays a covariance
+    along = 1 / float(ray @ np.linalg.solve(landmark.covariance, ray))
+    before = min(scale.sigma_before**2, fraction * along)
+    change = (scale.sigma**2 - before) * np.outer(ray, ray)
+    return np.asarray(scale.factor**2 * (landmark.covariance + change))
