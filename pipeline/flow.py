@@ -134,4 +134,4 @@ class Flow:
 
     def drive_stage(self, name: str, items: Iterator[Value]) -> Iterator[Value]:
         """The items of a stage after the last frame: timed, its faults named."""
-        return self.clock.counted(name, items)
+        return self.clock.timed_drive(name, items)

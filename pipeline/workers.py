@@ -57,18 +57,16 @@ class StageClock:
         StageError
             Where the stage raised anything that is not already a `WaysideError`.
         """
-        for item in self.counted(name, items):
+        for item in self._counted(name, items):
             self._thread.frame = item.frame.index
             yield item
 
-    def counted(self, name: str, items: Iterator[Value]) -> Iterator[Value]:
-        """The same of items that belong to no frame.
+    def timed_drive(self, name: str, items: Iterator[Value]) -> Iterator[Value]:
+        """The same of a stage after the last frame; a fault in it names the stage alone."""
+        self._thread.frame = None
+        yield from self._counted(name, items)
 
-        Raises
-        ------
-        StageError
-            As `timed`.
-        """
+    def _counted(self, name: str, items: Iterator[Value]) -> Iterator[Value]:
         thread = self._thread
         while True:
             before, thread.upstream = thread.upstream, 0.0
