@@ -1,11 +1,11 @@
-"""Which faces of real pictures are seen by a judge that has seen no picture of their source, and where the others stop.
+"""Recall on real images by classifiers not trained on their source, and the step that loses each missed face.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/scenes.py [--real FOLDER] [--drives FOLDER] [--every N]
 
-The judges are learned anew as `make learn` does it, in two groups, from every fourth rendered learning drive and the
-sources of the scenes; then the pictures of each source go through the stages of a run with the judge of the group
-that it is not in, and with a ranking and a gate learned from the drives alone. Writes benchmarks/scenes.md and prints
-every face that was not seen and every false box. The scenes are not part of the repository: without them it says so
+The classifiers are learned again as `make learn` does it, in two groups, from every fourth rendered learning drive and
+the sources of the scenes; then the images of each source go through the stages of a run with the classifier of the
+group that it is not in, and with a ranking and a pre-filter learned from the drives alone. Writes
+benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are not part of the repository: without them it says so
 and ends with status 2. Wants what `make learn` installs.
 """
 
@@ -57,12 +57,12 @@ SMALLEST_PX = 10.0
 """Lower faces are not counted."""
 HEIGHTS = (10, 15, 20, 25, 35, 50, 100)
 STAGES = (CANDIDATE, JUDGED, PASSED, KEPT)
-HEAD = ("faces", "candidate", "past the gate", "past the judge", "seen")
+HEAD = ("faces", "candidate", "passed pre-filter", "passed classifier", "detected")
 
 
 @dataclass(frozen=True, slots=True)
-class Seeing:
-    """All that looks at one picture: ranking, judge of one view with its gate, network that moves boxes onto faces."""
+class SceneModels:
+    """Models applied to one image: ranking, box classifier with its pre-filter, box regression."""
 
     ranking: TreeModel
     judge: TreeModel
@@ -70,7 +70,7 @@ class Seeing:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class FaceOutcome:
     """One labelled face: how far its candidates went, and the best score on it above the bar (nan: none)."""
 
     source: str
@@ -88,11 +88,11 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The pictures of one source: faces, pictures of which all faces are boxed, and false boxes in those."""
+    """The images of one source: faces, images in which all faces are labelled, and false boxes in those."""
 
     name: str
-    pictures: int
-    faces: tuple[Seen, ...]
+    images: int
+    faces: tuple[FaceOutcome, ...]
     complete: int
     false: tuple[tuple[str, tuple[float, ...], float], ...]
 
@@ -138,16 +138,16 @@ def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():
         judge, face_box = judges[source]
-        by = Seeing(ranking, replace(judge, gate=gate), face_box)
+        by = SceneModels(ranking, replace(judge, gate=gate), face_box)
         found.append(looked_at(source, real, listed, by))
-        say(f"looked at the {len(listed)} pictures of {source}")
-    pictures = sum(drive.frames for drive in samples.drives)
-    return found, f"{len(samples.drives)} rendered drives ({pictures} pictures)"
+        say(f"looked at the {len(listed)} images of {source}")
+    images = sum(drive.frames for drive in samples.drives)
+    return found, f"{len(samples.drives)} rendered drives ({images} images)"
 
 
-def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Source:
+def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Source:
     """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
-    faces: list[Seen] = []
+    faces: list[FaceOutcome] = []
     false: list[tuple[str, tuple[float, ...], float]] = []
     for scene, own in zip(scenes, looks(real, scenes, by), strict=True):
         verdicts = names_of(own)
@@ -157,7 +157,7 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing)
                 continue
             level = reached(box, own.regions.box, verdicts)
             score = best_score(box, own) - by.judge.accept
-            faces.append(Seen(source, scene["file"], box, sign["color"], level, score))
+            faces.append(FaceOutcome(source, scene["file"], box, sign["color"], level, score))
         if scene["complete"]:
             known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
             false += [
@@ -172,8 +172,8 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing)
     return Source(source, len(scenes), tuple(faces), complete, tuple(false))
 
 
-def looks(real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Iterator[Candidates]:
-    """The candidates of each picture after all stages that look at one picture."""
+def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator[Candidates]:
+    """The candidates of each image after all stages that look at one picture."""
     settings, _ = load_settings("default")
     models = replace(
         load_models(settings), ranking=by.ranking, judge=by.judge, face_box=by.face_box
@@ -183,7 +183,7 @@ def looks(real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Iterator[Cand
 
 
 def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:
-    """The pictures as they are stored, as frames of a log."""
+    """The images as they are stored, as frames of a log."""
     for scene, picture in zip(scenes, scene_pictures(real, scenes), strict=True):
         yield replace(picture.frame, data=(real / "scenes" / scene["file"]).read_bytes())
 
@@ -212,27 +212,29 @@ def strays(candidates: Candidates, known: NDArray[np.float64]) -> NDArray[np.int
 def page(sources: Sequence[Source], learned: str) -> str:
     """The page: by source, by colour, by height."""
     faces = [face for source in sources for face in source.faces]
-    pictures, complete = sum(s.pictures for s in sources), sum(s.complete for s in sources)
+    images, complete = sum(s.images for s in sources), sum(s.complete for s in sources)
     lines = [
-        "# Real scenes: which faces are seen in one picture",
+        "# Recall on single real images",
         "",
-        "Made by `python benchmarks/scenes.py` where the scenes are at hand; they are not part of the repository.",
-        f"{pictures} single pictures with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
-        "source is looked at with a judge learned as `make learn` does it, in two groups with every other source and",
-        f"every other of {learned}: the one of the group that it is not in. Ranking and gate",
+        "Made by `python benchmarks/scenes.py` where the scenes are available; they are not part of the repository.",
+        f"{images} single images with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
+        "source is evaluated with a classifier learned as `make learn` does it, in two groups with every other source",
+        "and",
+        f"every other of {learned}: the one of the group that it is not in. Ranking and pre-filter",
         "are learned from these drives alone.",
-        "Many pictures are of one place and the sources are few: a share of 50 faces is known to seven per cent at",
-        "best, that of a rare colour hardly at all.",
+        "Many images show one place and the sources are few: a fraction of 50 faces has a standard error of seven per",
+        "cent at best, that of a rare colour hardly at all.",
         "",
-        "*candidate*: a box on the face (IoU .5); *past the gate*, *past the judge*: one that they accept; *seen*: one",
-        "that no better box covers, which is what goes on to be followed. *False*: boxes kept on no face, in those",
-        f"pictures of which all faces are boxed ({complete} of {pictures}); far signs that nobody boxed may be",
+        "*candidate*: a box on the face (IoU .5); *passed pre-filter*, *passed classifier*: one above the threshold of",
+        "that model; *detected*: one",
+        "that survives non-maximum suppression and goes on to tracking. *False*: boxes kept that overlap no face, in those",
+        f"images in which all faces are labelled ({complete} of {images}); distant unlabelled signs may be",
         "among them.",
         "",
         "## By source",
         "",
         *table(
-            ("source", "pictures", *HEAD, "false a picture", "in pictures"),
+            ("source", "images", *HEAD, "false per image", "in images"),
             [source_row(source) for source in sources],
         ),
         "",
@@ -258,11 +260,11 @@ def source_row(source: Source) -> list[str]:
     """One line of the first table."""
     rate = f"{len(source.false) / source.complete:.1f}" if source.complete else "-"
     cells = shares((f.level for f in source.faces), STAGES)
-    return [source.name, str(source.pictures), *cells, rate, str(source.complete)]
+    return [source.name, str(source.images), *cells, rate, str(source.complete)]
 
 
 def groups(
-    faces: Sequence[Seen], names: Sequence[str], name_of: Callable[[Seen], str]
+    faces: Sequence[FaceOutcome], names: Sequence[str], name_of: Callable[[FaceOutcome], str]
 ) -> Iterator[list[str]]:
     """One line a group that has faces, and one for all."""
     for name in (*names, "**all**"):
