@@ -15,7 +15,7 @@ ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""
 
 NOWHERE, CANDIDATE, JUDGED, PASSED, KEPT, SIGN = range(6)
-"""No box on the face; a box; above the pre-filter's threshold; above the classifier's; not suppressed; part of a sign."""
+"""No box on the face; a box; above the pre-filter's threshold; the classifier's; not suppressed; part of a sign."""
 
 STOPPED = (
     "no candidate",
@@ -41,7 +41,7 @@ _REACHED = {
 def reached(
     box: Sequence[float], boxes: NDArray[np.floating[Any]], verdicts: NDArray[np.str_]
 ) -> int:
-    """The last step passed by the best of the candidates `boxes` (n, 4), `verdicts` (n,) that overlap the face `box`."""
+    """The last step passed by the best candidate (`boxes` (n, 4), `verdicts` (n,)) that overlaps the face `box`."""
     if len(boxes) == 0:
         return NOWHERE
     on = overlap_of(np.asarray(box, np.float64)[None], boxes)[0] >= ON_FACE

@@ -5,7 +5,8 @@
 The classifiers are learned again as `make learn` does it, in two groups, from every fourth rendered learning drive and
 the sources of the scenes; then the images of each source go through the stages of a run with the classifier of the
 group that it is not in, and with a ranking and a pre-filter learned from the drives alone. Writes
-benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are not part of the repository: without them it says so
+benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are not part of
+the repository: without them it says so
 and ends with status 2. Wants what `make learn` installs.
 """
 
@@ -226,9 +227,8 @@ def page(sources: Sequence[Source], learned: str) -> str:
         "cent at best, that of a rare colour hardly at all.",
         "",
         "*candidate*: a box on the face (IoU .5); *passed pre-filter*, *passed classifier*: one above the threshold of",
-        "that model; *detected*: one",
-        "that survives non-maximum suppression and goes on to tracking. *False*: boxes kept that overlap no face, in those",
-        f"images in which all faces are labelled ({complete} of {images}); distant unlabelled signs may be",
+        "that model; *detected*: one that survives non-maximum suppression and goes on to tracking. *False*: boxes",
+        f"kept that overlap no face, in those images in which all faces are labelled ({complete} of {images}); distant unlabelled signs may be",
         "among them.",
         "",
         "## By source",
