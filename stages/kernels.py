@@ -63,7 +63,7 @@ def require_array(
         )
 
 
-def require_picture(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
+def require_image(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
     """Refuse anything but a C-contiguous (height, width, 3) uint8 picture."""
     require_array(rgb, name, np.uint8, (None, None, 3))
 

@@ -1,12 +1,12 @@
 """Rotations, lens distortion, midpoints, offsets from a path."""
 
 from wayside.stages.geometry.bound import point_bound, step_bound
-from wayside.stages.geometry.path import Beside, beside_path
+from wayside.stages.geometry.path import FrenetOffset, frenet_offset
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
-    across,
     cholesky_solve,
     rotation_from_vector,
+    tangent_basis,
     vector_from_rotation,
 )
 from wayside.stages.geometry.undistortion import (
@@ -18,11 +18,10 @@ from wayside.stages.geometry.undistortion import (
 )
 
 __all__ = [
-    "Beside",
-    "across",
-    "beside_path",
+    "FrenetOffset",
     "cholesky_solve",
     "distort_points",
+    "frenet_offset",
     "ideal_of_rays",
     "ideal_points",
     "meet_rays",
@@ -32,6 +31,7 @@ __all__ = [
     "rays_of_ideal",
     "rotation_from_vector",
     "step_bound",
+    "tangent_basis",
     "to_rays",
     "vector_from_rotation",
 ]

@@ -95,7 +95,7 @@ def cholesky_solve(matrix: Array, right: Array, size: int) -> bool:
 
 
 @compiled
-def across(direction: Array) -> Array:
+def tangent_basis(direction: Array) -> Array:
     """Two unit vectors (2, 3) at right angles to a unit vector (3,) and to each other.
 
     For a direction near the camera's z axis they are nearly the x and the y axis.

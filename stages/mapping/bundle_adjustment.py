@@ -22,19 +22,25 @@ from numpy.typing import NDArray
 from wayside.stages.geometry import cholesky_solve, rotation_from_vector
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.mapping.normal_equations import (
-    Normal,
+    NormalEquations,
     linearise,
     point_spans,
     point_uncertainty,
     reduce_points,
 )
-from wayside.stages.mapping.residuals import Charts, Links, Rows, link_gaps, row_gaps
+from wayside.stages.mapping.residuals import (
+    PointAnchors,
+    ResidualBlocks,
+    StepConstraints,
+    block_residuals,
+    constraint_residuals,
+)
 
 SETTLED = 1e-9
 TRIES = 8
 
 
-class Adjusted(NamedTuple):
+class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.
 
     rotations (n, 3, 3), centres (n, 3): poses, that of the held frame as given; points (p, 3): coordinates in their
@@ -61,12 +67,12 @@ def adjust_window(
     held: int,
     points: Array,
     anchors: NDArray[np.int64],
-    rows: Rows,
-    links: Links,
+    rows: ResidualBlocks,
+    links: StepConstraints,
     *,
     wanted: int = 0,
     iterations: int = 15,
-) -> Adjusted:
+) -> WindowAdjustment:
     """Adjust poses and points together.
 
     Parameters
@@ -105,7 +111,7 @@ def adjust_window(
             f"found {held}, {anchors.min(initial=0)} to {anchors.max(initial=0)}, {wanted}"
         )
     rows, links = rows.checked(n, p), links.checked(n)
-    charts = Charts(rotations[anchors].copy(), centres[anchors].copy())
+    charts = PointAnchors(rotations[anchors].copy(), centres[anchors].copy())
     turned, moved, solid = rotations.copy(), centres.copy(), points.copy()
     m = len(rows.point)
     gaps, history = np.empty((m, 2)), np.empty(iterations + 1)
@@ -117,7 +123,7 @@ def adjust_window(
     a, b, rho = solid[wanted]
     ray = charts.rotation[wanted] @ np.array([a, b, 1.0])
     to_place = np.column_stack([charts.rotation[wanted][:, :2], -ray / rho]) / rho
-    return Adjusted(
+    return WindowAdjustment(
         turned,
         moved,
         solid,
@@ -145,7 +151,7 @@ def _total(gaps: Array, scale: Array, known: Array) -> float:
 
 @compiled
 def _take_step(
-    rotations: Array, centres: Array, points: Array, normal: Normal, step: Array,
+    rotations: Array, centres: Array, points: Array, normal: NormalEquations, step: Array,
     out_r: Array, out_c: Array, out_p: Array,
 ) -> None:  # fmt: skip
     for f in range(rotations.shape[0]):
@@ -177,10 +183,10 @@ def _solve(
     rotations: Array,
     centres: Array,
     held: int,
-    charts: Charts,
+    charts: PointAnchors,
     points: Array,
-    rows: Rows,
-    links: Links,
+    rows: ResidualBlocks,
+    links: StepConstraints,
     wanted: int,
     iterations: int,
     gaps: Array,
@@ -190,7 +196,7 @@ def _solve(
 ) -> int:
     n, p, m, count = len(rotations), len(points), len(rows.point), len(links.frames)
     span = np.empty((p, 2), np.int64)
-    normal = Normal(
+    normal = NormalEquations(
         np.empty((6 * n, 6 * n)), np.empty(6 * n), np.empty((p, n, 6, 3)), np.empty((p, 3, 3)),
         np.empty((p, 3)), np.empty((p, 3, 3)), span,
     )  # fmt: skip
@@ -198,8 +204,8 @@ def _solve(
     trial_r, trial_c, trial_p = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((p, 3))
     known, trial_gaps, trial_known = np.empty((count, 6)), np.empty((m, 2)), np.empty((count, 6))
     point_spans(rows, span)
-    row_gaps(rotations, centres, charts, points, rows, gaps)
-    link_gaps(rotations, centres, links, known)
+    block_residuals(rotations, centres, charts, points, rows, gaps)
+    constraint_residuals(rotations, centres, links, known)
     history[0] = cost = _total(gaps, rows.scale, known)
     damping, done, settled = 1e-4, 0, False
     while True:
@@ -212,8 +218,8 @@ def _solve(
             reduce_points(normal, damping, reduced, step)
             if cholesky_solve(reduced, step, 6 * n):
                 _take_step(rotations, centres, points, normal, step, trial_r, trial_c, trial_p)
-                row_gaps(trial_r, trial_c, charts, trial_p, rows, trial_gaps)
-                link_gaps(trial_r, trial_c, links, trial_known)
+                block_residuals(trial_r, trial_c, charts, trial_p, rows, trial_gaps)
+                constraint_residuals(trial_r, trial_c, links, trial_known)
                 better = _total(trial_gaps, rows.scale, trial_known)
                 if better < cost:
                     settled = cost - better < SETTLED * cost

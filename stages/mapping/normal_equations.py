@@ -13,13 +13,19 @@ from numpy.typing import NDArray
 
 from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array, compiled
-from wayside.stages.mapping.residuals import Charts, Links, Rows, link_slopes, row_slopes
+from wayside.stages.mapping.residuals import (
+    PointAnchors,
+    ResidualBlocks,
+    StepConstraints,
+    block_jacobian,
+    constraint_jacobian,
+)
 
 LEAST = 1e-9
 """Added to every diagonal: a point or frame that nothing holds stays where it is."""
 
 
-class Normal(NamedTuple):
+class NormalEquations(NamedTuple):
     """Normal equations in blocks: poses (6 n, 6 n), lower half, mixed (p, n, 6, 3), own (p, 3, 3), and right sides."""
 
     poses: Array
@@ -32,7 +38,7 @@ class Normal(NamedTuple):
 
 
 @compiled
-def point_spans(rows: Rows, span: NDArray[np.int64]) -> None:
+def point_spans(rows: ResidualBlocks, span: NDArray[np.int64]) -> None:
     """First and last frame that each point has to do with, (p, 2); of a point without rows the last is -1."""
     span[:, 0], span[:, 1] = 1 << 30, -1
     for i in range(rows.point.shape[0]):
@@ -43,7 +49,7 @@ def point_spans(rows: Rows, span: NDArray[np.int64]) -> None:
 
 @compiled
 def _add_pair(
-    normal: Normal, frames: Array, held: int, slopes: Array, gaps: Array, weight: float
+    normal: NormalEquations, frames: Array, held: int, slopes: Array, gaps: Array, weight: float
 ) -> None:
     # Adds the pose part of some residuals (r, 12) of two frames.
     for x in range(1 if frames[0] == frames[1] else 0, 2):  # a sight has one frame
@@ -68,13 +74,13 @@ def linearise(
     rotations: Array,
     centres: Array,
     held: int,
-    charts: Charts,
+    charts: PointAnchors,
     points: Array,
-    rows: Rows,
-    links: Links,
+    rows: ResidualBlocks,
+    links: StepConstraints,
     gaps: Array,
     known: Array,
-    normal: Normal,
+    normal: NormalEquations,
 ) -> None:
     """Fill the normal equations by the residuals `gaps` (m, 2) and `known` (l, 6); `held` is the frame that stays."""
     normal.poses[:] = 0.0
@@ -88,7 +94,7 @@ def linearise(
         n = rows.point[i]
         square = gaps[i, 0] ** 2 + gaps[i, 1] ** 2
         weight = 1.0 / (1.0 + square / rows.scale[i] ** 2)
-        row_slopes(rotations, centres, charts, points, rows, i, work, slopes, by_point)
+        block_jacobian(rotations, centres, charts, points, rows, i, work, slopes, by_point)
         _add_pair(normal, rows.frames[i], held, slopes, gaps[i], weight)
         for k in range(3):
             a, b = weight * by_point[0, k], weight * by_point[1, k]
@@ -103,7 +109,7 @@ def linearise(
                             a * slopes[0, 6 * x + j] + b * slopes[1, 6 * x + j]
                         )
     for i in range(links.frames.shape[0]):
-        link_slopes(rotations, centres, links, i, linked)
+        constraint_jacobian(rotations, centres, links, i, linked)
         _add_pair(normal, links.frames[i], held, linked, known[i], 1.0)
     for k in range(6):  # the held frame has an equation of its own: it stays
         normal.poses[6 * held + k, 6 * held + k] = 1.0
@@ -122,7 +128,7 @@ def _invert(own: Array, damping: float, result: Array) -> None:
 
 
 @compiled
-def reduce_points(normal: Normal, damping: float, reduced: Array, right: Array) -> None:
+def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right: Array) -> None:
     """Schur complement of the points: (6 n, 6 n), lower half, and its right side; leaves the points' inverses."""
     size = right.shape[0]
     for k in range(size):
@@ -162,12 +168,12 @@ def point_uncertainty(
     rotations: Array,
     centres: Array,
     held: int,
-    charts: Charts,
+    charts: PointAnchors,
     points: Array,
-    rows: Rows,
+    rows: ResidualBlocks,
     wanted: int,
     gaps: Array,
-    normal: Normal,
+    normal: NormalEquations,
     reduced: Array,
     step: Array,
     covariance: Array,
@@ -215,7 +221,7 @@ def point_uncertainty(
         n = rows.point[i]
         weight = gaps[i, 0] ** 2 + gaps[i, 1] ** 2
         weight = 1.0 / (1.0 + weight / rows.scale[i] ** 2) / rows.sigma[i]
-        row_slopes(rotations, centres, charts, points, rows, i, work, slopes, by_point)
+        block_jacobian(rotations, centres, charts, points, rows, i, work, slopes, by_point)
         for r in range(2):
             for k in range(3):
                 total = 0.0

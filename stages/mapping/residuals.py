@@ -23,7 +23,7 @@ BEHIND = 1e12
 NEAREST = 1e-3
 
 
-class Rows(NamedTuple):
+class ResidualBlocks(NamedTuple):
     """Residuals of points: ties, and plain sights, which have no earlier place.
 
     frames (m, 2): earlier and later frame (a sight: twice its own); point (m,); source, target (m, 2): rays (x/z, y/z)
@@ -43,10 +43,10 @@ class Rows(NamedTuple):
     @staticmethod
     def sights(
         frame: NDArray[np.int64], point: NDArray[np.int64], ray: Array, sigma: Array, scale: float
-    ) -> Rows:
+    ) -> ResidualBlocks:
         """Plain sights of points in frames."""
         n = len(frame)
-        return Rows(
+        return ResidualBlocks(
             np.column_stack([frame, frame]),
             point,
             np.zeros((n, 2)),
@@ -57,11 +57,11 @@ class Rows(NamedTuple):
         )
 
     @staticmethod
-    def joined(parts: list[Rows]) -> Rows:
+    def joined(parts: list[ResidualBlocks]) -> ResidualBlocks:
         """All rows of some parts, in order."""
-        return Rows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return ResidualBlocks(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def checked(self, frames: int, points: int) -> Rows:
+    def checked(self, frames: int, points: int) -> ResidualBlocks:
         """The same, refused where compiled code would read beside an array."""
         m = len(self.frames)
         require_array(self.frames, "frames", np.int64, (m, 2))
@@ -76,7 +76,7 @@ class Rows(NamedTuple):
         return self
 
 
-class Links(NamedTuple):
+class StepConstraints(NamedTuple):
     """What is known of steps beforehand, as in `numerics.epipolar.Prior`, and how long they are.
 
     frames (l, 2): from, to; rotation (l, 3, 3), sigma_rotation (l,) rad, inf: unknown; direction (l, 3) of travel,
@@ -92,7 +92,7 @@ class Links(NamedTuple):
     length: Array
     sigma_length: Array
 
-    def checked(self, frames: int) -> Links:
+    def checked(self, frames: int) -> StepConstraints:
         """The same, refused where compiled code would read beside an array."""
         n = len(self.frames)
         require_array(self.frames, "frames", np.int64, (n, 2))
@@ -107,7 +107,7 @@ class Links(NamedTuple):
         return self
 
 
-class Charts(NamedTuple):
+class PointAnchors(NamedTuple):
     """Where the coordinates of points start from: rotation (p, 3, 3) and centre (p, 3) of a camera that sees each.
 
     A point is (a, b, rho): the ray (a, b, 1) of that camera, as it stood at the start, and one over its depth there.
@@ -145,7 +145,7 @@ def project(
 
 
 @compiled
-def project_slopes(
+def project_jacobian(
     rotation: Array, centre: Array, chart_r: Array, chart_c: Array, point: Array, slopes: Array
 ) -> None:
     """Derivatives (2, 9) of `project`: by a turn (rad, world axes), by the centre, by the point."""
@@ -173,8 +173,13 @@ def project_slopes(
 
 
 @compiled
-def row_gaps(
-    rotations: Array, centres: Array, charts: Charts, points: Array, rows: Rows, gaps: Array
+def block_residuals(
+    rotations: Array,
+    centres: Array,
+    charts: PointAnchors,
+    points: Array,
+    rows: ResidualBlocks,
+    gaps: Array,
 ) -> None:
     """Residuals (m, 2) in sigmas; very large where a point lies behind a camera."""
     before, now = np.empty(2), np.empty(2)
@@ -193,12 +198,12 @@ def row_gaps(
 
 
 @compiled
-def row_slopes(
+def block_jacobian(
     rotations: Array,
     centres: Array,
-    charts: Charts,
+    charts: PointAnchors,
     points: Array,
-    rows: Rows,
+    rows: ResidualBlocks,
     i: int,
     work: Array,
     slopes: Array,
@@ -211,11 +216,11 @@ def row_slopes(
     n, first, second = rows.point[i], rows.frames[i, 0], rows.frames[i, 1]
     chart_r, chart_c = charts.rotation[n], charts.centre[n]
     early, late = work[0], work[1]
-    project_slopes(rotations[second], centres[second], chart_r, chart_c, points[n], late)
+    project_jacobian(rotations[second], centres[second], chart_r, chart_c, points[n], late)
     if first == second:
         early[:] = 0.0
     else:
-        project_slopes(rotations[first], centres[first], chart_r, chart_c, points[n], early)
+        project_jacobian(rotations[first], centres[first], chart_r, chart_c, points[n], early)
     w0, w1, w2 = rows.warp[i, 0], rows.warp[i, 1], rows.warp[i, 2]
     weight = 1.0 / rows.sigma[i]
     for k in range(6):
@@ -229,7 +234,9 @@ def row_slopes(
 
 
 @compiled
-def link_gaps(rotations: Array, centres: Array, links: Links, gaps: Array) -> None:
+def constraint_residuals(
+    rotations: Array, centres: Array, links: StepConstraints, gaps: Array
+) -> None:
     """Distances (l, 6) to what is known of each step, in sigmas: turn, direction sideways and up, length."""
     travel, half = np.empty(3), np.empty(3)
     for i in range(links.frames.shape[0]):
@@ -253,7 +260,9 @@ def link_gaps(rotations: Array, centres: Array, links: Links, gaps: Array) -> No
 
 
 @compiled
-def link_slopes(rotations: Array, centres: Array, links: Links, i: int, slopes: Array) -> None:
+def constraint_jacobian(
+    rotations: Array, centres: Array, links: StepConstraints, i: int, slopes: Array
+) -> None:
     """Derivatives (6, 12) of the distances of link i by both poses, first one first.
 
     A turn d of the later camera against the earlier one moves the logarithm e of their rotation by Jl(e)^-1 d, Jl

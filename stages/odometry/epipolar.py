@@ -12,17 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.stages.geometry import (
-    across,
     cholesky_solve,
     rotation_from_vector,
+    tangent_basis,
     vector_from_rotation,
 )
 from wayside.stages.kernels import Array, compiled, require_array
 
-STEP = 1e-6
+DIFFERENCE_STEP = 1e-6
 
 
-class Prior(NamedTuple):
+class RelativePosePrior(NamedTuple):
     """What is known of a step before looking.
 
     rotation (3, 3) with sigma_rotation in radians (inf: unknown). Direction of travel (3,) with sigma_direction (2,)
@@ -36,7 +36,7 @@ class Prior(NamedTuple):
     sigma_direction: Array
     halfway: bool
 
-    def checked(self) -> Prior:
+    def checked(self) -> RelativePosePrior:
         """The same in the types that compiled code takes."""
         rotation = np.ascontiguousarray(self.rotation, np.float64)
         direction = np.ascontiguousarray(self.direction, np.float64)
@@ -44,7 +44,9 @@ class Prior(NamedTuple):
         require_array(rotation, "rotation", np.float64, (3, 3))
         require_array(direction, "direction", np.float64, (3,))
         require_array(sigma, "sigma_direction", np.float64, (2,))
-        return Prior(rotation, float(self.sigma_rotation), direction, sigma, bool(self.halfway))
+        return RelativePosePrior(
+            rotation, float(self.sigma_rotation), direction, sigma, bool(self.halfway)
+        )
 
 
 class EpipolarFit(NamedTuple):
@@ -60,7 +62,7 @@ def fit_epipolar(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: Prior,
+    prior: RelativePosePrior,
     *,
     focal_px: float,
     sigma_px: float,
@@ -125,24 +127,24 @@ def sampson_px(
 
 
 @compiled
-def half_turn(rotation: Array, direction: Array) -> Array:
+def halfway_direction(rotation: Array, direction: Array) -> Array:
     """Direction (3,) of the axes half way through a rotation, in the axes before it."""
     half: Array = np.dot(rotation_from_vector(0.5 * vector_from_rotation(rotation)), direction)
     return half
 
 
 @compiled
-def prior_gaps(
+def prior_residuals(
     rotation: Array,
     direction: Array,
-    prior: Prior,
+    prior: RelativePosePrior,
     gaps: Array,
 ) -> None:
     """Distances (5,) to the prior in sigmas: rotation about x, y, z, direction sideways and up."""
     turn = vector_from_rotation(np.dot(rotation, prior.rotation.T))
     for i in range(3):
         gaps[i] = turn[i] / prior.sigma_rotation
-    expected = half_turn(rotation, prior.direction) if prior.halfway else prior.direction
+    expected = halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
     for i in range(2):
         slope = direction[i] / direction[2] - expected[i] / expected[2]
         gaps[3 + i] = slope / prior.sigma_direction[i]
@@ -177,7 +179,7 @@ def _sampson(
 
 
 @compiled
-def moved_step(
+def updated_pose(
     rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
 ) -> None:
     """Rotation and direction after a step (5,): rotation vector, then along `basis` (2, 3).
@@ -209,7 +211,7 @@ def _fit(
     current: Array,
     rotation: Array,
     direction: Array,
-    prior: Prior,
+    prior: RelativePosePrior,
     focal_px: float,
     sigma_px: float,
     scale_px: float,
@@ -222,22 +224,22 @@ def _fit(
     normal, right, damped = np.empty((5, 5)), np.empty(5), np.empty((5, 5))
 
     _sampson(previous, current, rotation, direction, focal_px, gaps)
-    prior_gaps(rotation, direction, prior, known)
+    prior_residuals(rotation, direction, prior, known)
     cost = _cost(gaps, known, sigma_px, scale_px)
     damping, done = 1e-3, 0
     while done < iterations:
         done += 1
-        basis = across(direction)
+        basis = tangent_basis(direction)
         for k in range(5):
             step[:] = 0.0
-            step[k] = STEP
-            moved_step(rotation, direction, basis, step, trial_r, trial_t)
+            step[k] = DIFFERENCE_STEP
+            updated_pose(rotation, direction, basis, step, trial_r, trial_t)
             _sampson(previous, current, trial_r, trial_t, focal_px, slopes[k])
-            prior_gaps(trial_r, trial_t, prior, known_slopes[k])
+            prior_residuals(trial_r, trial_t, prior, known_slopes[k])
             for i in range(n):
-                slopes[k, i] = (slopes[k, i] - gaps[i]) / STEP
+                slopes[k, i] = (slopes[k, i] - gaps[i]) / DIFFERENCE_STEP
             for i in range(5):
-                known_slopes[k, i] = (known_slopes[k, i] - known[i]) / STEP
+                known_slopes[k, i] = (known_slopes[k, i] - known[i]) / DIFFERENCE_STEP
         for k in range(5):
             right[k] = 0.0
             for m in range(k + 1):
@@ -259,9 +261,9 @@ def _fit(
                 damped[k, k] += damping * normal[k, k] + 1e-9
             step[:] = right
             if cholesky_solve(damped, step, 5):
-                moved_step(rotation, direction, basis, step, trial_r, trial_t)
+                updated_pose(rotation, direction, basis, step, trial_r, trial_t)
                 _sampson(previous, current, trial_r, trial_t, focal_px, slopes[0])
-                prior_gaps(trial_r, trial_t, prior, known_slopes[0])
+                prior_residuals(trial_r, trial_t, prior, known_slopes[0])
                 trial_cost = _cost(slopes[0], known_slopes[0], sigma_px, scale_px)
                 if trial_cost < cost:
                     better, gain = True, cost - trial_cost

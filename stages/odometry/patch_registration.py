@@ -25,7 +25,7 @@ LEAST_TEXTURE, HOPELESS = 2.0, 0.3
 """Grey levels a patch must vary by; correlation below which a fit is given up."""
 
 
-class Registered(NamedTuple):
+class PatchRegistration(NamedTuple):
     """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed.
 
     sigma (n,): scatter of the point along its weakest direction, px of the far picture, by the noise that is left
@@ -46,7 +46,7 @@ def register_patches(
     warps: Array,
     *,
     search_px: int = 2,
-) -> Registered:
+) -> PatchRegistration:
     """Find the 15 x 15 px patches round `corners` of the far picture in the near one.
 
     Parameters
@@ -77,7 +77,7 @@ def register_patches(
     point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
     sigma = np.full(n, np.inf)
     _register(far, near, corners, starts, warps, search_px, point, scale, zncc, sigma)
-    return Registered(point, scale, zncc, sigma)
+    return PatchRegistration(point, scale, zncc, sigma)
 
 
 @compiled

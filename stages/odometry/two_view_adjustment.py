@@ -13,12 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.stages.geometry import across, cholesky_solve
+from wayside.stages.geometry import cholesky_solve, tangent_basis
 from wayside.stages.kernels import Array, compiled, require_array
-from wayside.stages.odometry.epipolar import STEP, Prior, moved_step, prior_gaps
+from wayside.stages.odometry.epipolar import (
+    DIFFERENCE_STEP,
+    RelativePosePrior,
+    prior_residuals,
+    updated_pose,
+)
 
 
-class Adjusted(NamedTuple):
+class TwoViewAdjustment(NamedTuple):
     """Result of `adjust_two_views`.
 
     rotation (3, 3), direction (3,): pose of the second camera in the first one's frame, but for the length;
@@ -42,13 +47,13 @@ def adjust_two_views(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: Prior,
+    prior: RelativePosePrior,
     *,
     focal_px: tuple[float, float],
     sigma_px: float,
     scale_px: float,
     iterations: int = 20,
-) -> Adjusted:
+) -> TwoViewAdjustment:
     """Adjust motion and points together to the rays of two pictures.
 
     Parameters
@@ -96,7 +101,7 @@ def adjust_two_views(
         history,
     )
     made = (float(cost), int(steps), history[: steps + 1])
-    return Adjusted(rotation, direction, point, squares, covariance, *made)
+    return TwoViewAdjustment(rotation, direction, point, squares, covariance, *made)
 
 
 @compiled
@@ -291,7 +296,7 @@ def _adjust(
     current: Array,
     rotation: Array,
     direction: Array,
-    prior: Prior,
+    prior: RelativePosePrior,
     focal_px: Array,
     sigma_px: float,
     scale_px: float,
@@ -311,19 +316,19 @@ def _adjust(
 
     _first_points(previous, current, rotation, direction, point)
     _squares(previous, current, rotation, direction, point, focal_px, squares)
-    prior_gaps(rotation, direction, prior, known)
+    prior_residuals(rotation, direction, prior, known)
     cost = _total(squares, known, sigma_px, scale_px)
     history[0] = squares.sum() / max(n, 1)
     damping, done, settled = 1e-3, 0, False
     while True:
-        basis = across(direction)
+        basis = tangent_basis(direction)
         for k in range(5):
             single[:] = 0.0
-            single[k] = STEP
-            moved_step(rotation, direction, basis, single, trial_r, trial_t)
-            prior_gaps(trial_r, trial_t, prior, slopes[k])
+            single[k] = DIFFERENCE_STEP
+            updated_pose(rotation, direction, basis, single, trial_r, trial_t)
+            prior_residuals(trial_r, trial_t, prior, slopes[k])
             for i in range(5):
-                slopes[k, i] = (slopes[k, i] - known[i]) / STEP
+                slopes[k, i] = (slopes[k, i] - known[i]) / DIFFERENCE_STEP
         _linearise(
             previous,
             current,
@@ -349,7 +354,7 @@ def _adjust(
         for _ in range(8):
             _reduce(motion, motion_right, mixed, own, own_right, damping, inverses, reduced, step)
             if cholesky_solve(reduced, step, 5):
-                moved_step(rotation, direction, basis, step, trial_r, trial_t)
+                updated_pose(rotation, direction, basis, step, trial_r, trial_t)
                 for i in range(n):
                     for k in range(3):
                         single[k] = own_right[i, k]
@@ -362,7 +367,7 @@ def _adjust(
                             + inverses[i, k, 2] * single[2]
                         )
                 _squares(previous, current, trial_r, trial_t, trial_p, focal_px, trial_squares)
-                prior_gaps(trial_r, trial_t, prior, trial_known)
+                prior_residuals(trial_r, trial_t, prior, trial_known)
                 trial_cost = _total(trial_squares, trial_known, sigma_px, scale_px)
                 if trial_cost < cost:
                     settled, gain = False, cost - trial_cost

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 from wayside.stages.mapping.bundle_adjustment import adjust_window
 from wayside.stages.mapping.residuals import (
     QUADRATIC,
-    Charts,
-    Links,
-    Rows,
-    link_gaps,
-    link_slopes,
-    row_gaps,
-    row_slopes,
+    PointAnchors,
+    ResidualBlocks,
+    StepConstraints,
+    block_jacobian,
+    block_residuals,
+    constraint_jacobian,
+    constraint_residuals,
 )
 
 FOCAL = 1400.0
@@ -34,8 +34,8 @@ class Scene:
     centres: np.ndarray
     points: np.ndarray
     anchors: np.ndarray
-    rows: Rows
-    links: Links
+    rows: ResidualBlocks
+    links: StepConstraints
 
     @property
     def last(self):
@@ -105,19 +105,19 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
                 warp.append((growth, 0.0, growth))
                 place = now + world.uniform(-aside_px, aside_px, 2) / FOCAL
     count, m = len(points) - 1, len(pairs)
-    rows = Rows.joined(
+    rows = ResidualBlocks.joined(
         [
-            Rows.sights(
+            ResidualBlocks.sights(
                 numbers, np.zeros(frames, int), rays, np.full(frames, SIGHT_PX / FOCAL), scales[0]
             ),
-            Rows.sights(
+            ResidualBlocks.sights(
                 np.array(anchors[1:]),
                 np.arange(1, count + 1),
                 np.array(points)[1:, :2],
                 np.full(count, 0.01 / FOCAL),
                 QUADRATIC,
             ),
-            Rows(
+            ResidualBlocks(
                 np.array(pairs),
                 np.array(which),
                 np.array(source),
@@ -130,7 +130,7 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
     )
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     steps = frames - 1
-    links = Links(
+    links = StepConstraints(
         np.column_stack([numbers[:-1], numbers[1:]]),
         np.repeat(np.eye(3)[None], steps, axis=0),
         np.full(steps, np.inf),
@@ -169,7 +169,7 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
     one = scene(ties=10, seed=1, scales=scales)
     one = replace(one, links=with_given_turns(one.links))
     found = one.solve(shaken(one, one.last), iterations=40)
-    charts = Charts(one.rotations[one.anchors], one.centres[one.anchors])
+    charts = PointAnchors(one.rotations[one.anchors], one.centres[one.anchors])
 
     def residuals(unknowns):
         poses = unknowns[: 6 * one.last].reshape(-1, 6)
@@ -178,8 +178,8 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
         centres = np.concatenate([one.centres[:-1] + poses[:, 3:], one.centres[-1:]])
         gaps, known = np.empty((len(one.rows.point), 2)), np.empty((one.last, 6))
         points = one.points + unknowns[6 * one.last :].reshape(-1, 3) * [1e-3, 1e-3, 1e-3]
-        row_gaps(rotations, centres, charts, points, one.rows, gaps)
-        link_gaps(rotations, centres, one.links, known)
+        block_residuals(rotations, centres, charts, points, one.rows, gaps)
+        constraint_residuals(rotations, centres, one.links, known)
         square, scale = (gaps**2).sum(axis=1), one.rows.scale
         flat = scale * np.sqrt(np.log1p(square / scale**2)) / np.sqrt(np.maximum(square, 1e-30))
         return np.concatenate([(gaps * flat[:, None]).ravel(), known.ravel()])
@@ -200,17 +200,17 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
 def test_derivatives_of_rows_are_those_of_finite_differences():
     one = scene(ties=4, seed=2)
     rotations, centres = shaken(one, 0)
-    charts = Charts(one.rotations[one.anchors], one.centres[one.anchors])
+    charts = PointAnchors(one.rotations[one.anchors], one.centres[one.anchors])
     slopes, by_point, work = np.empty((2, 12)), np.empty((2, 3)), np.empty((2, 2, 9))
     h = 1e-6
 
     def gaps(rotations, centres, points):
         result = np.empty((len(one.rows.point), 2))
-        row_gaps(rotations, centres, charts, points, one.rows, result)
+        block_residuals(rotations, centres, charts, points, one.rows, result)
         return result
 
     for i in range(len(one.rows.point)):
-        row_slopes(rotations, centres, charts, one.points, one.rows, i, work, slopes, by_point)
+        block_jacobian(rotations, centres, charts, one.points, one.rows, i, work, slopes, by_point)
         first, second = one.rows.frames[i]
         for x, frame in enumerate((first, second)):
             for k in range(6):
@@ -240,7 +240,7 @@ def test_derivatives_of_known_steps_are_those_of_finite_differences():
     rotations, centres = shaken(one, 0, turn=0.1, shift=0.5)
     slopes, h = np.empty((6, 12)), 1e-6
     for i, (first, second) in enumerate(links.frames):
-        link_slopes(rotations, centres, links, i, slopes)
+        constraint_jacobian(rotations, centres, links, i, slopes)
         for k in range(12):
             frame, ends = (first, second)[k // 6], []
             for sign in (-h, h):
@@ -248,7 +248,7 @@ def test_derivatives_of_known_steps_are_those_of_finite_differences():
                 step = np.eye(6)[k % 6] * sign
                 r[frame] = Rotation.from_rotvec(step[:3]).as_matrix() @ r[frame]
                 c[frame] += step[3:]
-                link_gaps(r, c, links, gaps)
+                constraint_residuals(r, c, links, gaps)
                 ends.append(gaps[i])
             wanted = (ends[1] - ends[0]) / (2 * h)
             np.testing.assert_allclose(slopes[:, k], wanted, rtol=1e-5, atol=1e-3)
@@ -331,7 +331,7 @@ def test_points_of_two_steps_share_out_the_error_of_their_lengths():
             kept &= (rows.point == 0) | (rows.frames[:, 0] == one.anchors[rows.point])
         # seen so exactly that the lengths alone make the error
         sigma = np.where(rows.point == 0, rows.sigma / 30, rows.sigma)
-        exact = Rows(*(column[kept] for column in rows._replace(sigma=sigma)))
+        exact = ResidualBlocks(*(column[kept] for column in rows._replace(sigma=sigma)))
         one = replace(one, rows=exact)
         spread.append(np.sqrt(one.solve().covariance[2, 2]))
     assert spread[0] < 0.8 * spread[1]
