@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
+from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.bundle_adjustment import adjust_window
 from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepConstraints
 from wayside.stages.mapping.tie_tracks import link_tracks, spread_tracks
-from wayside.stages.mapping.triangulation import CAUCHY
 from wayside.stages.mapping.window import Held
 from wayside.stages.odometry import (
     CORRELATION_REACH_PX,
@@ -120,14 +120,14 @@ def adjust_together(
     sigma = np.hypot(registered_sigma_px(tied), WAY_SHARE * tied.way)
     rows = ResidualBlocks.joined(
         [
-            ResidualBlocks.sights(
+            ResidualBlocks.observations(
                 sighted.frames[inside] - first,
                 np.zeros(seen, np.int64),
                 sighted.rays[inside],
                 sighted.sigma[inside],
-                CAUCHY,
+                AdjustmentSettings().cauchy_sigmas,
             ),
-            ResidualBlocks.sights(
+            ResidualBlocks.observations(
                 anchors,
                 np.arange(1, count + 1, dtype=np.int64),
                 start[:, :2],
@@ -153,7 +153,7 @@ def adjust_together(
     covariance = ROBUST_SHARE * found.covariance + shared
     astray = np.unique(track[found.squares[seen + count :] > ASTRAY**2])
     turn = home.rotation
-    return Joint(home.to_world(found.place), turn @ covariance @ turn.T, count, len(astray))
+    return Joint(home.to_world(found.position), turn @ covariance @ turn.T, count, len(astray))
 
 
 def window_round(best: int, frames: NDArray[np.int64]) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled, require_array
 
 RADIUS = 7
@@ -205,17 +206,7 @@ def _inverse(slopes: Array, inverse: Array) -> bool:
                 for j in range(SIDE):
                     total += slopes[k, i, j] * slopes[m, i, j]
             normal[k, m] = total
-    a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
-    d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
-    m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
-    determinant = a * m0 + b * m1 + c * m2
-    if not determinant > 1e-9 * a * d * f:
-        return False
-    q = 1.0 / determinant
-    inverse[0, 0], inverse[0, 1], inverse[0, 2] = m0 * q, m1 * q, m2 * q
-    inverse[1, 0], inverse[1, 1], inverse[1, 2] = m1 * q, (a * f - c * c) * q, (b * c - a * e) * q
-    inverse[2, 0], inverse[2, 1], inverse[2, 2] = m2 * q, (b * c - a * e) * q, (a * d - b * b) * q
-    return True
+    return invert_symmetric(normal, 0.0, 0.0, inverse) > 1e-9
 
 
 @compiled
