@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_array, require_picture
+from wayside.stages.kernels import compiled, require_array, require_image
 
 STACKED_EDGE, STACKED_GAP, STACKED_EDGE_PX, STACKED_GAP_PX = 0.15, 0.35, 1.5, 2.0
 """How far the sides of stacked boxes may differ, and how far one may stand above the other: shares of the narrower and
@@ -75,7 +75,7 @@ def patch_means(
     rgb (height, width, 3) and values (height, width) uint8; boxes inside the picture.
     At most about 24 x 24 samples a box are looked at.
     """
-    require_picture(rgb)
+    require_image(rgb)
     require_array(values, "values", np.uint8, rgb.shape[:2])
     box = np.ascontiguousarray(box, np.float32)
     require_array(box, "box", np.float32, (None, 4))

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_picture
+from wayside.stages.kernels import compiled, require_image
 
 MAPS = ("red", "blue", "green", "yellow", "lighter", "darker")
 """Red over green; blue over red; green over red; red and green over blue; lighter and darker.
@@ -43,7 +43,7 @@ def face_maps(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     The four chromatic ones are differences of channels over the largest channel (a face in shadow keeps its
     value), times 256.
     """
-    require_picture(rgb)
+    require_image(rgb)
     result = np.empty((len(MAPS), *rgb.shape[:2]), np.uint8)
     if rgb.size:
         own = np.stack(cv2.split(rgb))

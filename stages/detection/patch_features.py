@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.imaging import DARK_LEVEL
-from wayside.stages.kernels import compiled, require_array, require_picture
+from wayside.stages.kernels import compiled, require_array, require_image
 
 SIDE, INNER = 32, 20
 """Samples of the patch and of the box in it, each way."""
@@ -113,7 +113,7 @@ def _checked(
             f"levels: wanted full, half and quarter size, found {len(levels)} pictures"
         )
     for level in levels:
-        require_picture(level, "levels")
+        require_image(level, "levels")
         if level.size == 0:
             raise ValueError("levels: wanted pictures with pixels, found an empty one")
     box = np.ascontiguousarray(box, np.float32)

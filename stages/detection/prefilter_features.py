@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.imaging import DARK_LEVEL
-from wayside.stages.kernels import compiled, require_array, require_picture
+from wayside.stages.kernels import compiled, require_array, require_image
 
 GRID = 6
 """Samples each way; the inner 4 x 4 lie in the box or on its border."""
@@ -43,7 +43,7 @@ def glances(levels: tuple[NDArray[np.uint8], ...], box: NDArray[np.float32]) -> 
     if len(levels) != 3 or any(level.size == 0 for level in levels):
         raise ValueError(f"levels: wanted three pictures with pixels, found {len(levels)}")
     for level in levels:
-        require_picture(level, "levels")
+        require_image(level, "levels")
     box = np.ascontiguousarray(box, np.float32)
     require_array(box, "box", np.float32, (None, 4))
     result = np.empty((len(box), GRID * GRID * 3), np.float32)

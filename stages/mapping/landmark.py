@@ -12,7 +12,7 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import TreeModel
 from wayside.stages.classifiers import log_odds
-from wayside.stages.geometry import Beside
+from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.covariance import STEP_SIGMA, point_covariance
 from wayside.stages.mapping.hypotheses import Fit
 from wayside.stages.mapping.local_adjustment import Sighted, adjust_together
@@ -64,7 +64,7 @@ FEATURES = (
 
 
 def place_features(
-    fit: Fit, held: Sequence[Held], scores: NDArray[np.float64], beside: Beside
+    fit: Fit, held: Sequence[Held], scores: NDArray[np.float64], beside: FrenetOffset
 ) -> NDArray[np.float64]:
     """Numbers (21,) about a place, named by `FEATURES`; scores (v,) are the log odds of its views."""
     count = len(fit.rows)
@@ -112,7 +112,7 @@ def build_place(
     fit: Fit,
     held: Sequence[Held],
     found: Measured,
-    beside: Beside,
+    beside: FrenetOffset,
     *,
     track_id: int,
     score: float,
