@@ -1,6 +1,12 @@
 """Rotations, lens distortion, midpoints, offsets from a path."""
 
 from wayside.stages.geometry.bound import point_bound, step_bound
+from wayside.stages.geometry.boxes import (
+    box_areas,
+    intersection_areas,
+    iou_matrix,
+    non_maximum_suppression,
+)
 from wayside.stages.geometry.path import Beside, beside_path
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
@@ -21,12 +27,16 @@ __all__ = [
     "Beside",
     "across",
     "beside_path",
+    "box_areas",
     "cholesky_solve",
     "distort_points",
     "ideal_of_rays",
     "ideal_points",
+    "intersection_areas",
+    "iou_matrix",
     "meet_rays",
     "midpoint",
+    "non_maximum_suppression",
     "pair_residual",
     "point_bound",
     "rays_of_ideal",
