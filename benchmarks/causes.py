@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 
 ROOT = Path(__file__).resolve().parents[1]
 DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept" / "default"
@@ -95,7 +95,7 @@ def verdict_on(
     """Verdict on the candidate that overlaps a true box most; "none" where there is none on it."""
     if len(boxes) == 0:
         return "none"
-    overlap = overlap_of(box[None], boxes)[0]
+    overlap = iou_matrix(box[None], boxes)[0]
     best = int(overlap.argmax())
     return str(verdicts[best]) if overlap[best] >= ON_FACE else "none"
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 
 ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""
@@ -44,7 +44,7 @@ def reached(
     """The last step passed by the best candidate (`boxes` (n, 4), `verdicts` (n,)) that overlaps the face `box`."""
     if len(boxes) == 0:
         return NOWHERE
-    on = overlap_of(np.asarray(box, np.float64)[None], boxes)[0] >= ON_FACE
+    on = iou_matrix(np.asarray(box, np.float64)[None], boxes)[0] >= ON_FACE
     return max((_REACHED.get(str(verdict), KEPT) for verdict in verdicts[on]), default=NOWHERE)
 
 

@@ -38,10 +38,10 @@ from reached import (
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import gather, learning_logs
-from wayside.pipeline.learning.gating import learn_gate, learn_ranking
-from wayside.pipeline.learning.judging import learn_judges
+from wayside.pipeline.learning.detector import learn_detector
+from wayside.pipeline.learning.prefilter import learn_prefilter, learn_ranking
 from wayside.pipeline.learning.samples import NEAR_FACE
-from wayside.pipeline.learning.scenes import read_scenes, scene_pictures, scene_sources
+from wayside.pipeline.learning.scenes import read_scenes, scene_images, scene_sources
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
@@ -49,7 +49,7 @@ from wayside.schemas.detections import COLORS, VERDICTS, Candidates
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Frame
 from wayside.schemas.models import NetworkModel, TreeModel
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "benchmarks" / "scenes.md"
@@ -131,15 +131,15 @@ def say(text: str) -> None:
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     """Every source, looked at with models that have not seen it; and how they were learned, in words."""
     samples = gather(logs, real, SEED, say)
-    judges = learn_judges(
-        samples.drives, samples.see, samples.draw, SEED, "", samples.scenes
-    ).strangers
+    judges = learn_detector(
+        samples.drives, samples.features_of, samples.patches_of, SEED, "", samples.scenes
+    ).out_of_fold
     ranking = learn_ranking(samples.drives, (), SEED, "")
-    _, gate = learn_gate(samples.drives, SEED, "")
+    _, gate = learn_prefilter(samples.drives, SEED, "")
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():
         judge, face_box = judges[source]
-        by = SceneModels(ranking, replace(judge, gate=gate), face_box)
+        by = SceneModels(ranking, replace(judge, prefilter=gate), face_box)
         found.append(looked_at(source, real, listed, by))
         say(f"looked at the {len(listed)} images of {source}")
     images = sum(drive.frames for drive in samples.drives)
@@ -157,7 +157,7 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneMo
             if box[3] - box[1] < SMALLEST_PX:
                 continue
             level = reached(box, own.regions.box, verdicts)
-            score = best_score(box, own) - by.judge.accept
+            score = best_score(box, own) - by.judge.threshold
             faces.append(FaceOutcome(source, scene["file"], box, sign["color"], level, score))
         if scene["complete"]:
             known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
@@ -165,7 +165,7 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneMo
                 (
                     scene["file"],
                     tuple(own.regions.box[row].tolist()),
-                    own.score[row] - by.judge.accept,
+                    own.score[row] - by.judge.threshold,
                 )
                 for row in strays(own, known)
             ]
@@ -177,7 +177,10 @@ def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator
     """The candidates of each image after all stages that look at one picture."""
     settings, _ = load_settings("default")
     models = replace(
-        load_models(settings), ranking=by.ranking, judge=by.judge, face_box=by.face_box
+        load_models(settings),
+        region_ranking=by.ranking,
+        box_classifier=by.judge,
+        box_regressor=by.face_box,
     )
     flow = Flow(settings, models, StageClock())
     return (look.candidates for look in flow.detect(scene_frames(real, scenes)))
@@ -185,7 +188,7 @@ def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator
 
 def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:
     """The images as they are stored, as frames of a log."""
-    for scene, picture in zip(scenes, scene_pictures(real, scenes), strict=True):
+    for scene, picture in zip(scenes, scene_images(real, scenes), strict=True):
         yield replace(picture.frame, data=(real / "scenes" / scene["file"]).read_bytes())
 
 
@@ -196,7 +199,7 @@ def names_of(candidates: Candidates) -> NDArray[np.str_]:
 
 def best_score(box: tuple[float, ...], candidates: Candidates) -> float:
     """Best score of the candidates on a face; nan where none was judged."""
-    on = overlap_of(np.array([box]), candidates.regions.box)[0] >= 0.5
+    on = iou_matrix(np.array([box]), candidates.regions.box)[0] >= 0.5
     scores = candidates.score[on & np.isfinite(candidates.score)]
     return float(scores.max()) if len(scores) else float("nan")
 
@@ -206,7 +209,7 @@ def strays(candidates: Candidates, known: NDArray[np.float64]) -> NDArray[np.int
     kept = candidates.open_rows()
     if len(known) == 0 or len(kept) == 0:
         return kept
-    near = overlap_of(candidates.regions.box[kept], known).max(axis=1) >= NEAR_FACE
+    near = iou_matrix(candidates.regions.box[kept], known).max(axis=1) >= NEAR_FACE
     return np.asarray(kept[~near])
 
 

@@ -170,8 +170,9 @@ def result_of(drive: BenchmarkDrive, folder: Path, bar: float | None) -> Result:
     options = {"read.spacing_m": parse_length(drive.spacing)} if drive.spacing else {}
     settings, _ = load_settings("default", None, [], options | {"run.workers": 1})
     models = load_models(settings)
-    if bar is not None and models.place is not None:
-        models = replace(models, place=replace(models.place, accept=bar))
+    if bar is not None and models.landmark_classifier is not None:
+        landmark = replace(models.landmark_classifier, threshold=bar)
+        models = replace(models, landmark_classifier=landmark)
     run_log(drive.log, folder / drive.name, settings, models, arguments=[], every_region=True)
     print(drive.name, file=sys.stderr, flush=True)
     truth: Row = json.loads(drive.truth.read_text())

@@ -9,6 +9,12 @@ from wayside.stages.geometry.linear_algebra import (
     invert_symmetric,
 )
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
+from wayside.stages.geometry.boxes import (
+    box_areas,
+    intersection_areas,
+    iou_matrix,
+    non_maximum_suppression,
+)
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
     rotation_from_vector,
@@ -26,6 +32,7 @@ from wayside.stages.geometry.undistortion import (
 __all__ = [
     "FrenetOffset",
     "Schedule",
+    "box_areas",
     "cholesky_solve",
     "cross_matrices",
     "cross_matrix",
@@ -37,6 +44,11 @@ __all__ = [
     "meet_rays",
     "midpoint",
     "minimiser",
+    "intersection_areas",
+    "iou_matrix",
+    "meet_rays",
+    "midpoint",
+    "non_maximum_suppression",
     "pair_residual",
     "point_bound",
     "rays_of_ideal",
