@@ -239,7 +239,7 @@ def _process(
             return None
         from wayside.pipeline.view.sinks import open_observer
 
-        return open_observer(viewing, folder, log.stem, models.location, report)
+        return open_observer(viewing, folder, log.stem, models.location_classes, report)
 
     size = log.stat().st_size if log.exists() else 0
     with FrameProgress(log.name, size) as progress:

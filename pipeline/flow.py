@@ -20,7 +20,7 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.detection import BoxClassifier, judge, propose
+from wayside.stages.detection import BoxClassifier, detect, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
@@ -67,34 +67,38 @@ class Flow:
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
         m = self.models
-        colored = self.stage("color", classify_color(segmented, model=m.color, gate=True))
-        return self.stage("shape", classify_shape(colored, model=m.shape, gate=True))
+        colored = self.stage("color", classify_color(segmented, model=m.color_classes, gate=True))
+        return self.stage("shape", classify_shape(colored, model=m.shape_classes, gate=True))
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """More regions, and a learned classifier on each."""
         stage, s, m = self.stage, self.settings, self.models
-        proposed = stage("propose", propose(segmented, settings=s.candidates, ranking=m.ranking))
-        colored = stage("color", classify_color(proposed, model=m.color, gate=False))
+        proposed = stage(
+            "propose", propose(segmented, settings=s.candidates, ranking=m.region_ranking)
+        )
+        colored = stage("color", classify_color(proposed, model=m.color_classes, gate=False))
         detected = stage(
             "detect",
-            judge(
+            detect(
                 colored,
-                trees=m.judge,
                 settings=s.candidates,
-                color=m.face_color,
-                shape=m.face_shape,
-                box=m.face_box,
-                back=m.back,
+                classifier=m.box_classifier,
+                regressor=m.box_regressor,
+                color=m.color_network,
+                shape=m.shape_network,
+                back=m.back_classifier,
             ),
         )
-        return stage("shape", classify_shape(detected, model=m.shape, gate=False))
+        return stage("shape", classify_shape(detected, model=m.shape_classes, gate=False))
 
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order: motion, tracks, landmarks."""
         stage, s, m = self.stage, self.settings, self.models
         posed = stage("motion", estimate_motion(detections, settings=s.motion))
         tracked = stage("track", self._tracked(posed))
-        located = stage("location", classify_location(tracked, model=m.location, settings=s.locate))
+        located = stage(
+            "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
+        )
         assembled = stage("assemble", assemble(located))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
@@ -119,8 +123,11 @@ class Flow:
         if s.track.matching == "sift":
             return match_by_descriptors(posed, settings=s.track)
         by_report = s.candidates.judge == "report"
-        front = SideClassifiers(None if by_report else BoxClassifier(m.judge), m.place)
-        back = None if m.back is None else SideClassifiers(BoxClassifier(m.back), m.back_place)
+        boxes = None if by_report else BoxClassifier(m.box_classifier)
+        front = SideClassifiers(boxes, m.landmark_classifier)
+        back = None
+        if m.back_classifier is not None:
+            back = SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
         return track(posed, settings=s.track, front=front, back=back)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:

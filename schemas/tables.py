@@ -21,32 +21,32 @@ SCHEMA_VERSION = 1
 SIGN_STATUSES = {
     "sign": "a panel whose face is seen",
     "back": "a panel seen from behind",
-    "uncertain": "kept, but its confidence is below the setting `locate.confidence`",
+    "uncertain": "a face whose confidence is below the setting `locate.confidence`",
 }
 MOTION_SOURCES = {
-    "start": "first used picture: the origin of the drive",
-    "straight": "straight on by the known spacing",
+    "start": "first used frame: the origin of the drive",
+    "straight": "straight motion with the known spacing",
     "odometry": "odometry of the log",
     "poses": "poses of the log",
     "fixes": "satellite fixes of the log",
 }
 VERDICT_WORDS = {
-    "open": "not decided when the drive ended",
+    "open": "undecided when the drive ended",
     "sign": "part of a reported panel",
     "size": "too few or too many pixels",
     "color": "mean colour too far from every sign colour",
     "shape": "outline too far from every sign shape",
-    "glance": "a first look at its colours and place takes it for background",
-    "score": "the judge of single pictures takes it for background",
-    "overlap": "a better candidate covers the same face",
-    "unmatched": "no other picture shows the same thing",
-    "few_views": "seen in fewer pictures than the setting `track.fewest_views`",
-    "moving": "moves along the road by itself",
-    "residual": "its views do not meet in one point, or are few and not alike",
-    "location": "stands where no sign stands",
-    "panel_size": "measured width or height is that of no sign panel",
-    "place_score": "the judge of all views together takes it for background",
-    "duplicate": "a second measurement of a panel already reported",
+    "glance": "rejected by the pre-filter: size, position and mean colour",
+    "score": "rejected by the classifier of boxes in one image",
+    "overlap": "covered by a candidate of higher score on the same face",
+    "unmatched": "no candidate of another frame matches",
+    "few_views": "seen in fewer frames than the setting `track.fewest_views`",
+    "moving": "moves along the road",
+    "residual": "rays do not meet in one point, or the few views do not look alike",
+    "location": "position too far from where signs stand",
+    "panel_size": "measured width or height outside the limits of a sign panel",
+    "place_score": "rejected by the classifier of landmarks, which uses all views",
+    "duplicate": "second measurement of a panel already reported",
 }
 
 

@@ -4,6 +4,7 @@
 `run.json` need no list of their own. Values of the preset `report` that differ stand in `REPORT`.
 """
 
+from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.georeference import GeoreferenceSettings
@@ -15,6 +16,7 @@ from wayside.schemas.settings.tree import REPORT, Settings
 
 __all__ = [
     "REPORT",
+    "AdjustmentSettings",
     "CandidateSettings",
     "FeatureSettings",
     "GateSettings",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
@@ -24,6 +25,7 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
+    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
     models: ModelSettings = field(default_factory=ModelSettings)

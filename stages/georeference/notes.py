@@ -36,7 +36,7 @@ def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> st
     if not offset:
         return ""
     late = "behind" if offset > 0 else "ahead of"
-    note = f"the {what} are {abs(offset):.3f} s {late} the pictures (± {found.time_offset_sigma_s:.3f} s)"
+    note = f"the {what} are {abs(offset):.3f} s {late} the images (± {found.time_offset_sigma_s:.3f} s)"
     if what == "fixes":
         speed = chain.length[1:].sum() / max(float(chain.time_s[-1]), 1e-9)
         note += f", or their antenna {abs(offset) * speed:.1f} m {late} the camera"
@@ -47,7 +47,7 @@ def _outliers(found: Trajectory, what: str) -> str:
     if not found.outliers:
         return ""
     count = len(found.weight)
-    return f"{found.outliers} of {count} {what} do not fit the way between the pictures: left out"
+    return f"{found.outliers} of {count} {what} do not fit the motion between the frames: excluded"
 
 
 def _jumps(
@@ -71,7 +71,7 @@ def _jumps(
         return ""
     largest = alone[np.argmax(off[alone])]
     times = "once" if len(alone) == 1 else f"{len(alone)} times"
-    return f"the {what} jump {times}, furthest by {off[largest]:.1f} m at picture {frames[later[largest]]}"
+    return f"the {what} jump {times}, furthest by {off[largest]:.1f} m at frame {frames[later[largest]]}"
 
 
 def _disagreement(
@@ -105,6 +105,6 @@ def _gap(
     first, last = int(held[longest]), int(held[longest + 1])
     variance = found.covariance[first : last + 1, :2, :2].trace(axis1=1, axis2=2)
     return (
-        f"no {what} for {gaps[longest]:.0f} s (pictures {frames[first]} to {frames[last]}): places there are "
+        f"no {what} for {gaps[longest]:.0f} s (frames {frames[first]} to {frames[last]}): positions there are "
         f"known to {np.sqrt(variance.max()):.1f} m"
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.stages.geometry import Beside, beside_path
+from wayside.stages.geometry import FrenetOffset, frenet_offset
 from wayside.stages.georeference.geodesy import Globe
 from wayside.stages.kernels import Array
 
@@ -81,7 +81,7 @@ class DrivePath:
         inside = float(np.clip(given_m, before[0], before[-1]))
         return float(np.interp(inside, before, after)) + given_m - inside
 
-    def offset_of(self, point: Array, frame: int, before: int, after: int) -> Beside | None:
+    def offset_of(self, point: Array, frame: int, before: int, after: int) -> FrenetOffset | None:
         """Offset of a world point (3,) from the path near a frame; None where only the cameras know which way is up.
 
         With given poses up is the world's z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in
@@ -99,7 +99,7 @@ class DrivePath:
         near = [self.poses[f] for f in frames[max(0, at - before) : at + after]]
         centres = np.array([pose.centre for pose in near])
         ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
-        return beside_path(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
+        return frenet_offset(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
 
 
 def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[TrackedFrame]:

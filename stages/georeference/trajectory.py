@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.settings import GeoreferenceSettings
+from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.banded import BandedNormal, scatter_of_blocks
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.kernels import Array
@@ -319,13 +320,3 @@ def _vector(matrices: Array) -> Array:
 
 def _times(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
-
-
-def cross_matrices(vectors: Array) -> Array:
-    """Matrices (n, 3, 3) whose product with b is the vector product of vectors (n, 3) and b."""
-    result = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    result[:, 0, 1], result[:, 0, 2] = -z, y
-    result[:, 1, 0], result[:, 1, 2] = z, -x
-    result[:, 2, 0], result[:, 2, 1] = -y, x
-    return result

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.stages.geometry import cross_matrix
+
 STEP_SIGMA = np.array([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025])
 """Scatter of a step whose covariance is not known: rotation vector (rad), then right, down, ahead (m)."""
 
@@ -58,8 +60,7 @@ def point_covariance(
             continue
         before = rotations[step - 1]
         arm = (point - centres[step]) @ before
-        turn = np.array([[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]])
-        moved = before @ np.concatenate([turn, np.eye(3)], axis=1)
+        moved = before @ np.concatenate([-cross_matrix(arm), np.eye(3)], axis=1)
         effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ moved
         covariance += effect @ steps[step] @ effect.T
     return (covariance + covariance.T) / 2

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.triangulation import CAUCHY
 
 ITERATIONS = 6
 _TINY = 1e-4
@@ -80,7 +80,7 @@ def solve_facing(
         here = _log_sizes(plane, centres, x)
         slope = (_log_sizes(plane, centres, x + np.array([_TINY, 0, 0])) - here) / _TINY
         gap = (seen - here) / sigmas
-        weight = 1 / (1 + (gap / CAUCHY) ** 2) / sigmas**2
+        weight = 1 / (1 + (gap / AdjustmentSettings().cauchy_sigmas) ** 2) / sigmas**2
         normal, right = np.zeros((3, 3)), np.zeros(3)
         for side in (0, 1):
             unit = np.zeros((len(sizes), 3))

@@ -12,7 +12,7 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import TreeModel
 from wayside.stages.classifiers import log_odds
-from wayside.stages.geometry import Beside
+from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.covariance import STEP_SIGMA, point_covariance
 from wayside.stages.mapping.hypotheses import Fit
 from wayside.stages.mapping.local_adjustment import Sighted, adjust_together
@@ -64,7 +64,7 @@ FEATURES = (
 
 
 def place_features(
-    fit: Fit, held: Sequence[Held], scores: NDArray[np.float64], beside: Beside
+    fit: Fit, held: Sequence[Held], scores: NDArray[np.float64], beside: FrenetOffset
 ) -> NDArray[np.float64]:
     """Numbers (21,) about a place, named by `FEATURES`; scores (v,) are the log odds of its views."""
     count = len(fit.rows)
@@ -105,14 +105,14 @@ def judge_place(features: NDArray[np.float64], model: TreeModel | None) -> tuple
     if model is None:
         return float(features[FEATURES.index("views")] - 1), True
     score = float(log_odds(model, features[None].astype(np.float32))[0])
-    return score, score >= model.accept
+    return score, score >= model.threshold
 
 
 def build_place(
     fit: Fit,
     held: Sequence[Held],
     found: Measured,
-    beside: Beside,
+    beside: FrenetOffset,
     *,
     track_id: int,
     score: float,
@@ -267,7 +267,8 @@ def view_of(fit: Fit, held: Sequence[Held], i: int) -> Observation:
 def votes(fit: Fit, held: Sequence[Held], what: str) -> tuple[dict[int, float], dict[int, float]]:
     """Weight of each class over the views, and the least distance to it; large and sure views weigh more.
 
-    Where a network named the views (`color_odds`, `shape_odds`), the weight is the mean logarithm of the chances. Else
+    Where a network named the views (`color_log_probability`, `shape_log_probability`), the weight
+    is the mean logarithm of the chances. Else
     it is by the nearest classes of the views; where no view has one, other boxes on the same face speak for it.
     """
     own = list(zip(fit.frames, local_rows(fit.rows, fit.frames, held), strict=True))
@@ -292,7 +293,7 @@ def mean_chances(
     total, weights = 0.0, 0.0
     for frame, local in views:
         home = held[frame]
-        odds = getattr(home.candidates, f"{what}_odds")
+        odds = getattr(home.candidates, f"{what}_log_probability")
         if odds is None or np.isnan(odds[home.open[local]]).any():
             continue
         tall_px = float(home.size[local, 1] * home.focal)

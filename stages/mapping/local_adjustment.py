@@ -18,18 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
+from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.bundle_adjustment import adjust_window
-from wayside.stages.mapping.residuals import QUADRATIC, Links, Rows
+from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepConstraints
 from wayside.stages.mapping.tie_tracks import link_tracks, spread_tracks
-from wayside.stages.mapping.triangulation import CAUCHY
 from wayside.stages.mapping.window import Held
 from wayside.stages.odometry import (
+    CORRELATION_REACH_PX,
     REGISTERED_SIGMA_PX,
-    SHARED_REACH_PX,
-    shared_by_picture,
-    shared_sigma_px,
+    correlated_point_covariance,
+    correlated_sigma_px,
 )
 
 MOST_FRAMES, FEWEST_SHARE = 8, 0.5
@@ -118,16 +118,16 @@ def adjust_together(
     start, anchors = track_starts(tied, track)
     count, seen = len(anchors), int(inside.sum())
     sigma = np.hypot(registered_sigma_px(tied), WAY_SHARE * tied.way)
-    rows = Rows.joined(
+    rows = ResidualBlocks.joined(
         [
-            Rows.sights(
+            ResidualBlocks.observations(
                 sighted.frames[inside] - first,
                 np.zeros(seen, np.int64),
                 sighted.rays[inside],
                 sighted.sigma[inside],
-                CAUCHY,
+                AdjustmentSettings().cauchy_sigmas,
             ),
-            Rows.sights(
+            ResidualBlocks.observations(
                 anchors,
                 np.arange(1, count + 1, dtype=np.int64),
                 start[:, :2],
@@ -153,7 +153,7 @@ def adjust_together(
     covariance = ROBUST_SHARE * found.covariance + shared
     astray = np.unique(track[found.squares[seen + count :] > ASTRAY**2])
     turn = home.rotation
-    return Joint(home.to_world(found.place), turn @ covariance @ turn.T, count, len(astray))
+    return Joint(home.to_world(found.position), turn @ covariance @ turn.T, count, len(astray))
 
 
 def window_round(best: int, frames: NDArray[np.int64]) -> tuple[int, int]:
@@ -166,14 +166,14 @@ def window_round(best: int, frames: NDArray[np.int64]) -> tuple[int, int]:
     return first, last
 
 
-def links_of(priors: Sequence[StepPrior], *, common: bool) -> Links:
+def links_of(priors: Sequence[StepPrior], *, common: bool) -> StepConstraints:
     """What is known of the steps of a window, each from one frame to the next.
 
     common: their lengths were carried on from each other, so they are wrong alike, and no better for being many.
     """
     numbers = np.arange(len(priors), dtype=np.int64)
     alike = np.sqrt(len(priors)) if common else 1.0
-    return Links(
+    return StepConstraints(
         np.column_stack([numbers, numbers + 1]),
         np.array([p.rotation for p in priors], np.float64).reshape(-1, 3, 3),
         np.array([p.sigma_rotation for p in priors], np.float64),
@@ -238,9 +238,9 @@ def registered_sigma_px(tied: _Tied) -> Array:
     return np.asarray(REGISTERED_SIGMA_PX * np.sqrt(1 + growth))
 
 
-def tie_rows(tied: _Tied, point: NDArray[np.int64], sigma: Array) -> Rows:
+def tie_rows(tied: _Tied, point: NDArray[np.int64], sigma: Array) -> ResidualBlocks:
     """Residuals of ties of these points with these sigmas."""
-    return Rows(
+    return ResidualBlocks(
         np.column_stack([tied.step, tied.step + 1]),
         point,
         tied.source,
@@ -257,10 +257,12 @@ def shared_errors(tied: _Tied, gain: Array) -> Array:
     gain (n, 2, 3): how an error of each tie moves the place, m / px. The share of the way that the ties were weighted
     by as if each erred by itself is part of that error, so it is taken out again.
     """
-    shared = shared_sigma_px(tied.way)[:, None, None] * gain
+    shared = correlated_sigma_px(tied.way)[:, None, None] * gain
     alone = (WAY_SHARE * tied.way)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
-    return shared_by_picture(tied.place, tied.step, shared, SHARED_REACH_PX) - counted
+    return (
+        correlated_point_covariance(tied.place, tied.step, shared, CORRELATION_REACH_PX) - counted
+    )
 
 
 _NO_TIES = _Tied(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import Beside
+from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.facing import Plane, solve_facing
 from wayside.stages.mapping.hypotheses import DRIFT_RAD, Fit
@@ -66,7 +66,7 @@ class Panel:
     gap_px: float
 
 
-def measure_panel(fit: Fit, held: Sequence[Held], beside: Beside) -> tuple[int, Panel | None]:
+def measure_panel(fit: Fit, held: Sequence[Held], beside: FrenetOffset) -> tuple[int, Panel | None]:
     """How many pictures of a place look alike, and its panel; None where its outline or its place are not believed."""
     plane = across_path(fit.point, held, beside)
     seen = usable_views(plane, fit.metric, held)
@@ -79,7 +79,7 @@ def measure_panel(fit: Fit, held: Sequence[Held], beside: Beside) -> tuple[int, 
     return len(group.views), solve_panel(fit, group, face, held)
 
 
-def across_path(point: Array, held: Sequence[Held], beside: Beside) -> Plane:
+def across_path(point: Array, held: Sequence[Held], beside: FrenetOffset) -> Plane:
     """The plane through a point across the path there, axes right, down and ahead."""
     stations = np.array([h.motion.station_m for h in held])
     after = int(np.clip(np.searchsorted(stations, beside.station), 1, max(len(held) - 1, 1)))

@@ -18,7 +18,7 @@ from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.geometry import Beside
+from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.association import Gates, Sightings, link
 from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.hypotheses import Fit, overlap_share, solve_places
@@ -263,7 +263,7 @@ def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int, odds: float) 
     return odds >= SURE and panel is not None and alike >= fewest and panel.gap_px < PAIR_PX
 
 
-def in_the_way(fit: Fit, beside: Beside) -> bool:
+def in_the_way(fit: Fit, beside: FrenetOffset) -> bool:
     """Whether a place stands where the vehicle drove: nothing stands there, so it moved (at a constant pace)."""
     return bool(abs(beside.right) < LANE_HALF_M and beside.above - fit.metric[1] / 2 < CLEARANCE_M)
 

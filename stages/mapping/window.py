@@ -14,7 +14,13 @@ from wayside.schemas.detections import Candidates, Features, Regions, verdict_co
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.stages.geometry import Beside, beside_path, ideal_points, rays_of_ideal, to_rays
+from wayside.stages.geometry import (
+    FrenetOffset,
+    frenet_offset,
+    ideal_points,
+    rays_of_ideal,
+    to_rays,
+)
 from wayside.stages.imaging import pyramid
 from wayside.stages.mapping.association import Sightings
 
@@ -302,7 +308,7 @@ class TravelledPath:
         self._ahead = pose.rotation[:, 2]
         del self._points[: -self._longest]
 
-    def beside(self, point: NDArray[np.float64]) -> Beside:
+    def beside(self, point: NDArray[np.float64]) -> FrenetOffset:
         """Station and offset of a point of the drive's frame."""
         centres, ups, stations = (np.array(column) for column in zip(*self._points, strict=True))
-        return beside_path(point, centres, ups, stations, self._ahead)
+        return frenet_offset(point, centres, ups, stations, self._ahead)

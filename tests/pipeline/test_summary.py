@@ -12,7 +12,7 @@ from wayside.pipeline.run import RunResult
 from wayside.pipeline.summary import print_summary
 from wayside.stages.georeference import DrivePath
 
-LATE = "the fixes are 0.200 s behind the pictures (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
+LATE = "the fixes are 0.200 s behind the images (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
 
 
 def result(notes):

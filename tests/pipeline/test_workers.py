@@ -92,6 +92,14 @@ def test_a_fault_names_the_stage_and_the_frame():
     assert (caught.value.stage, caught.value.frame) == ("divide", 3)
 
 
+def test_a_fault_after_the_last_frame_names_the_stage_alone():
+    clock = StageClock()
+    list(clock.timed("count", map(Numbered, range(3))))
+    with pytest.raises(StageError, match="stage sum failed: ZeroDivisionError"):
+        list(clock.timed_drive("sum", (1 // n for n in (1, 0))))
+    assert set(clock.seconds()) == {"count", "sum"}
+
+
 def test_the_clock_counts_a_stage_without_the_stages_before_it():
     def busy(items):
         for item in items:

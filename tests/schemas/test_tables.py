@@ -30,10 +30,10 @@ World frame: that of the log's poses where it has them; east, north, up with the
 fixes only; otherwise origin at the first used camera centre, x forward, y left, z up. Camera frame: x right, y down,
 z forward. Pixel centres lie at integers; boxes are half open.
 
-The path is smoothed over the whole drive: steps between pictures are exact to centimetres and drift, poses and fixes
-scatter and do not. What is left out, a lag of their clock or a long gap stands in `run.json` under `notes`. The columns
-`covariance` and `sigma_along_m` to `sigma_up_m` are relative to the cameras nearby; `sigma_east_m`, `sigma_north_m` and
-`sigma_alt_m` are those of the place on the globe and hold what the fixes have wrong together.
+The path is adjusted over the whole drive: steps between frames are exact to centimetres and drift, poses and fixes
+scatter and do not drift. Excluded poses and fixes, a time offset and long gaps are listed in `run.json` under `notes`. The
+columns `covariance` and `sigma_along_m` to `sigma_up_m` are relative to the cameras nearby; `sigma_east_m`,
+`sigma_north_m` and `sigma_alt_m` are those of the position on the globe and contain the error common to all fixes.
 """
 
 

@@ -69,7 +69,7 @@ def run(folder, viewing=None, workers=2, until_s=None):
         return (
             None
             if viewing is None
-            else open_observer(viewing, folder, "demo", models.location, report)
+            else open_observer(viewing, folder, "demo", models.location_classes, report)
         )
 
     return run_log(DEMO, folder, settings, models, arguments=[], open_observer=observer)

@@ -208,9 +208,9 @@ def test_outliers_and_gaps_of_fixes_are_noted():
     fixes[30] = Fix(fixes[30].latitude_deg + 0.001, fixes[30].longitude_deg, 500.0, (0.5, 0.5, 0.8))
     fixes[40:56] = [None] * 16
     path = path_through(path_of(poses, fixes))
-    assert path.notes[0] == "1 of 44 fixes do not fit the way between the pictures: left out"
+    assert path.notes[0] == "1 of 44 fixes do not fit the motion between the frames: excluded"
     assert path.notes[1].startswith(
-        "no fixes for 17 s (pictures 39 to 56): places there are known to "
+        "no fixes for 17 s (frames 39 to 56): positions there are known to "
     )
 
 
@@ -229,7 +229,7 @@ def test_a_time_offset_of_the_fixes_is_noted_and_undone():
     ]
     path = path_through(path_of(late, half))
     assert path.notes[0].startswith("the fixes are 0.")
-    assert "s behind the pictures" in path.notes[0]
+    assert "s behind the images" in path.notes[0]
     truth = fixes_on(late, 10.0)[30]
     lon, lat, _ = path.globe.route()[30]
     assert Geod(ellps="WGS84").inv(lon, lat, truth.longitude_deg, truth.latitude_deg)[2] < 0.6
@@ -301,7 +301,7 @@ def test_a_jump_is_noted_with_its_place(what):
     else:
         fixes = fixes_on([*poses[:50], *moved[50:]], 0.0, (0.5, 0.5, 0.8))
         path = path_through(path_of(poses, fixes))
-    assert f"the {what} jump once, furthest by 5.0 m at picture 50" in path.notes
+    assert f"the {what} jump once, furthest by 5.0 m at frame 50" in path.notes
 
 
 def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():

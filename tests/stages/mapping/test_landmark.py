@@ -22,7 +22,10 @@ def named(frames, chances):
             for name, chance in given.items():
                 odds[:, COLORS.index(name)] = np.log(chance)
         yield replace(
-            moved, detections=replace(moved.detections, candidates=replace(table, color_odds=odds))
+            moved,
+            detections=replace(
+                moved.detections, candidates=replace(table, color_log_probability=odds)
+            ),
         )
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from wayside.schemas.frame import Image
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.geometry.path import Beside
+from wayside.stages.geometry.path import FrenetOffset
 from wayside.stages.mapping.landmark import BORDER, FACING_SIGMA_DEG
 from wayside.stages.mapping.panel import across_path
 from wayside.stages.mapping.tracker import track
@@ -138,7 +138,7 @@ def test_a_picture_without_a_panel_changes_nothing_much(frames):
 
 def test_the_plane_stands_across_the_path(frames):
     held = [Held.of(m, m.motion, m.frame.camera) for m in frames[:5]]
-    plane = across_path(np.array([3.0, -1.0, 20.0]), held, Beside(20.0, 3.0, 1.0))
+    plane = across_path(np.array([3.0, -1.0, 20.0]), held, FrenetOffset(20.0, 3.0, 1.0))
     np.testing.assert_allclose(plane.right, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(plane.down, [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(plane.ahead, [0, 0, 1], atol=1e-12)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Image
-from wayside.stages.geometry.path import Beside
+from wayside.stages.geometry.path import FrenetOffset
 from wayside.stages.mapping.outline_fit import Face
 from wayside.stages.mapping.panel import across_path
 from wayside.stages.mapping.panel_views import (
@@ -77,7 +77,7 @@ def held_of(drive):
 
 
 def registered(held, shown):
-    plane = across_path(MIDDLE, held, Beside(MIDDLE[2], MIDDLE[0], -MIDDLE[1]))
+    plane = across_path(MIDDLE, held, FrenetOffset(MIDDLE[2], MIDDLE[0], -MIDDLE[1]))
     group = register_views(plane, METRIC, usable_views(plane, METRIC, held), np.array(shown), held)
     return [view.frame for view, _ in group.views]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Image
 
-ALTERED_SHARE = 0.5
+ALTERED_FRACTION = 0.5
 """Share of the pictures that are shown through another camera; the others stay as they are."""
 STOPS, CONTRAST, SATURATION, TINT = (-0.8, 0.8), (0.75, 1.9), (0.6, 1.5), 0.05
 """Ranges of exposure (powers of two), contrast about a middle grey, saturation; sigma of the log of channel gains."""
@@ -24,17 +24,17 @@ SOFT_PX, SHARP, NOISE, QUALITY = 1.0, 1.2, 4.0, (45, 95)
 
 
 def through_other_cameras(
-    pictures: Iterator[Image], seed: int, share: float = ALTERED_SHARE
+    images: Iterator[Image], seed: int, share: float = ALTERED_FRACTION
 ) -> Iterator[Image]:
     """The pictures, a share of them altered; which ones and how depends on seed and frame number alone."""
-    for picture in pictures:
-        random = np.random.default_rng((seed, picture.frame.index))
-        if picture.rgb is None or random.random() >= share:
-            yield picture
+    for image in images:
+        random = np.random.default_rng((seed, image.frame.index))
+        if image.rgb is None or random.random() >= share:
+            yield image
             continue
-        rgb = altered(picture.rgb, random)
+        rgb = altered(image.rgb, random)
         grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-        yield replace(picture, rgb=rgb, grey=grey)
+        yield replace(image, rgb=rgb, grey=grey)
 
 
 def altered(rgb: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:

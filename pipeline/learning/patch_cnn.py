@@ -17,18 +17,24 @@ from wayside.pipeline.learning.boosting import needs
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import ConvolutionModel
-from wayside.stages.detection import DARK, FEATURES, INNER, SIDE, patch_odds
+from wayside.stages.detection import (
+    INNER,
+    PATCH_CNN_FEATURES,
+    PATCH_DARK_LEVEL,
+    SIDE,
+    patch_log_odds,
+)
 
-FILTERS, HALVED, HIDDEN = (24, 32, 64), (True, True, True), 96
+FILTERS, POOLED, HIDDEN = (24, 32, 64), (True, True, True), 96
 """Filters of each layer, the layers that are halved, units behind them."""
 
-BATCH, ROUNDS, PACE, SHRINKAGE, DROPPED = 256, 3.5, 4e-3, 1e-2, 0.3
+BATCH, ROUNDS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 256, 3.5, 4e-3, 1e-2, 0.3
 """Patches of a step, how many are shown for each there is, largest step, decay of the weights, hidden units dropped."""
 
 TOGETHER = 4096
 """Boxes that are looked at at once after the learning."""
 
-REAL_SHARE = 0.1
+REAL_FRACTION = 0.1
 """Share of the patches shown that are of real pictures: there are few, and they matter."""
 
 WHOLE, NONE = 0.75, 0.25
@@ -40,7 +46,7 @@ BRIGHTNESS = (4.5, 0.6)
 FARTHEST = 4.0
 """Standard deviations beyond which a feature says no more."""
 
-EXPOSURE, CONTRAST, SATURATION, TINT, NOISE, SOFT_SHARE = 0.25, 0.25, 0.25, 0.05, 6.0, 0.3
+EXPOSURE, CONTRAST, SATURATION, TINT, NOISE, SOFT_FRACTION = 0.25, 0.25, 0.25, 0.05, 6.0, 0.3
 """How patches are altered: sigmas of the logarithms of exposure, contrast, saturation, channel gains; noise in grey
 values at most; share that is softened."""
 MOVED, STRETCHED, MIDDLE_GREY = 0.04, 0.05, 100.0
@@ -48,8 +54,8 @@ MOVED, STRETCHED, MIDDLE_GREY = 0.04, 0.05, 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class Looked:
-    """Boxes of one drive, n rows: patches (n, 32, 32, 3) uint8, told (n, 6), label, overlap and face of `Views`.
+class PatchSamples:
+    """Boxes of one drive, n rows: patches (n, 32, 32, 3) uint8, told (n, 6), label, overlap and face of `CandidateSamples`.
 
     name: of the drive; rows (n,): which of its candidates; trees (n,): log odds by trees that have not seen it.
     """
@@ -57,7 +63,7 @@ class Looked:
     name: str
     rows: NDArray[np.int64]
     patches: NDArray[np.uint8]
-    told: NDArray[np.float32]
+    placement: NDArray[np.float32]
     trees: NDArray[np.float32]
     label: NDArray[np.int8]
     overlap: NDArray[np.float32]
@@ -65,7 +71,7 @@ class Looked:
     real: bool
 
 
-def fit_closer(looked: Sequence[Looked], near: float, seed: int) -> ConvolutionModel:
+def fit_patch_cnn(looked: Sequence[PatchSamples], near: float, seed: int) -> ConvolutionModel:
     """Fit the network; as many faces as other boxes are shown to it, so its log odds want `calibrated`.
 
     A box counts as a face as far as it is drawn round it, so that the best of several boxes is the one that fits.
@@ -80,22 +86,27 @@ def fit_closer(looked: Sequence[Looked], near: float, seed: int) -> ConvolutionM
     torch = _torch()
     torch.manual_seed(seed)
     patches = torch.from_numpy(np.concatenate([one.patches for one in looked]))
-    told = np.concatenate([one.told for one in looked])
+    placement = np.concatenate([one.placement for one in looked])
     label = np.concatenate([one.label for one in looked])
     overlap = np.concatenate([one.overlap for one in looked])
     share = np.clip((overlap - NONE) / (WHOLE - NONE), 0, 1)
     target = torch.from_numpy(np.where(label == ON, share, 0).astype(np.float32))
-    mean, scale = told.mean(axis=0), told.std(axis=0) + 1e-3
+    mean, scale = placement.mean(axis=0), placement.std(axis=0) + 1e-3
     mean, scale = np.append(mean, BRIGHTNESS[0]), np.append(scale, BRIGHTNESS[1])
-    scaled = torch.from_numpy((told - mean[:-1]) / scale[:-1])
+    scaled = torch.from_numpy((placement - mean[:-1]) / scale[:-1])
 
-    layers, head = _network(torch, told.shape[1] + 1)
+    layers, head = _network(torch, placement.shape[1] + 1)
     weights = [*layers.parameters(), *head.parameters()]
     steps = max(round(ROUNDS * len(label) / BATCH), 1)
-    descent = torch.optim.AdamW(weights, lr=PACE, weight_decay=SHRINKAGE)
-    pace = torch.optim.lr_scheduler.OneCycleLR(descent, PACE, total_steps=steps, pct_start=0.15)
+    descent = torch.optim.AdamW(weights, lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    learning_rate = torch.optim.lr_scheduler.OneCycleLR(
+        descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
+    )
     rng = np.random.default_rng(seed)
-    drawn = [rng.choice(len(label), (steps, BATCH // 2), p=chance) for chance in shown_by(looked)]
+    drawn = [
+        rng.choice(len(label), (steps, BATCH // 2), p=probability)
+        for probability in sampling_probabilities(looked)
+    ]
     for rows in np.concatenate(drawn, axis=1):
         chosen = torch.from_numpy(rows)
         colors, bright = _relative(torch, _altered(torch, patches[chosen]))
@@ -109,11 +120,13 @@ def fit_closer(looked: Sequence[Looked], near: float, seed: int) -> ConvolutionM
         descent.zero_grad()
         loss.backward()
         descent.step()
-        pace.step()
+        learning_rate.step()
     return _exported(layers, head, mean, scale, near)
 
 
-def shown_by(looked: Sequence[Looked]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sampling_probabilities(
+    looked: Sequence[PatchSamples],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Chance (n,) of each box to be shown as a face, and of each to be shown as none; each sums to 1.
 
     A face of few boxes is shown more often than they are; a box of a real picture more often than one of a drive.
@@ -133,54 +146,54 @@ def shown_by(looked: Sequence[Looked]) -> tuple[NDArray[np.float64], NDArray[np.
             raise InputError(
                 f"closer look: wanted boxes {what} that the trees hold for possible, found none; add drives"
             )
-    return _shared(np.concatenate(faces), real), _shared(np.concatenate(others), real)
+    return _even_sources(np.concatenate(faces), real), _even_sources(np.concatenate(others), real)
 
 
-def _shared(weight: NDArray[np.float64], real: NDArray[np.bool_]) -> NDArray[np.float64]:
-    chance = np.zeros_like(weight)
-    for which, share in ((real, REAL_SHARE), (~real, 1 - REAL_SHARE)):
-        chance[which] = share * weight[which] / max(weight[which].sum(), 1e-9)
-    return np.asarray(chance / chance.sum())
+def _even_sources(weight: NDArray[np.float64], real: NDArray[np.bool_]) -> NDArray[np.float64]:
+    probability = np.zeros_like(weight)
+    for which, share in ((real, REAL_FRACTION), (~real, 1 - REAL_FRACTION)):
+        probability[which] = share * weight[which] / max(weight[which].sum(), 1e-9)
+    return np.asarray(probability / probability.sum())
 
 
-def said_of(model: ConvolutionModel, looked: Looked) -> NDArray[np.float32]:
+def cnn_log_odds(model: ConvolutionModel, looked: PatchSamples) -> NDArray[np.float32]:
     """What a network says of each box, (n,)."""
     parts = [np.zeros(0, np.float32)]
     for first in range(0, len(looked.rows), TOGETHER):
         some = slice(first, first + TOGETHER)
-        parts.append(patch_odds(model, looked.patches[some], looked.told[some]))
+        parts.append(patch_log_odds(model, looked.patches[some], looked.placement[some]))
     return np.concatenate(parts)
 
 
 def calibrated(
-    model: ConvolutionModel, trees_part: float, slope: float, shift: float
+    model: ConvolutionModel, tree_weight: float, slope: float, shift: float
 ) -> ConvolutionModel:
     """The network whose log odds are `slope` times as large, plus `shift`, beside that part of the trees'."""
     return replace(
         model,
-        trees_part=trees_part,
+        tree_weight=tree_weight,
         output=np.float32(slope) * model.output,
         output_bias=np.asarray(slope * model.output_bias + shift, np.float32),
     )
 
 
-def _network(torch: Any, told: int) -> tuple[Any, Any]:
+def _network(torch: Any, placement: int) -> tuple[Any, Any]:
     nn, layers, channels = torch.nn, [], 3
-    for filters, halved in zip(FILTERS, HALVED, strict=True):
+    for filters, pooled in zip(FILTERS, POOLED, strict=True):
         layers += [nn.Conv2d(channels, filters, 3, padding=1, bias=False), nn.BatchNorm2d(filters)]
-        layers += [nn.ReLU(), *([nn.MaxPool2d(2)] if halved else [])]
+        layers += [nn.ReLU(), *([nn.MaxPool2d(2)] if pooled else [])]
         channels = filters
-    samples = channels * (SIDE // 2 ** sum(HALVED)) ** 2
+    samples = channels * (SIDE // 2 ** sum(POOLED)) ** 2
     head = nn.Sequential(
-        nn.Linear(samples + told, HIDDEN), nn.ReLU(), nn.Dropout(DROPPED), nn.Linear(HIDDEN, 1)
+        nn.Linear(samples + placement, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT), nn.Linear(HIDDEN, 1)
     )
     return nn.Sequential(*layers), head
 
 
 def _relative(torch: Any, patches: Any) -> tuple[Any, Any]:
     """What `relative_colors` does, on patches (n, 3, 32, 32) of numbers."""
-    red, green, blue = torch.log(patches + DARK).unbind(1)
-    bright = torch.log(patches.mean(1) + DARK)
+    red, green, blue = torch.log(patches + PATCH_DARK_LEVEL).unbind(1)
+    bright = torch.log(patches.mean(1) + PATCH_DARK_LEVEL)
     edge = (SIDE - INNER) // 2
     middle = bright[:, edge : edge + INNER, edge : edge + INNER].mean((1, 2))
     return torch.stack([bright - middle[:, None, None], red - green, blue - green], 1), middle
@@ -200,7 +213,7 @@ def _altered(torch: Any, patches: Any) -> Any:
     shown = (shown - MIDDLE_GREY) * factor(CONTRAST) + MIDDLE_GREY
     grey = shown.mean(1, keepdim=True)
     shown = grey + (shown - grey) * factor(SATURATION)
-    soft = torch.rand(n) < SOFT_SHARE
+    soft = torch.rand(n) < SOFT_FRACTION
     line = torch.tensor([0.25, 0.5, 0.25])
     kernel = (line[:, None] * line)[None, None].repeat(3, 1, 1, 1)
     wide = torch.nn.functional.pad(shown[soft], (1, 1, 1, 1), mode="replicate")
@@ -229,14 +242,14 @@ def _exported(
         biases.append(_array(norm.bias - norm.running_mean * gain))
     first, last = head[0], head[3]
     return ConvolutionModel(
-        FEATURES,
+        PATCH_CNN_FEATURES,
         SIDE,
         near,
         0.0,
         FARTHEST,
         tuple(filters),
         tuple(biases),
-        HALVED,
+        POOLED,
         np.asarray(mean, np.float32),
         np.asarray(scale, np.float32),
         _array(first.weight.T),

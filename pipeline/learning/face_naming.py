@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.judging import Passed
-from wayside.pipeline.learning.networks import Descent, fit_network
+from wayside.pipeline.learning.detector import PrefilteredDrive
+from wayside.pipeline.learning.networks import NetworkTraining, fit_network
 from wayside.pipeline.learning.samples import ON, face_weights
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkModel
-from wayside.stages.detection import face_chances, view_names
+from wayside.stages.detection import box_feature_names, name_log_probabilities
 from wayside.stages.mapping import DOUBT
 
 PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
@@ -22,13 +22,15 @@ PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
 
 NAMES = {"color": COLORS, "shape": SHAPES}
 
-NAMING = Descent(hidden=32, shrinkage=0.3, pace=2e-3, rounds=24, batch=64)
+NAMING = NetworkTraining(hidden=32, weight_decay=0.3, learning_rate=2e-3, rounds=24, batch=64)
 
 FEWEST_VIEWS = 3
 """Views that a sign needs to be counted where the share of signs named right is stated."""
 
 
-def learn_names(passed: Sequence[Passed], what: str, seed: int, provenance: str) -> NetworkModel:
+def learn_name_network(
+    passed: Sequence[PrefilteredDrive], what: str, seed: int, provenance: str
+) -> NetworkModel:
     """The network for the `what` ("color" or "shape") of a face, from all candidates on faces.
 
     Raises
@@ -50,11 +52,13 @@ def learn_names(passed: Sequence[Passed], what: str, seed: int, provenance: str)
     return fit_names(passed, what, seed, words)
 
 
-def fit_names(passed: Sequence[Passed], what: str, seed: int, provenance: str) -> NetworkModel:
+def fit_names(
+    passed: Sequence[PrefilteredDrive], what: str, seed: int, provenance: str
+) -> NetworkModel:
     """Fit the network to samples drawn by weight, so that rare names and small faces are seen as well."""
-    features = tuple(name for name in view_names() if name not in PLACE_FEATURES)
-    columns = [k for k, name in enumerate(view_names()) if name not in PLACE_FEATURES]
-    on = [one.views.label == ON for one in passed]
+    features = tuple(name for name in box_feature_names() if name not in PLACE_FEATURES)
+    columns = [k for k, name in enumerate(box_feature_names()) if name not in PLACE_FEATURES]
+    on = [one.candidates.label == ON for one in passed]
     values = np.concatenate(
         [one.values[rows][:, columns] for one, rows in zip(passed, on, strict=True)]
     )
@@ -67,21 +71,24 @@ def fit_names(passed: Sequence[Passed], what: str, seed: int, provenance: str) -
             f"names: wanted faces of two kinds of {what} at least, found one; add drives"
         )
     weight = np.concatenate(
-        [one.weight * face_weights(one.views)[rows] for one, rows in zip(passed, on, strict=True)]
+        [
+            one.weight * face_weights(one.candidates)[rows]
+            for one, rows in zip(passed, on, strict=True)
+        ]
     )
-    evened = _evened(names, np.where(known, weight, 0.0))
-    network = fit_network(values, names, evened, NAMING, seed, features)
+    balanced_weights = _balanced_names(names, np.where(known, weight, 0.0))
+    network = fit_network(values, names, balanced_weights, NAMING, seed, features)
     return replace(network, provenance=provenance)
 
 
-def named_right(network: NetworkModel, one: Passed, what: str) -> tuple[int, int]:
+def named_right(network: NetworkModel, one: PrefilteredDrive, what: str) -> tuple[int, int]:
     """Signs of a drive that the views together name right, and how many there are; a view by its best box."""
-    rows = np.flatnonzero(one.views.label == ON)
-    rows = rows[np.argsort(-one.views.overlap[rows], kind="stable")]
-    rows = rows[np.unique(one.views.face[rows], return_index=True)[1]]
+    rows = np.flatnonzero(one.candidates.label == ON)
+    rows = rows[np.argsort(-one.candidates.overlap[rows], kind="stable")]
+    rows = rows[np.unique(one.candidates.face[rows], return_index=True)[1]]
     truth = true_names(one, what)[rows]
-    signs = np.array([one.drive.signs[face].sign for face in one.views.face[rows]])
-    odds = np.maximum(face_chances(network, NAMES[what], one.values[rows]), DOUBT)
+    signs = np.array([one.drive.signs[face].sign for face in one.candidates.face[rows]])
+    odds = np.maximum(name_log_probabilities(network, NAMES[what], one.values[rows]), DOUBT)
     right = total = 0
     for sign in np.unique(signs):
         own = signs == sign
@@ -91,13 +98,13 @@ def named_right(network: NetworkModel, one: Passed, what: str) -> tuple[int, int
     return right, total
 
 
-def true_names(one: Passed, what: str) -> NDArray[np.str_]:
+def true_names(one: PrefilteredDrive, what: str) -> NDArray[np.str_]:
     """The name that the face under each candidate should get, (n,); empty where there is no face."""
     own = np.array([*(getattr(sign, what) for sign in one.drive.signs), ""])
-    return np.asarray(own[one.views.face])
+    return np.asarray(own[one.candidates.face])
 
 
-def _evened(names: NDArray[np.str_], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+def _balanced_names(names: NDArray[np.str_], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights that count a name by the square root of its share: rare names more than they are met."""
     _, which = np.unique(names, return_inverse=True)
     share = np.bincount(which, weight)

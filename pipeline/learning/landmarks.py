@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
-from wayside.pipeline.learning.calibration import platt
+from wayside.pipeline.learning.cross_validation import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import TreeModel
@@ -25,8 +25,8 @@ above which it is nobody's example."""
 NEAREST = 3
 FEWEST = 2
 """Places of fewer views than are reported teach, too: there are more of them, and the judge knows the number."""
-SMALL = Boosting(
-    trees=80, leaves=5, pace=0.06, shrinkage=2.0, smallest_leaf=8, share_of_features=0.5
+TREES = Boosting(
+    trees=80, leaves=5, learning_rate=0.06, weight_decay=2.0, smallest_leaf=8, feature_fraction=0.5
 )
 ACCEPT, ACCEPT_BACK = -1.4, 0.0
 """Log odds below which a place is refused outright; between that and the confidence setting a face is uncertain. A back
@@ -35,7 +35,7 @@ SIGN, NOTHING, NEITHER = 1, 0, -1
 
 
 @dataclass(frozen=True, slots=True)
-class Tracked:
+class PosedDrive:
     """A drive with truth up to its motion: frames with candidates, and the judges of one view that made them."""
 
     moved: Iterable[PosedDetections]
@@ -45,7 +45,7 @@ class Tracked:
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class LandmarkSamples:
     """Places of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
 
     back (n,) bool: whether it was followed as the back of a panel.
@@ -56,13 +56,13 @@ class Places:
     drive: NDArray[np.int64]
     back: NDArray[np.bool_]
 
-    def side(self, *, back: bool) -> Places:
+    def side(self, *, back: bool) -> LandmarkSamples:
         """Those that were followed as backs, or as faces."""
         own = self.back == back
-        return Places(self.values[own], self.label[own], self.drive[own], self.back[own])
+        return LandmarkSamples(self.values[own], self.label[own], self.drive[own], self.back[own])
 
 
-def gather_places(drives: Iterable[Tracked]) -> Places:
+def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     """All places that tracking finds on drives with truth, labelled by it.
 
     The scores of the candidates must come from judges of views that have not seen the drive, or the places look surer
@@ -86,7 +86,7 @@ def gather_places(drives: Iterable[Tracked]) -> Places:
                 labels.append(label_of(place, known))
                 names.append(drive.truth["name"])
                 backs.append(place.back)
-    return Places(
+    return LandmarkSamples(
         np.array(values, np.float32).reshape(-1, len(FEATURES)),
         np.array(labels, np.int8),
         np.unique(names, return_inverse=True)[1].astype(np.int64),
@@ -94,9 +94,9 @@ def gather_places(drives: Iterable[Tracked]) -> Places:
     )
 
 
-def joined(parts: Sequence[Places]) -> Places:
+def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
     """The places of several drives, a part each, in one; drives are numbered by the order of the parts."""
-    return Places(
+    return LandmarkSamples(
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.label for part in parts]),
         np.repeat(np.arange(len(parts)), [len(part.label) for part in parts]),
@@ -104,18 +104,20 @@ def joined(parts: Sequence[Places]) -> Places:
     )
 
 
-def learn_place_judge(places: Places, provenance: str, accept: float = ACCEPT) -> TreeModel:
+def learn_landmark_classifier(
+    places: LandmarkSamples, provenance: str, accept: float = ACCEPT
+) -> TreeModel:
     """Fit and calibrate the judge of places; raises InputError where there are too few of either kind."""
     known = places.label != NEITHER
     values, sign = places.values[known], places.label[known] == SIGN
     drive = places.drive[known]
-    if min(sign.sum(), (~sign).sum()) < 2 * SMALL.smallest_leaf or len(np.unique(drive)) < 2:
+    if min(sign.sum(), (~sign).sum()) < 2 * TREES.smallest_leaf or len(np.unique(drive)) < 2:
         raise InputError(
-            f"place judge: wanted two drives and {2 * SMALL.smallest_leaf} places of either kind, found "
+            f"place judge: wanted two drives and {2 * TREES.smallest_leaf} places of either kind, found "
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
     slope, shift = calibration(values, sign, drive)
-    model = exported_trees(fit_trees(values, sign, None, SMALL, 1), FEATURES, accept, provenance)
+    model = exported_trees(fit_trees(values, sign, None, TREES, 1), FEATURES, accept, provenance)
     return replace(
         model,
         bias=slope * model.bias + shift,
@@ -173,7 +175,7 @@ def calibration(
     held_out = np.empty(len(values))
     for number in np.unique(drive):
         own = drive == number
-        held_out[own] = fit_trees(values[~own], sign[~own], None, SMALL, 1).decision_function(
+        held_out[own] = fit_trees(values[~own], sign[~own], None, TREES, 1).decision_function(
             values[own]
         )
     slope, shift = platt(held_out[:, None], sign)

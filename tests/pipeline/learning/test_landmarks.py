@@ -5,14 +5,14 @@ import pytest
 
 pytest.importorskip("sklearn", reason="learning needs scikit-learn")
 
-from wayside.pipeline.learning import places as module
-from wayside.pipeline.learning.places import (
+from wayside.pipeline.learning import landmarks as module
+from wayside.pipeline.learning.landmarks import (
     NEITHER,
     NOTHING,
     SIGN,
-    Places,
+    LandmarkSamples,
     label_of,
-    learn_place_judge,
+    learn_landmark_classifier,
     overlap,
     panels_by_frame,
 )
@@ -74,43 +74,43 @@ def test_overlap_is_intersection_over_union():
 
 @pytest.fixture(autouse=True)
 def few_trees(monkeypatch):
-    monkeypatch.setattr(module, "SMALL", replace(module.SMALL, trees=30))
+    monkeypatch.setattr(module, "TREES", replace(module.TREES, trees=30))
 
 
 def examples(count=400, seed=4):
     rng = np.random.default_rng(seed)
     values = rng.normal(size=(count, len(FEATURES))).astype(np.float32)
-    chance = 1 / (1 + np.exp(-2 * values[:, 3]))
-    label = np.where(rng.random(count) < chance, SIGN, NOTHING).astype(np.int8)
-    return Places(values, label, np.arange(count) % 4, np.zeros(count, bool)), chance
+    probability = 1 / (1 + np.exp(-2 * values[:, 3]))
+    label = np.where(rng.random(count) < probability, SIGN, NOTHING).astype(np.int8)
+    return LandmarkSamples(values, label, np.arange(count) % 4, np.zeros(count, bool)), probability
 
 
 def test_the_judge_states_odds_that_hold():
     learned, _ = examples()
-    model = learn_place_judge(learned, "test")
-    fresh, chance = examples(seed=5)
+    model = learn_landmark_classifier(learned, "test")
+    fresh, probability = examples(seed=5)
     stated = 1 / (1 + np.exp(-log_odds(model, fresh.values)))
     for low, high in ((0.0, 0.3), (0.3, 0.7), (0.7, 1.0)):
         inside = (stated >= low) & (stated < high)
-        assert abs(stated[inside].mean() - chance[inside].mean()) < 0.12
+        assert abs(stated[inside].mean() - probability[inside].mean()) < 0.12
 
 
 def test_examples_of_neither_kind_teach_nothing():
     learned, _ = examples()
-    garbage = Places(
+    garbage = LandmarkSamples(
         np.concatenate([learned.values, learned.values[:50] + 9]),
         np.concatenate([learned.label, np.full(50, NEITHER, np.int8)]),
         np.concatenate([learned.drive, learned.drive[:50]]),
         np.concatenate([learned.back, learned.back[:50]]),
     )
-    one, other = learn_place_judge(learned, "t"), learn_place_judge(garbage, "t")
+    one, other = learn_landmark_classifier(learned, "t"), learn_landmark_classifier(garbage, "t")
     np.testing.assert_array_equal(one.value, other.value)
 
 
 def test_too_few_places_are_refused_with_what_to_do():
     few, _ = examples(12)
     with pytest.raises(InputError, match="add drives"):
-        learn_place_judge(few, "test")
+        learn_landmark_classifier(few, "test")
 
 
 def test_places_are_gathered_from_tracked_drives(monkeypatch):
@@ -119,8 +119,8 @@ def test_places_are_gathered_from_tracked_drives(monkeypatch):
     settled = [type("S", (), {"places": (place,)})]
     monkeypatch.setattr(module, "track", lambda moved, settings, front, back: iter(settled))
     known, none = truth() | {"name": "a"}, {"name": "b", "signs": []}
-    found = module.gather_places(
-        module.Tracked([], None, None, truth) for truth in (known, none, known)
+    found = module.gather_landmarks(
+        module.PosedDrive([], None, None, truth) for truth in (known, none, known)
     )
     assert found.label.tolist() == [SIGN, NOTHING, SIGN]
     assert found.drive.tolist() == [0, 1, 0]

@@ -4,22 +4,22 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.calibration import platt
-from wayside.pipeline.learning.closer import (
-    REAL_SHARE,
-    Looked,
+from wayside.pipeline.learning.cross_validation import platt
+from wayside.pipeline.learning.patch_cnn import (
+    REAL_FRACTION,
+    PatchSamples,
     _exported,
     _network,
     _relative,
     calibrated,
-    fit_closer,
-    said_of,
-    shown_by,
+    cnn_log_odds,
+    fit_patch_cnn,
+    sampling_probabilities,
 )
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.schemas.errors import InputError, UsageError
-from wayside.stages.classifiers.convolution import convolved
-from wayside.stages.detection.patch_cnn import FEATURES, relative_colors
+from wayside.stages.classifiers.convolution import convolution_output
+from wayside.stages.detection.patch_cnn import PATCH_CNN_FEATURES, relative_colors
 from wayside.stages.detection.patch_features import SIDE
 
 needs_torch = pytest.mark.skipif(
@@ -34,11 +34,11 @@ def looked(count, seed=0, real=False, name="drive"):
     patches = random.integers(80, 140, (count, SIDE, SIDE, 3)).astype(np.uint8)
     face = np.arange(count) % 2 == 0
     patches[face, 6:26, 6:26] = (200, 40, 40)
-    return Looked(
+    return PatchSamples(
         name,
         np.arange(count),
         patches,
-        random.normal(0, 1, (count, len(FEATURES) - 1)).astype(np.float32),
+        random.normal(0, 1, (count, len(PATCH_CNN_FEATURES) - 1)).astype(np.float32),
         np.zeros(count, np.float32),
         np.where(face, ON, OFF).astype(np.int8),
         face.astype(np.float32),
@@ -50,7 +50,7 @@ def looked(count, seed=0, real=False, name="drive"):
 def test_a_face_of_few_boxes_is_shown_more_often_than_they_are():
     one = looked(8)
     one.face[:] = [0, -1, 1, -1, 1, -1, 1, -1]
-    faces, others = shown_by([one])
+    faces, others = sampling_probabilities([one])
     assert faces.sum() == pytest.approx(1)
     assert faces[0] == pytest.approx(np.sqrt(3) * faces[2])
     assert others.tolist() == pytest.approx([0, 0.25] * 4)
@@ -59,10 +59,10 @@ def test_a_face_of_few_boxes_is_shown_more_often_than_they_are():
 def test_boxes_of_real_pictures_have_their_share_and_what_is_neither_has_none():
     rendered, real = looked(40), looked(8, real=True)
     real.label[1] = NEITHER
-    for chance in shown_by([rendered, real]):
-        assert chance[40:].sum() == pytest.approx(REAL_SHARE)
-        assert chance[41] == 0
-    alone, _ = shown_by([rendered])
+    for probability in sampling_probabilities([rendered, real]):
+        assert probability[40:].sum() == pytest.approx(REAL_FRACTION)
+        assert probability[41] == 0
+    alone, _ = sampling_probabilities([rendered])
     assert alone.sum() == pytest.approx(1)
 
 
@@ -78,13 +78,13 @@ def test_without_any_face_nothing_is_learned():
     nothing = looked(8)
     nothing.label[:] = OFF
     with pytest.raises(InputError, match="wanted boxes on faces"):
-        shown_by([nothing])
+        sampling_probabilities([nothing])
 
 
 def test_without_pytorch_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(UsageError, match=r"wanted PyTorch, found none; install it with pip"):
-        fit_closer([looked(8)], -3.0, seed=1)
+        fit_patch_cnn([looked(8)], -3.0, seed=1)
 
 
 @needs_torch
@@ -92,20 +92,22 @@ def test_what_is_kept_says_what_pytorch_says():
     import torch
 
     torch.manual_seed(3)
-    layers, head = _network(torch, len(FEATURES))
+    layers, head = _network(torch, len(PATCH_CNN_FEATURES))
     layers(torch.randn(64, 3, SIDE, SIDE))  # so that its normalisation is not that of nothing
     layers.eval()
     head.eval()
-    mean, scale = np.zeros(len(FEATURES)), np.ones(len(FEATURES))
+    mean, scale = np.zeros(len(PATCH_CNN_FEATURES)), np.ones(len(PATCH_CNN_FEATURES))
     kept = calibrated(_exported(layers, head, mean, scale, -3.0), 0.3, 2.0, 1.0)
     patches = torch.randn(5, 3, SIDE, SIDE)
-    told = torch.randn(5, len(FEATURES))
+    placement = torch.randn(5, len(PATCH_CNN_FEATURES))
     with torch.no_grad():
-        joined = torch.cat([layers(patches).permute(0, 2, 3, 1).flatten(1), told], 1)
+        joined = torch.cat([layers(patches).permute(0, 2, 3, 1).flatten(1), placement], 1)
         wanted = 2 * head(joined)[:, 0].numpy() + 1
-    found = convolved(kept, np.ascontiguousarray(patches.permute(0, 2, 3, 1)), told.numpy())
+    found = convolution_output(
+        kept, np.ascontiguousarray(patches.permute(0, 2, 3, 1)), placement.numpy()
+    )
     assert found == pytest.approx(wanted, abs=1e-4)
-    assert kept.trees_part == 0.3
+    assert kept.tree_weight == 0.3
 
 
 @needs_torch
@@ -122,7 +124,10 @@ def test_patches_are_shown_to_pytorch_as_they_are_to_the_judge():
 @needs_torch
 def test_it_learns_what_a_face_looks_like_and_the_same_each_time():
     taught = [looked(2000, 1), looked(200, 2, real=True)]
-    model = fit_closer(taught, -3.0, seed=1)
+    model = fit_patch_cnn(taught, -3.0, seed=1)
     new = looked(200, 3)
-    assert ((said_of(model, new) > 0) == (new.label == ON)).mean() > 0.97
-    assert said_of(fit_closer(taught, -3.0, seed=1), new).tobytes() == said_of(model, new).tobytes()
+    assert ((cnn_log_odds(model, new) > 0) == (new.label == ON)).mean() > 0.97
+    assert (
+        cnn_log_odds(fit_patch_cnn(taught, -3.0, seed=1), new).tobytes()
+        == cnn_log_odds(model, new).tobytes()
+    )
