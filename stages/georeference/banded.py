@@ -1,7 +1,7 @@
 """Least squares over a chain: unknowns in blocks, each measurement touching one block or two neighbours.
 
-The normal matrix of such a problem is a band, so that solving and the scatter of every block cost time and memory in
-proportion to the length of the chain.
+The normal matrix of such a problem is banded, so that the solution and the covariance of every block cost time and
+memory proportional to the length of the chain.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class BandedNormal:
         Parameters
         ----------
         block
-            (m,) the block each measurement belongs to, none twice.
+            (m,) the block that each measurement belongs to, no block twice.
         columns
             Of the c unknowns touched, counted from the first of the block; down to -size for the block before.
         jacobian, residual
-            (m, r, c) and (m, r): derivative of the residual, and wanted minus predicted.
+            (m, r, c) and (m, r): Jacobian of the prediction, and measured minus predicted.
         """
         first = block * self.size
         for a, column in enumerate(columns):
@@ -52,7 +52,7 @@ class BandedNormal:
                 self.band[high - low, first + low] += product
 
     def solve(self) -> tuple[Array, Array]:
-        """The unknowns (blocks, size), and the Cholesky factor of the band for `scatter_of_blocks`.
+        """The unknowns (blocks, size), and the Cholesky factor of the band for `block_covariances`.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class BandedNormal:
         return unknown.reshape(self.blocks, self.size), np.asarray(factor)
 
 
-def scatter_of_blocks(factor: Array, size: int) -> Array:
+def block_covariances(factor: Array, size: int) -> Array:
     """Covariance of each block (blocks, size, size), from the banded Cholesky factor.
 
     Only entries within the band of the inverse are computed (Takahashi, Fagan and Chin 1973).

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.geometry import cross_matrices
-from wayside.stages.georeference.banded import BandedNormal, scatter_of_blocks
+from wayside.stages.georeference.banded import BandedNormal, block_covariances
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.kernels import Array
 
@@ -111,7 +111,7 @@ class _Adjustment:
             self.estimates_correlated = True
             initial = np.where(self.weight < s.jump_weight, s.excluded_weight, 1.0)
         factor = self._iterate(initial)
-        own = scatter_of_blocks(factor, UNKNOWNS)
+        own = block_covariances(factor, UNKNOWNS)
         return Trajectory(
             self.rotation,
             self.centre,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.stages.georeference.banded import BandedNormal, scatter_of_blocks
+from wayside.stages.georeference.banded import BandedNormal, block_covariances
 
 
 def chain_of(rng, blocks, size):
@@ -38,9 +38,9 @@ def test_the_solution_is_that_of_dense_least_squares(blocks, size):
 
 
 @pytest.mark.parametrize(("blocks", "size"), [(1, 3), (2, 1), (6, 4), (40, 3)])
-def test_the_scatter_of_blocks_is_that_of_the_dense_inverse(blocks, size):
+def test_the_block_covariances_is_that_of_the_dense_inverse(blocks, size):
     normal, dense, _ = chain_of(np.random.default_rng(blocks), blocks, size)
-    own = scatter_of_blocks(normal.solve()[1], size)
+    own = block_covariances(normal.solve()[1], size)
     inverse = np.linalg.inv(dense.T @ dense)
     for k in range(blocks):
         rows = slice(k * size, (k + 1) * size)
@@ -56,4 +56,4 @@ def test_an_undetermined_unknown_is_refused():
 
 def test_a_factor_of_another_size_is_refused():
     with pytest.raises(ValueError, match="factor: wanted any x 6"):
-        scatter_of_blocks(np.ones((4, 10)), 3)
+        block_covariances(np.ones((4, 10)), 3)
