@@ -99,7 +99,7 @@ _SURE = False  # `nullable` of a column that is always known
 
 SIGNS = Table(
     "signs",
-    "One row a physical panel, numbered by station, then lateral offset. GeoParquet 1.1 where the log has fixes.",
+    "One row per physical panel, numbered by station, then lateral offset. GeoParquet 1.1 where the log has fixes.",
     (
         Column("sign_id", _TEXT, "", "log stem and number: `drive-0001`", _SURE),
         Column("assembly_id", _TEXT, "", "the same for panels on one support", _SURE),
@@ -117,7 +117,7 @@ SIGNS = Table(
         Column("sigma_along_m", _SINGLE, "m", "standard deviation along the path at the sign"),
         Column("sigma_lateral_m", _SINGLE, "m", "standard deviation across the path"),
         Column("sigma_up_m", _SINGLE, "m", "standard deviation upward"),
-        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used picture"),
+        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame"),
         Column("lateral_m", _DOUBLE, "m", "to the right of the path, positive"),
         Column("up_m", _DOUBLE, "m", "panel centre above the road surface"),
         Column("bottom_m", _DOUBLE, "m", "lower edge above the road surface"),
@@ -129,7 +129,7 @@ SIGNS = Table(
             "facing_deg",
             _SINGLE,
             "deg",
-            "normal of the side seen against the reverse of travel: 0 faces the camera, right turn positive",
+            "normal of the visible side relative to the reverse of travel: 0 faces the camera, right turn positive",
         ),
         Column("sigma_facing_deg", _SINGLE, "deg", "standard deviation of the facing"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),
@@ -143,31 +143,31 @@ SIGNS = Table(
         ),
         Column("sigma_alt_m", _SINGLE, "m", "standard deviation of the height; null without fixes"),
         Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt; null without fixes"),
-        Column("best_frame", _WHOLE, "", "picture in which it is largest and whole", _SURE),
-        Column("best_time_ns", _LONG, "ns", "capture time of that picture", _SURE),
+        Column("best_frame", _WHOLE, "", "frame whose image shows it largest and whole", _SURE),
+        Column("best_time_ns", _LONG, "ns", "capture time of that frame", _SURE),
         Column("best_box", _BOX, "px", "its box there: x0, y0, x1, y1, half open", _SURE),
         Column("right_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
         Column("down_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
         Column("ahead_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
-        Column("first_frame", _WHOLE, "", "first picture it was measured in", _SURE),
-        Column("last_frame", _WHOLE, "", "last picture it was measured in", _SURE),
-        Column("views", _WHOLE, "pictures", "pictures it was measured in", _SURE),
-        Column("residual_px", _SINGLE, "px", "RMS of reprojection, full-resolution pixels"),
+        Column("first_frame", _WHOLE, "", "first frame it was measured in", _SURE),
+        Column("last_frame", _WHOLE, "", "last frame it was measured in", _SURE),
+        Column("views", _WHOLE, "frames", "frames it was measured in", _SURE),
+        Column("residual_px", _SINGLE, "px", "RMS reprojection error, full-resolution pixels"),
     ),
 )
 
 OBSERVATIONS = Table(
     "observations",
-    "One row a region that passed the colour gate, with the verdict on it. In order of picture, then row.",
+    "One row per candidate past the colour gate or the pre-filter, with its verdict. In order of frame, then row.",
     (
-        Column("frame", _WHOLE, "", "index of the picture in the log", _SURE),
+        Column("frame", _WHOLE, "", "index of the frame in the log", _SURE),
         Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
         Column(
             "source",
             _CHOICE,
             "",
-            "pass1, pass2: colours; level: of a map; stack: two together; predicted: where other frames say; "
-            "moved: one of these, its box moved onto the face",
+            "pass1, pass2: colour clusters; level: stable region of a contrast map; stack: two regions joined; "
+            "predicted: reprojected from other frames; moved: one of these after box regression",
             _SURE,
             SOURCES,
         ),
@@ -184,18 +184,18 @@ OBSERVATIONS = Table(
         Column("color_distance", _SINGLE, "", "Mahalanobis distance to it (eq. 3.1)"),
         Column("shape", _CHOICE, "", "nearest shape class", values=SHAPES),
         Column("shape_distance", _SINGLE, "", "Mahalanobis distance to it"),
-        Column("track_id", _WHOLE, "", "thing it was matched to; null: none"),
+        Column("track_id", _WHOLE, "", "track it belongs to; null: none"),
         Column("sign_id", _TEXT, "", "row of `signs.parquet` it belongs to; null: none"),
-        Column("verdict", _CHOICE, "", "`sign`, or why it went no further", _SURE, VERDICTS),
-        Column("residual_px", _SINGLE, "px", "distance to the reprojected thing"),
+        Column("verdict", _CHOICE, "", "`sign`, or the reason for rejection", _SURE, VERDICTS),
+        Column("residual_px", _SINGLE, "px", "distance to the reprojected landmark"),
     ),
 )
 
 FRAMES = Table(
     "frames",
-    "One row a picture message of the chosen camera, used or not, in file order.",
+    "One row per image message of the chosen camera, used or not, in file order.",
     (
-        Column("frame", _WHOLE, "", "index of the picture in the log, from 0", _SURE),
+        Column("frame", _WHOLE, "", "index of the frame in the log, from 0", _SURE),
         Column("log_time_ns", _LONG, "ns", "time at which it was logged", _SURE),
         Column("header_time_ns", _LONG, "ns", "time of capture; null where not set"),
         Column("status", _CHOICE, "", "`used`, or why not", _SURE, FRAME_STATUSES),
@@ -206,31 +206,29 @@ FRAMES = Table(
         Column("qy", _DOUBLE, "", "camera in world, quaternion"),
         Column("qz", _DOUBLE, "", "camera in world, quaternion"),
         Column("qw", _DOUBLE, "", "camera in world, quaternion"),
-        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used picture"),
+        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame"),
         Column(
             "motion_source",
             _CHOICE,
             "",
-            "what the motion was first taken from",
+            "prior of the motion",
             values=tuple(MOTION_SOURCES),
         ),
-        Column("baseline_m", _DOUBLE, "m", "distance from the previous used picture"),
-        Column("ties", _WHOLE, "points", "tie points to the previous used picture"),
-        Column("residual_straight_px", _SINGLE, "px", "eq. 7.5 with the motion as first taken"),
+        Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame"),
+        Column("ties", _WHOLE, "points", "tie points to the previous used frame"),
+        Column("residual_straight_px", _SINGLE, "px", "eq. 7.5 with the motion of the prior"),
         Column("residual_px", _SINGLE, "px", "eq. 7.5 with the motion that was used"),
         Column("adjusted", _FLAG, "", "whether the motion was adjusted"),
         Column("iterations", _WHOLE, "", "iterations of the adjustment"),
-        Column(
-            "regions", _WHOLE, "", "connected regions found; null where the picture is not used"
-        ),
+        Column("regions", _WHOLE, "", "connected regions found; null where the frame is not used"),
         Column(
             "left_out",
             _WHOLE,
             "",
-            "candidates that were not looked at, as size, place and colour made others likelier; null where the "
-            "picture is not used",
+            "regions not classified, because others are more probable by size, position and colour; null where the "
+            "frame is not used",
         ),
-        Column("candidates", _WHOLE, "", "regions judged; null where the picture is not used"),
+        Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),
     ),
 )
 
