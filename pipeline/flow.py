@@ -23,6 +23,7 @@ from wayside.stages.detection import BoxClassifier, judge, propose
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
+from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
 from wayside.stages.segmentation import segment
 
@@ -102,7 +103,19 @@ class Flow:
         by_report = s.candidates.judge == "report"
         front = SideClassifiers(None if by_report else BoxClassifier(m.judge), m.place)
         back = None if m.back is None else SideClassifiers(BoxClassifier(m.back), m.back_place)
-        return track(posed, settings=s.track, front=front, back=back)
+        return track(
+            posed,
+            settings=s.track,
+            front=front,
+            back=back,
+            panel=self.panel_method(),
+            adjustment=s.local_adjustment,
+        )
+
+    def panel_method(self) -> PanelMethod:
+        """How panels are measured as planes."""
+        s = self.settings
+        return PanelMethod(self.models.outline, s.panel, s.registration, s.outline)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

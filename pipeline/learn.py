@@ -227,7 +227,7 @@ def _tracked(
         flow = Flow(settings, seen_by, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(flow.detect(frames), settings.motion)
-        yield Tracked(moved, judge, back, truth)
+        yield Tracked(moved, judge, back, truth, flow.panel_method())
 
 
 def gaussian_models(

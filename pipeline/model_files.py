@@ -12,6 +12,7 @@ from typing import TypeVar
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     GaussianModel,
+    LinearModel,
     Model,
     NetworkModel,
     TreeModel,
@@ -24,7 +25,7 @@ from wayside.schemas.settings import Settings
 REPORT_PLACE = "report"
 """The class of the location model that is the report's single mean; the others are the mixture."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel)
+Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +34,14 @@ class Models:
 
     `place` judges a place over all its views; `face_color` and `face_shape` name the face in a view, `face_box` says
     where it ends; `back` and `back_place` judge what is seen of panels from behind; `ranking` says which regions are
-    likely faces at all; where they exist.
+    likely faces at all; where they exist. `outline` chooses the outer outline of a panel.
     """
 
     color: GaussianModel
     shape: GaussianModel
     judge: TreeModel
     location: GaussianModel
+    outline: LinearModel
     place: TreeModel | None = None
     face_color: NetworkModel | None = None
     face_shape: NetworkModel | None = None
@@ -55,6 +57,7 @@ class Models:
             "shape": self.shape,
             "judge": self.judge,
             "location": self.location,
+            "outline": self.outline,
             "place": self.place,
             "face_color": self.face_color,
             "face_shape": self.face_shape,
@@ -93,6 +96,7 @@ def load_models(settings: Settings) -> Models:
         shape,
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
+        _linear(folder, "outline.json"),
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),
@@ -157,3 +161,4 @@ def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
 _gaussian = _of_kind(GaussianModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
+_linear = _of_kind(LinearModel)

@@ -120,9 +120,23 @@ class ConvolutionModel:
     provenance: str
 
 
+@dataclass(frozen=True, slots=True)
+class LinearModel:
+    """Weights (f,) float64 of named features: the value of a candidate is their weighted sum."""
+
+    kind: ClassVar[str] = "linear"
+    features: tuple[str, ...]
+    weights: NDArray[np.float64]
+    provenance: str
+
+    def values(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (n,) of candidates with features (n, f)."""
+        return np.asarray(features @ self.weights, np.float64)
+
+
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 
-Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel
+Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel | LinearModel
 Part = TypeVar("Part", TreeModel, NetworkModel, ConvolutionModel)
 
 
@@ -143,6 +157,9 @@ def model_to_json(model: Model) -> str:
                 for c in model.classes
             ],
         }
+    elif isinstance(model, LinearModel):
+        weights = [float(f"{w:.6g}") for w in model.weights]
+        body = {"weights": dict(zip(model.features, weights, strict=True))}
     elif isinstance(model, NetworkModel):
         body = {"features": list(model.features), "classes": list(model.classes)}
         body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
@@ -219,6 +236,9 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 _part_of(NetworkModel, data.get("network"), name),
                 _part_of(ConvolutionModel, data.get("closer"), name),
             )
+        if data["kind"] == "linear":
+            weights = {str(name): float(weight) for name, weight in data["weights"].items()}
+            return LinearModel(tuple(weights), np.array(list(weights.values())), data["provenance"])
         if data["kind"] == "network":
             return _network_of(data)
         if data["kind"] == "convolution":

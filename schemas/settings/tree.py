@@ -8,6 +8,12 @@ from typing import Any
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.panel import (
+    LocalAdjustmentSettings,
+    OutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
@@ -23,6 +29,10 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
+    panel: PanelSettings = field(default_factory=PanelSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    outline: OutlineSettings = field(default_factory=OutlineSettings)
+    local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
