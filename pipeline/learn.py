@@ -34,6 +34,7 @@ from wayside.pipeline.learning.gaussians import (
 )
 from wayside.pipeline.learning.judging import Judges, learn_judges
 from wayside.pipeline.learning.names import learn_names
+from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
 from wayside.pipeline.learning.places import (
     ACCEPT,
     ACCEPT_BACK,
@@ -181,6 +182,10 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
             models[f"face_{what}.json"] = learn_names(judges.passed, what, seed, origin)
         except InputError as error:
             say(f"face_{what}.json not written, the {what} of a face is its nearest class: {error}")
+    try:
+        models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
+    except InputError as error:
+        say(f"outline.json not written, the model that ships is used: {error}")
     digests = {name: _write(out / name, model, say) for name, model in models.items()}
     places = _places(logs, judges, backs, out)
     for name, back, accept in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
@@ -228,6 +233,17 @@ def _tracked(
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(flow.detect(frames), settings.motion)
         yield Tracked(moved, judge, back, truth, flow.panel_method())
+
+
+def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
+    """The candidates of the outlines of all faces of the drives; views are registered with the model that ships."""
+    settings, _ = load_settings()
+    method = Flow(settings, load_models(settings), StageClock()).panel_method()
+    choices: list[OutlineChoice] = []
+    for log in logs:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        choices += gather_choices(pictures(log), truth, method, seed)
+    return choices
 
 
 def gaussian_models(

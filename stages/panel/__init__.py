@@ -8,7 +8,7 @@ from wayside.stages.panel.outline import (
     outline_candidates,
 )
 from wayside.stages.panel.outline_edges import gradients_of
-from wayside.stages.panel.outline_shapes import ASPECT, SHAPES, box_size
+from wayside.stages.panel.outline_shapes import ASPECT, OUTLINE_SHAPES, box_size
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 from wayside.stages.panel.registration import (
     PanelMethod,
@@ -20,7 +20,7 @@ from wayside.stages.panel.registration import (
 __all__ = [
     "ASPECT",
     "OUTLINE_FEATURES",
-    "SHAPES",
+    "OUTLINE_SHAPES",
     "FaceOutline",
     "Facing",
     "OutlineCandidate",

@@ -14,7 +14,7 @@ from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import STEP, Gradients, edge_profiles, strongest_box
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
-    SHAPES,
+    OUTLINE_SHAPES,
     Segments,
     box_size,
     growth,
@@ -52,7 +52,7 @@ def strongest_outlines(
     gradients: Gradients, box: Array, settings: OutlineSettings
 ) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
-    starts = [(shape, start) for shape in SHAPES for start in _starts(shape, box, settings)]
+    starts = [(shape, start) for shape in OUTLINE_SHAPES for start in _starts(shape, box, settings)]
     found = [
         _strongest(gradients, shape, start, settings.inward, settings.outward, settings)
         for shape, start in starts

@@ -8,7 +8,7 @@ import numpy as np
 
 from wayside.stages.kernels import Array
 
-SHAPES = (
+OUTLINE_SHAPES = (
     "rectangle",
     "diamond",
     "octagon",
@@ -86,7 +86,7 @@ def _template(shape: str) -> Template:
     return Template(begin.reshape(-1, 2), end.reshape(-1, 2))
 
 
-_TEMPLATES = {shape: _template(shape) for shape in SHAPES}
+_TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}
 
 
 def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:

@@ -5,7 +5,7 @@ import pytest
 from wayside.schemas.settings import OutlineSettings
 from wayside.stages.panel.outline import fit_face_outline
 from wayside.stages.panel.outline_edges import STEP, edge_profiles, gradients_of, strip_colors
-from wayside.stages.panel.outline_shapes import SHAPES, segments_of
+from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
 
 ROWS, COLUMNS, SCALE = 110, 120, 8
 CORNERS = {
@@ -58,7 +58,7 @@ def around(middle, half):
     return np.concatenate([np.asarray(middle) - half, np.asarray(middle) + half])
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", OUTLINE_SHAPES)
 def test_segments_lie_on_the_outline_and_face_outwards(shape):
     box = np.array([20.0, 30.0, 80.0, 70.0])
     segments = segments_of(shape, box)
