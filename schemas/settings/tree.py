@@ -9,6 +9,12 @@ from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.panel import (
+    LocalAdjustmentSettings,
+    OutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
@@ -25,6 +31,10 @@ class Settings:
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
+    panel: PanelSettings = field(default_factory=PanelSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    outline: OutlineSettings = field(default_factory=OutlineSettings)
+    local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)

@@ -1,6 +1,12 @@
 """Rotations, lens distortion, midpoints of rays, offsets from a path, linear algebra and Levenberg-Marquardt."""
 
 from wayside.stages.geometry.bound import point_bound, step_bound
+from wayside.stages.geometry.boxes import (
+    box_areas,
+    intersection_areas,
+    iou_matrix,
+    non_maximum_suppression,
+)
 from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
 from wayside.stages.geometry.linear_algebra import (
     cholesky_solve,
@@ -9,12 +15,6 @@ from wayside.stages.geometry.linear_algebra import (
     invert_symmetric,
 )
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
-from wayside.stages.geometry.boxes import (
-    box_areas,
-    intersection_areas,
-    iou_matrix,
-    non_maximum_suppression,
-)
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
     rotation_from_vector,
@@ -40,14 +40,12 @@ __all__ = [
     "frenet_offset",
     "ideal_of_rays",
     "ideal_points",
-    "invert_symmetric",
-    "meet_rays",
-    "midpoint",
-    "minimiser",
     "intersection_areas",
+    "invert_symmetric",
     "iou_matrix",
     "meet_rays",
     "midpoint",
+    "minimiser",
     "non_maximum_suppression",
     "pair_residual",
     "point_bound",
