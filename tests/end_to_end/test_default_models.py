@@ -31,3 +31,20 @@ def test_a_location_model_that_accepts_no_place_leaves_no_sign(run_with):
     result = run_with(location=accept_nothing)
     assert not [row for row in result.signs if row["status"] == "sign"]
     assert result.verdicts["location"] > 0
+
+
+def name_everything(name):
+    """A change of a network that makes it sure of one class."""
+
+    def change(model):
+        place = model["classes"].index(name)
+        bias = [30.0 if k == place else -30.0 for k in range(len(model["classes"]))]
+        return model | {"output_bias": bias}
+
+    return change
+
+
+def test_the_networks_of_faces_name_colors_and_shapes(run_with):
+    result = run_with(face_color=name_everything("blue"), face_shape=name_everything("circle"))
+    faces = [row for row in result.signs if row["status"] == "sign"]
+    assert {(row["color"], row["shape"]) for row in faces} == {("blue", "circle")}
