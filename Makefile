@@ -68,6 +68,7 @@ clean:
 	@$(PYTHON) -m venv .venv
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@mkdir -p .venv/checkout && ln -sfn ../.. .venv/checkout/wayside
 	@touch $@
 
 # PyTorch is large and only the learning needs it.
