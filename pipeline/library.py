@@ -178,7 +178,7 @@ def run(
             from wayside.pipeline.view.sinks import Viewing, open_observer
 
             viewing = Viewing(view == "file", address)
-            return open_observer(viewing, folder, path.stem, models.location, report)
+            return open_observer(viewing, folder, path.stem, models.location_classes, report)
 
         frames = process_log(
             path, folder, chosen, models, under_way, arguments=[], open_observer=open_observer
