@@ -25,6 +25,7 @@ from wayside.stages.georeference import DrivePath, DriveRecord, collect, georefe
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
+from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
 from wayside.stages.segmentation import segment
 
@@ -128,7 +129,19 @@ class Flow:
         back = None
         if m.back_classifier is not None:
             back = SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
-        return track(posed, settings=s.track, front=front, back=back)
+        return track(
+            posed,
+            settings=s.track,
+            front=front,
+            back=back,
+            panel=self.panel_method(),
+            adjustment=s.local_adjustment,
+        )
+
+    def panel_method(self) -> PanelMethod:
+        """How panels are measured as planes."""
+        s = self.settings
+        return PanelMethod(self.models.outline_weights, s.panel, s.registration, s.outline)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

@@ -42,6 +42,7 @@ from wayside.pipeline.learning.landmarks import (
     joined,
     learn_landmark_classifier,
 )
+from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
 from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
     CandidateSamples,
@@ -188,6 +189,10 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
             notify(
                 f"face_{what}.json not written, the {what} of a face is its nearest class: {error}"
             )
+    try:
+        models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
+    except InputError as error:
+        notify(f"outline.json not written, the model that ships is used: {error}")
     digests = {name: _write(out / name, model, notify) for name, model in models.items()}
     places = _places(logs, judges, backs, out)
     for name, back, threshold in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
@@ -236,7 +241,18 @@ def _tracked(
         flow = Flow(settings, seen_by, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(flow.detect(frames), settings.motion)
-        yield PosedDrive(moved, judge, back, truth)
+        yield PosedDrive(moved, judge, back, truth, flow.panel_method())
+
+
+def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
+    """The candidates of the outlines of all faces of the drives; views are registered with the model that ships."""
+    settings, _ = load_settings()
+    method = Flow(settings, load_models(settings), StageClock()).panel_method()
+    choices: list[OutlineChoice] = []
+    for log in logs:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        choices += gather_choices(images(log), truth, method, seed)
+    return choices
 
 
 def gaussian_models(

@@ -11,13 +11,13 @@ from typing import TypeVar
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
-from wayside.schemas.models import GaussianModel, Model, NetworkModel, TreeModel
+from wayside.schemas.models import GaussianModel, LinearModel, Model, NetworkModel, TreeModel
 from wayside.schemas.settings import Settings
 
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel)
+Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +26,16 @@ class Models:
 
     color_classes, shape_classes: Gaussian classes of regions; box_classifier: of boxes in one image; location_classes:
     where signs stand; landmark_classifier: of a landmark by all its observations; color_network, shape_network: names
-    of a face in one image; box_regressor: box regression; back_classifier, back_landmark_classifier: of panels seen from
-    behind; region_ranking: which regions are the most probable faces. None where there is no such file.
+    of a face in one image; box_regressor: box regression; back_classifier, back_landmark_classifier: of panels seen
+    from behind; region_ranking: which regions are the most probable faces; outline_weights: which of several
+    concentric outlines of a panel is the outer one. None where there is no such file.
     """
 
     color_classes: GaussianModel
     shape_classes: GaussianModel
     box_classifier: TreeModel
     location_classes: GaussianModel
+    outline_weights: LinearModel
     landmark_classifier: TreeModel | None = None
     color_network: NetworkModel | None = None
     shape_network: NetworkModel | None = None
@@ -49,6 +51,7 @@ class Models:
             "shape": self.shape_classes,
             "judge": self.box_classifier,
             "location": self.location_classes,
+            "outline": self.outline_weights,
             "place": self.landmark_classifier,
             "face_color": self.color_network,
             "face_shape": self.shape_network,
@@ -87,6 +90,7 @@ def load_models(settings: Settings) -> Models:
         shape,
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
+        _linear(folder, "outline.json"),
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),
@@ -151,3 +155,4 @@ def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
 _gaussian = _of_kind(GaussianModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
+_linear = _of_kind(LinearModel)

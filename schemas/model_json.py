@@ -20,6 +20,7 @@ from wayside.schemas.models import (
     ConvolutionModel,
     GaussianClass,
     GaussianModel,
+    LinearModel,
     Model,
     NetworkModel,
     TreeModel,
@@ -46,6 +47,9 @@ def model_to_json(model: Model) -> str:
                 for c in model.classes
             ],
         }
+    elif isinstance(model, LinearModel):
+        weights = [float(f"{w:.6g}") for w in model.weights]
+        body = {"weights": dict(zip(model.features, weights, strict=True))}
     elif isinstance(model, NetworkModel):
         body = {"features": list(model.features), "classes": list(model.classes)}
         if model.feature_limit != FEATURE_LIMIT:
@@ -124,6 +128,9 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 _part_of(NetworkModel, data.get("network"), name),
                 _part_of(ConvolutionModel, data.get("closer"), name),
             )
+        if data["kind"] == "linear":
+            weights = {str(name): float(weight) for name, weight in data["weights"].items()}
+            return LinearModel(tuple(weights), np.array(list(weights.values())), data["provenance"])
         if data["kind"] == "network":
             return _network_of(data)
         if data["kind"] == "convolution":

@@ -122,4 +122,18 @@ class ConvolutionModel:
     provenance: str
 
 
-Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel
+@dataclass(frozen=True, slots=True)
+class LinearModel:
+    """Weights (f,) float64 of named features: the value of a candidate is their weighted sum."""
+
+    kind: ClassVar[str] = "linear"
+    features: tuple[str, ...]
+    weights: NDArray[np.float64]
+    provenance: str
+
+    def values(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values (n,) of candidates with features (n, f)."""
+        return np.asarray(features @ self.weights, np.float64)
+
+
+Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel | LinearModel

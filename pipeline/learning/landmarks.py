@@ -18,6 +18,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.mapping import FEATURES, SideClassifiers, track
+from wayside.stages.panel import PanelMethod
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a place is that face; overlap with one
@@ -36,12 +37,16 @@ SIGN, NOTHING, NEITHER = 1, 0, -1
 
 @dataclass(frozen=True, slots=True)
 class PosedDrive:
-    """A drive with truth up to its motion: frames with candidates, and the judges of one view that made them."""
+    """A drive with truth up to its motion: frames with candidates, and the classifiers of one view that made them.
+
+    panel: how panels are measured; None: they are not.
+    """
 
     moved: Iterable[PosedDetections]
     face: TreeModel | None
     back: TreeModel | None
     truth: dict[str, Any]
+    panel: PanelMethod | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +85,7 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
             for model in (drive.face, drive.back)
         )
         behind = None if drive.back is None else back
-        for settled in track(iter(drive.moved), settings, front, behind):
+        for settled in track(iter(drive.moved), settings, front, behind, drive.panel):
             for place in settled.places:
                 values.append(place.evidence)
                 labels.append(label_of(place, known))

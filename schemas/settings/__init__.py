@@ -10,6 +10,12 @@ from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.panel import (
+    LocalAdjustmentSettings,
+    OutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.tree import REPORT, Settings
@@ -21,10 +27,14 @@ __all__ = [
     "FeatureSettings",
     "GateSettings",
     "GeoreferenceSettings",
+    "LocalAdjustmentSettings",
     "LocateSettings",
     "ModelSettings",
     "MotionSettings",
+    "OutlineSettings",
+    "PanelSettings",
     "ReadSettings",
+    "RegistrationSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",

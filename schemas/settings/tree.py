@@ -10,6 +10,12 @@ from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.panel import (
+    LocalAdjustmentSettings,
+    OutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
@@ -26,6 +32,10 @@ class Settings:
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
+    panel: PanelSettings = field(default_factory=PanelSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    outline: OutlineSettings = field(default_factory=OutlineSettings)
+    local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
     models: ModelSettings = field(default_factory=ModelSettings)

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import TreeModel
+from wayside.schemas.settings import LocalAdjustmentSettings
 from wayside.stages.classifiers import log_odds
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.covariance import STEP_SIGMA, point_covariance
 from wayside.stages.mapping.hypotheses import Fit
-from wayside.stages.mapping.local_adjustment import Sighted, adjust_together
+from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.window import Held, frames_of, local_rows
 
@@ -181,21 +182,26 @@ class Measured(NamedTuple):
 
 
 def measured_place(
-    fit: Fit, held: Sequence[Held], panel: Panel | None = None, *, together: bool = False
+    fit: Fit,
+    held: Sequence[Held],
+    panel: Panel | None = None,
+    adjustment: LocalAdjustmentSettings | None = None,
 ) -> Measured:
     """The place by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
-    together: adjusted with the motion of the frames round it, where something is known of that beforehand.
+    adjustment: how it is adjusted with the motion of the frames around it, where that has a prior; None: it is not.
     """
     frame = int(fit.frames[best_view(fit, held)])
     if panel is None:
         used = fit.used
-        sighted = Sighted(fit.frames[used], box_rays(fit, held), fit.ray_sigma[used])
+        sighted = LandmarkRays(fit.frames[used], box_rays(fit, held), fit.ray_sigma[used])
         weight_sigma, point = fit.weight_sigma[used], fit.point
     else:
-        sighted = Sighted(panel.frames, panel.rays, panel.ray_sigma)
+        sighted = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
         weight_sigma, point = panel.weight_sigma, panel.point
-    joint = adjust_together(held, frame, sighted, point) if together else None
+    joint = None
+    if adjustment is not None:
+        joint = adjust_jointly(held, frame, sighted, point, adjustment)
     if joint is None:
         covariance = covariance_at(point, sighted.frames, weight_sigma, sighted.sigma, held, frame)
     else:

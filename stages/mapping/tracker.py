@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import TrackSettings
+from wayside.schemas.settings import LocalAdjustmentSettings, TrackSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.association import Gates, Sightings, link
 from wayside.stages.mapping.classifiers import SideClassifiers
@@ -34,6 +34,7 @@ from wayside.stages.mapping.window import (
     sightings_of,
     through_window,
 )
+from wayside.stages.panel import PanelMethod
 
 LINK_REACH = 3
 """Candidates are linked over this many frames at most: one or two may be missing between."""
@@ -67,6 +68,8 @@ def track(
     settings: TrackSettings,
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
+    panel: PanelMethod | None = None,
+    adjustment: LocalAdjustmentSettings | None = None,
 ) -> Iterator[TrackedFrame]:
     """Settle every candidate: place it in space with its other views, or say why not.
 
@@ -84,17 +87,28 @@ def track(
         of places (nobody: only candidates are views).
     back
         The same of panels seen from behind; None: they are not looked for.
+    panel
+        How panels are measured as planes; None: they are not, boxes alone give position and size.
+    adjustment
+        How a landmark is adjusted together with the motion; None: it is not.
     """
-    yield from through_window(moved, _Tracker(settings, front or SideClassifiers(), back))
+    front = front or SideClassifiers()
+    yield from through_window(moved, _Tracker(settings, front, back, panel, adjustment))
 
 
 class _Tracker:
     """The window and the places proposed in it."""
 
     def __init__(
-        self, settings: TrackSettings, front: SideClassifiers, back: SideClassifiers | None
+        self,
+        settings: TrackSettings,
+        front: SideClassifiers,
+        back: SideClassifiers | None,
+        panel: PanelMethod | None,
+        adjustment: LocalAdjustmentSettings | None,
     ) -> None:
         self._settings = settings
+        self._panel, self._adjustment = panel, adjustment
         self._sides = {False: front} if back is None else {False: front, True: back}
         self._gates = Gates(gap_px=settings.gap_px)
         self._path = TravelledPath(2 * settings.longest + HOP)
@@ -192,8 +206,8 @@ class _Tracker:
                 doubles.append(fit)
             factor = self._scatter.factor(fit.chi, fit.freedom)
             alike, panel = 0, None
-            if verdict == "sign":
-                alike, panel = measure_panel(fit, self._held, beside)
+            if verdict == "sign" and self._panel is not None:
+                alike, panel = measure_panel(fit, self._held, beside, self._panel)
             odds = SURE if self._sides[fit.back].landmark is None else score
             if verdict == "sign" and not stands(
                 fit, alike, panel, self._settings.fewest_views, odds
@@ -203,7 +217,8 @@ class _Tracker:
                 self._known.append(fit)
                 self._scatter.learn(fit.chi, fit.freedom)
             weighed = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
-            found = measured_place(weighed, self._held, panel, together=verdict == "sign")
+            adjustment = self._adjustment if verdict == "sign" else None
+            found = measured_place(weighed, self._held, panel, adjustment)
             place = build_place(
                 weighed,
                 self._held,
@@ -259,8 +274,8 @@ def stands(fit: Fit, alike: int, panel: Panel | None, fewest: int, odds: float) 
     if fit.used.sum() >= max(fewest, THIRD):
         return len(fit.rows) >= SURE_VIEWS or alike >= 2
     if alike >= THIRD:
-        return panel is not None and alike >= fewest and panel.gap_px < STANDS_PX
-    return odds >= SURE and panel is not None and alike >= fewest and panel.gap_px < PAIR_PX
+        return panel is not None and alike >= fewest and panel.residual_px < STANDS_PX
+    return odds >= SURE and panel is not None and alike >= fewest and panel.residual_px < PAIR_PX
 
 
 def in_the_way(fit: Fit, beside: FrenetOffset) -> bool:

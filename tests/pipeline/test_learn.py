@@ -125,6 +125,7 @@ def learned(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_script_writes_every_model_with_its_provenance(learned):
     files = sorted(path.name for path in (learned / "models").iterdir())
     assert files == [
@@ -145,12 +146,14 @@ def test_the_script_writes_every_model_with_its_provenance(learned):
         assert "measured" not in provenance
 
 
+@pytest.mark.slow
 def test_the_same_drives_and_seed_give_the_same_bytes(learned, tmp_path):
     assert main(["--drives", str(learned), "-o", str(tmp_path)]) == 0
     for path in (learned / "models").iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_colours_learned_are_those_painted(learned):
     model = model_from_json((learned / "models" / "color_rgb.json").read_text())
     means = {one.name: one.mean for one in model.classes}
@@ -159,6 +162,7 @@ def test_the_colours_learned_are_those_painted(learned):
         assert mean == pytest.approx(COLORS[name], abs=4)
 
 
+@pytest.mark.slow
 def test_the_judge_has_a_gate_and_held_out_figures(learned):
     model = model_from_json((learned / "models" / "judge.json").read_text())
     assert isinstance(model, TreeModel)
@@ -167,6 +171,7 @@ def test_the_judge_has_a_gate_and_held_out_figures(learned):
     assert "with the closer look, held out by drive" in model.provenance
 
 
+@pytest.mark.slow
 def test_the_ranking_states_how_many_faces_it_keeps_where_it_was_not_taught(learned):
     model = model_from_json((learned / "models" / "ranking.json").read_text())
     assert model.features == REGION_FEATURES
@@ -186,6 +191,7 @@ def test_drives_without_backs_teach_none(tmp_path):
         learn_back_classifier([one], 1, "")
 
 
+@pytest.mark.slow
 def test_the_network_names_the_colours_painted_and_one_shape_is_not_learned(learned):
     model = model_from_json((learned / "models" / "face_color.json").read_text())
     assert set(model.classes) == set(COLORS)
@@ -198,6 +204,7 @@ def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert "learn_*.mcap" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_missing_mask_is_named(learned, tmp_path, capsys):
     truth = write_drive(tmp_path, "learn_c", 5)
     (tmp_path / "learn_c.masks" / "0002.png").unlink()

@@ -31,7 +31,7 @@ fixes only; otherwise origin at the first used camera centre, x forward, y left,
 z forward. Pixel centres lie at integers; boxes are half open.
 
 The path is adjusted over the whole drive: steps between frames are exact to centimetres and drift, poses and fixes
-scatter and do not drift. Excluded poses and fixes, a time offset and long gaps are listed in `run.json` under `notes`. The
+scatter and do not drift. Excluded poses and fixes, a time offset and long gaps stand in `run.json` under `notes`. The
 columns `covariance` and `sigma_along_m` to `sigma_up_m` are relative to the cameras nearby; `sigma_east_m`,
 `sigma_north_m` and `sigma_alt_m` are those of the position on the globe and contain the error common to all fixes.
 """

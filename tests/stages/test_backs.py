@@ -68,9 +68,9 @@ def test_a_panel_seen_from_behind_is_placed_as_a_back_without_a_colour(panel, dr
     ("outline", "shape"), [("triangle_up", "triangle"), ("diamond", "diamond")]
 )
 def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
-    panel, drive, monkeypatch, outline, shape
+    panel, drive, monkeypatch, panel_method, outline, shape
 ):
-    def measured(fit, held, beside):
+    def measured(fit, held, beside, method):
         return 3, Panel(
             fit.point,
             fit.frames[fit.used],
@@ -89,7 +89,8 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    (place,) = places_of(track(iter(frames), TrackSettings(), back=BEHIND))
+    settled = track(iter(frames), TrackSettings(), back=BEHIND, panel=panel_method)
+    (place,) = places_of(settled)
     assert (place.color, place.shape) == (None, shape)
 
 

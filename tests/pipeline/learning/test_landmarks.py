@@ -117,7 +117,7 @@ def test_places_are_gathered_from_tracked_drives(monkeypatch):
     place = SeenAt(FACE, FACE, FACE)
     place.evidence = tuple(range(len(FEATURES)))
     settled = [type("S", (), {"places": (place,)})]
-    monkeypatch.setattr(module, "track", lambda moved, settings, front, back: iter(settled))
+    monkeypatch.setattr(module, "track", lambda moved, settings, front, back, panel: iter(settled))
     known, none = truth() | {"name": "a"}, {"name": "b", "signs": []}
     found = module.gather_landmarks(
         module.PosedDrive([], None, None, truth) for truth in (known, none, known)

@@ -122,6 +122,7 @@ def test_patches_are_shown_to_pytorch_as_they_are_to_the_judge():
 
 
 @needs_torch
+@pytest.mark.slow
 def test_it_learns_what_a_face_looks_like_and_the_same_each_time():
     taught = [looked(2000, 1), looked(200, 2, real=True)]
     model = fit_patch_cnn(taught, -3.0, seed=1)

@@ -229,8 +229,8 @@ def test_few_boxes_stand_where_two_look_alike_though_their_outline_is_of_no_know
 class Shown:
     """What `stands` looks at of a measured panel."""
 
-    def __init__(self, gap_px):
-        self.gap_px = gap_px
+    def __init__(self, residual_px):
+        self.residual_px = residual_px
 
 
 def test_two_boxes_stand_where_as_many_pictures_as_are_asked_for_show_one_panel():

@@ -1,3 +1,5 @@
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
@@ -5,7 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from wayside.stages.mapping.image_alignment import align, stretched
+from wayside.schemas.settings import RegistrationSettings
+from wayside.stages.panel import image_alignment
+from wayside.stages.panel.image_alignment import warp_to_template
+
+align = partial(image_alignment.align, settings=RegistrationSettings())
 
 ROWS, COLUMNS = 61, 71
 
@@ -83,6 +89,6 @@ def test_a_view_is_drawn_as_the_template_sees_it():
     found = align(template, middle_weight(), patch, np.zeros(2))
     assert found is not None
     view = cv2.cvtColor(patch.astype(np.float32), cv2.COLOR_GRAY2BGR)
-    drawn = stretched(view, found)[..., 0]
+    drawn = warp_to_template(view, found)[..., 0]
     inside = (slice(12, -12), slice(12, -12))
     assert np.abs(drawn[inside] - template[inside]).mean() < 2.0

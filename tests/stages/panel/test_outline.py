@@ -2,15 +2,10 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.stages.mapping.outline_edges import (
-    SHAPES,
-    STEP,
-    edge_profiles,
-    segments_of,
-    slopes,
-    strip_colors,
-)
-from wayside.stages.mapping.outline_fit import fit_face
+from wayside.schemas.settings import OutlineSettings
+from wayside.stages.panel.outline import fit_face_outline
+from wayside.stages.panel.outline_edges import STEP, edge_profiles, gradients_of, strip_colors
+from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
 
 ROWS, COLUMNS, SCALE = 110, 120, 8
 CORNERS = {
@@ -63,7 +58,7 @@ def around(middle, half):
     return np.concatenate([np.asarray(middle) - half, np.asarray(middle) + half])
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", OUTLINE_SHAPES)
 def test_segments_lie_on_the_outline_and_face_outwards(shape):
     box = np.array([20.0, 30.0, 80.0, 70.0])
     segments = segments_of(shape, box)
@@ -91,9 +86,9 @@ def test_offsets_change_as_the_jacobian_says(shape):
 
 def test_the_profile_peaks_where_the_edge_stands():
     middle, half = np.array([60.0, 54.0]), np.array([30.3, 22.6])
-    edges = slopes(views_of("rectangle", middle, half, rim=0))
+    edges = gradients_of(views_of("rectangle", middle, half, rim=0))
     segments = segments_of("rectangle", around(middle, half - 2.0))
-    profiles = edge_profiles(*edges, segments, -1.0, 5.0)
+    profiles = edge_profiles(edges, segments, -1.0, 5.0, OutlineSettings())
     assert np.abs(np.median(profiles.argmax(axis=1)) * STEP - 1.0 - 2.0) <= 0.25
 
 
@@ -114,30 +109,37 @@ def test_strips_take_the_colour_that_is_there():
         ("octagon", (30.2, 30.2)),
     ],
 )
-def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half):
+def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, outline_model):
     middle, half = np.array([60.3, 54.7]), np.array(half)
     start = around(middle + 1.0, half * 0.92)
-    face = fit_face(views_of(shape, middle, half), [start])
+    face = fit_face_outline(views_of(shape, middle, half), start, outline_model, OutlineSettings())
     assert face is not None
     assert face.shape == shape or {face.shape, shape} == {"octagon", "circle"}
     np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
     np.testing.assert_allclose((face.box[:2] + face.box[2:]) / 2, middle, atol=0.6)
 
 
-def test_a_turned_panel_keeps_its_size():
+def test_a_rotated_panel_keeps_its_size(outline_model):
     middle, half, turn = np.array([60.0, 54.0]), np.array([30.0, 22.0]), np.radians(4.0)
-    face = fit_face(views_of("rectangle", middle, half, turn), [around(middle, half * 0.95)])
+    face = fit_face_outline(
+        views_of("rectangle", middle, half, turn),
+        around(middle, half * 0.95),
+        outline_model,
+        OutlineSettings(),
+    )
     assert face is not None
-    assert np.degrees(face.turn) == pytest.approx(4.0, abs=1.2)  # drawn to upright
+    assert np.degrees(face.rotation) == pytest.approx(4.0, abs=1.2)  # drawn to upright
     np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
 
 
-def test_no_face_has_an_outline_on_an_even_wall():
+def test_no_face_has_an_outline_on_an_even_wall(outline_model):
     views = np.full((2, ROWS, COLUMNS, 3), 120, np.float32)
-    face = fit_face(views, [np.array([40.0, 40.0, 80.0, 70.0])])
+    face = fit_face_outline(
+        views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model, OutlineSettings()
+    )
     assert face is None or face.strength < 0.1
 
 
 def test_views_of_another_type_are_refused():
     with pytest.raises(ValueError, match="views"):
-        slopes(np.zeros((1, 10, 10, 3), np.uint8))
+        gradients_of(np.zeros((1, 10, 10, 3), np.uint8))

@@ -1,8 +1,8 @@
-"""Bring two pictures of one flat face into register: shift, stretch along both axes, gain and bias.
+"""Register two rectified views of one flat face: shift, stretch along both axes, gain and bias.
 
 Forward-additive Gauss-Newton on grey levels (Lucas and Kanade, 1981; Baker and Matthews, 2004). Unlike the small
-patches of tie points, a face is compared as a whole, and its stretch across and down are told apart: the first bears
-its facing.
+patches of tie points, a face is compared as a whole and has a stretch for each axis: the horizontal one depends on its
+facing.
 """
 
 from __future__ import annotations
@@ -13,21 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.kernels import Array, compiled, require_array
-
-ITERATIONS, CONVERGED_PX = 12, 0.005
-STRETCH_SIGMA, STRETCH_LIMIT = 0.03, 0.2
-"""How far the stretches are expected from 1, and where a fit has run away."""
-FARTHEST_PX = 4.0
-LEAST_INSIDE = 0.5
-"""Share of the weighted samples that must lie in the other picture."""
 
 
 class Alignment(NamedTuple):
     """Where a template was found: sample x of the template shows at middle + shift + stretch * (x - middle).
 
-    shift, stretch (2,): right and down, samples; gain, bias: template = gain * patch + bias; zncc: likeness, 1 at best;
-    covariance (4, 4): of shift and stretch, from the residuals.
+    shift, stretch (2,): right and down, samples; gain, bias: template = gain * patch + bias; zncc: zero-mean normalised
+    cross-correlation, 1 at best; covariance (4, 4): of shift and stretch, from the residuals.
     """
 
     shift: Array
@@ -38,8 +32,10 @@ class Alignment(NamedTuple):
     covariance: Array
 
 
-def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignment | None:
-    """Find the template in the patch; None where it runs away or leaves it.
+def align(
+    template: Array, weight: Array, patch: Array, start: Array, settings: RegistrationSettings
+) -> Alignment | None:
+    """Find the template in the patch; None where it diverges or leaves the patch.
 
     Parameters
     ----------
@@ -47,6 +43,8 @@ def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignme
         Grey levels and weights, all (rows, columns) float64; samples of no weight are not compared.
     start
         Shift to begin with, (2,) samples right and down.
+    settings
+        Limits, priors and iterations.
 
     Raises
     ------
@@ -57,61 +55,53 @@ def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignme
     require_array(template, "template", np.float64, (None, None))
     require_array(weight, "weight", np.float64, shape)
     require_array(patch, "patch", np.float64, shape)
-    total = float(weight.sum())
-    if total <= 0:
+    if weight.sum() <= 0:
         return None
+    try:
+        return _gauss_newton(template, weight, patch, start, settings)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _gauss_newton(
+    template: Array, weight: Array, patch: Array, start: Array, settings: RegistrationSettings
+) -> Alignment | None:
+    total = float(weight.sum())
     mean = float((weight * template).sum()) / total
     spread = float((weight * (template - mean) ** 2).sum())
     x = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0])
     normal, right = np.zeros((6, 6)), np.zeros(6)
     prior = np.zeros(6)
-    for _ in range(ITERATIONS):
+    for _ in range(settings.iterations):
         inside, squares = _normal_equations(template, weight, patch, x, normal, right)
-        if inside < LEAST_INSIDE * total:
+        if inside < settings.inside * total:
             return None
-        prior[2:4] = _variance(squares, inside) / STRETCH_SIGMA**2
-        step = _solved(normal + np.diag(prior), right - prior * (x - 1.0))
-        if step is None:
-            return None
+        prior[2:4] = _variance(squares, inside, settings) / settings.stretch_sigma**2
+        step = np.linalg.solve(normal + np.diag(prior), right - prior * (x - 1.0))
         x += step
-        far = np.abs(x[:2] - start).max() > FARTHEST_PX
-        if far or np.abs(x[2:4] - 1).max() > STRETCH_LIMIT:
+        far = np.abs(x[:2] - start).max() > settings.largest_shift
+        if far or np.abs(x[2:4] - 1).max() > settings.largest_stretch:
             return None
-        if np.abs(step[:2]).max() < CONVERGED_PX:
+        if np.abs(step[:2]).max() < settings.converged:
             break
     inside, squares = _normal_equations(template, weight, patch, x, normal, right)
-    if x[4] <= 0 or inside < LEAST_INSIDE * total or spread <= 0:
+    if x[4] <= 0 or inside < settings.inside * total or spread <= 0:
         return None
-    covariance = _inverse(normal)
-    if covariance is None:
-        return None
+    covariance = np.asarray(np.linalg.inv(normal))
     return Alignment(
         x[:2].copy(),
         x[2:4].copy(),
         float(x[4]),
         float(x[5]),
         float(np.sqrt(max(0.0, 1 - squares / spread))),
-        covariance[:4, :4] * _variance(squares, inside),
+        covariance[:4, :4] * _variance(squares, inside, settings),
     )
 
 
-def _variance(squares: float, inside: float) -> float:
-    """Variance of a sample; neighbours share a pixel of the picture, so a third of them is independent."""
-    return max(squares / max(inside / 3, 1.0), 1.0)
-
-
-def _solved(normal: Array, right: Array) -> Array | None:
-    try:
-        return np.asarray(np.linalg.solve(normal, right))
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _inverse(normal: Array) -> Array | None:
-    try:
-        return np.asarray(np.linalg.inv(normal))
-    except np.linalg.LinAlgError:
-        return None
+def _variance(squares: float, inside: float, settings: RegistrationSettings) -> float:
+    """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
+    independent = max(inside / settings.samples_per_independent, 1.0)
+    return max(squares / independent, settings.smallest_variance)
 
 
 @compiled
@@ -124,7 +114,7 @@ def _normal_equations(
     normal[:] = 0
     right[:] = 0
     inside, squares = 0.0, 0.0
-    slope = np.empty(6)
+    jacobian = np.empty(6)
     for i in range(rows):
         v = middle_v + x[3] * (i - middle_v) + x[1]
         if not 0 <= v < rows - 1:
@@ -144,36 +134,36 @@ def _normal_equations(
             r, s = patch[top + 1, left], patch[top + 1, left + 1]
             above, below = p + a * (q - p), r + a * (s - r)
             value = above + b * (below - above)
-            slope[0] = x[4] * ((q - p) + b * ((s - r) - (q - p)))
-            slope[1] = x[4] * (below - above)
-            slope[2] = slope[0] * (j - middle_u)
-            slope[3] = slope[1] * (i - middle_v)
-            slope[4] = value
-            slope[5] = 1.0
-            gap = template[i, j] - (x[4] * value + x[5])
+            jacobian[0] = x[4] * ((q - p) + b * ((s - r) - (q - p)))
+            jacobian[1] = x[4] * (below - above)
+            jacobian[2] = jacobian[0] * (j - middle_u)
+            jacobian[3] = jacobian[1] * (i - middle_v)
+            jacobian[4] = value
+            jacobian[5] = 1.0
+            residual = template[i, j] - (x[4] * value + x[5])
             for k in range(6):
-                right[k] += w * slope[k] * gap
+                right[k] += w * jacobian[k] * residual
                 for m in range(k, 6):
-                    normal[k, m] += w * slope[k] * slope[m]
+                    normal[k, m] += w * jacobian[k] * jacobian[m]
             inside += w
-            squares += w * gap * gap
+            squares += w * residual * residual
     for k in range(6):
         for m in range(k):
             normal[k, m] = normal[m, k]
     return inside, squares
 
 
-def stretched(view: NDArray[np.float32], found: Alignment) -> NDArray[np.float32]:
-    """A picture (rows, columns, 3) drawn as the template sees it, its light matched."""
+def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.float32]:
+    """A view (rows, columns, 3) resampled into the template, with the template's gain and bias."""
     rows, columns = view.shape[:2]
     middle = (np.array([columns, rows]) - 1) / 2
     move = middle - found.stretch * middle + found.shift
     warp = np.array([[found.stretch[0], 0, move[0]], [0, found.stretch[1], move[1]]])
-    drawn = cv2.warpAffine(
+    warped = cv2.warpAffine(
         view,
         warp,
         (columns, rows),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return np.asarray(drawn * np.float32(found.gain) + np.float32(found.bias), np.float32)
+    return np.asarray(warped * np.float32(found.gain) + np.float32(found.bias), np.float32)
