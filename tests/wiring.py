@@ -32,9 +32,11 @@ from wayside.pipeline import cli, flow, model_files, run, workers  # noqa: F401
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import GaussianModel, NetworkModel, TreeModel
 from wayside.schemas.motion import PosedDetections
+from wayside.schemas.signs import Sign
+from wayside.stages.georeference import DrivePath, PathPoint
 from wayside.stages.segmentation import unsegmented
 
 TESTS = Path(__file__).parent / "end_to_end"
@@ -62,14 +64,43 @@ def _undecided(posed: PosedDetections) -> TrackedFrame:
     )
 
 
+def _chained_path(points: list[PathPoint]) -> DrivePath:
+    """The chain of steps as it came, in the axes of the first camera."""
+    return DrivePath(
+        "drive_start",
+        {point.frame: point.chained for point in points},
+        {point.frame: point.station_m for point in points},
+        {point.frame: point.baseline_m for point in points},
+        np.array([point.station_m for point in points]),
+        None,
+        None,
+        {},
+        (),
+    )
+
+
+def _unplaced(landmark: Landmark) -> Sign:
+    """The landmark as the first sign, in the axes of its camera."""
+    position, covariance = landmark.position, landmark.covariance
+    offset = (landmark.station_m, *landmark.offset[:2].tolist(), np.nan)
+    size = landmark.width_m, landmark.height_m, landmark.sigma_width_m, landmark.sigma_height_m
+    where = (position, covariance, position, covariance)
+    return Sign(1, 1, landmark, "sign", 0.5, *where, *offset, *size, None)
+
+
 DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (Frame, Image): lambda frame: Image(frame, None, None),
     (Image, Segmentation): unsegmented,
     (Segmentation, Detections): lambda found: Detections(found, Candidates.of(found.regions)),
     (Detections, PosedDetections): lambda found: PosedDetections(found, None),
     (PosedDetections, TrackedFrame): _undecided,
+    (Landmark, Sign): _unplaced,
 }
 """What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
+DO_NOTHING_WITH_ALL: dict[tuple[type, type], Callable[[list[Any]], Any]] = {
+    (PathPoint, DrivePath): _chained_path
+}
+"""The same of a stage that makes one item of all."""
 
 
 def _uninformed(model: GaussianModel | TreeModel | NetworkModel) -> object:
@@ -149,7 +180,8 @@ def cut_stage(name: str) -> None:
     """Bypass a stage function of the flow in this process."""
     function, source, result = stage_functions()[name]
     step = DO_NOTHING.get((source, result))
-    if source is not result and step is None:
+    whole = DO_NOTHING_WITH_ALL.get((source, result))
+    if source is not result and step is None and whole is None:
         raise SystemExit(
             f"stage {name}: tests/wiring.py does not know what a stage from {source.__name__} to "
             f"{result.__name__} gives when it decides nothing; add that to DO_NOTHING"
@@ -157,7 +189,10 @@ def cut_stage(name: str) -> None:
 
     @wraps(function)
     def bypass(items: Iterator[Any], *_: Any, **__: Any) -> Iterator[Any]:
-        yield from items if step is None else map(step, items)
+        if whole is not None:
+            yield whole(list(items))
+        else:
+            yield from items if step is None else map(step, items)
 
     setattr(flow, name, bypass)
 
@@ -177,16 +212,19 @@ def cut_model(path: str) -> None:
 
 def note_stages(file: Path) -> None:
     """Write down which function works under which name of the clock, for all flows of this process."""
-    timed = workers.StageClock.timed
     seen: dict[str, str] = {}
 
-    def noted(self: Any, name: str, items: Any) -> Any:
-        if name not in NOT_BYPASSED:
-            seen[name] = getattr(items, "__name__", type(items).__name__)
-            file.write_text(json.dumps(seen))
-        return timed(self, name, items)
+    def note(method: Any) -> Any:
+        def noted(self: Any, name: str, items: Any) -> Any:
+            if name not in NOT_BYPASSED:
+                seen[name] = getattr(items, "__name__", type(items).__name__)
+                file.write_text(json.dumps(seen))
+            return method(self, name, items)
 
-    workers.StageClock.timed = noted  # type: ignore[method-assign]
+        return noted
+
+    clock: Any = workers.StageClock
+    clock.timed, clock.timed_drive = note(clock.timed), note(clock.timed_drive)
 
 
 def attempt(cut: Cut, folder: Path) -> None:
