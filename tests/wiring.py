@@ -34,7 +34,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.schemas.models import digest, model_to_json
+from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.motion import PosedDetections
 from wayside.stages.segmentation import unsegmented
 
