@@ -396,9 +396,6 @@ class LocalAdjustmentSettings:
     tie_scale: float = setting(
         1.0, "sigmas", "scale of the robust cost of a tie", expert=True, low=0.01
     )
-    outlier_sigmas: float = setting(
-        4.0, "sigmas", "ties of larger residuals are counted as outliers", expert=True, low=0
-    )
     variance_factor: float = setting(
         0.85,
         "",
