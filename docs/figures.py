@@ -1,8 +1,8 @@
-"""Draw a result over a picture of its drive, above a map of the drive: the figure of the README.
+"""Draw a result over an image of its drive, above a map of the drive: the figure of the README.
 
     .venv/bin/python docs/figures.py recordings/demo.mcap out/demo -o docs/demo.png [--frame N]
 
-Every sign of `signs.parquet` ahead of the camera is put back into the picture through its pose in `frames.parquet`, as
+Every sign of `signs.parquet` ahead of the camera is put back into the image through its pose in `frames.parquet`, as
 a rectangle of the measured size. On the map, north is up where the log knows it.
 """
 
@@ -37,7 +37,7 @@ FONT, REACH_M, MAP_HEIGHT = cv2.FONT_HERSHEY_SIMPLEX, 90.0, 400
 
 
 def main() -> None:
-    """Draw the figure of one picture."""
+    """Draw the figure of one frame."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("-o", "--picture", type=Path, required=True)
     parser.add_argument(
-        "--frame", type=int, help="picture to draw; default: the one that shows most signs"
+        "--frame", type=int, help="frame to draw; default: the one that shows most signs"
     )
     parser.add_argument("--spacing-m", type=float, default=8.04672)
     args = parser.parse_args()
@@ -62,19 +62,19 @@ def main() -> None:
     row = next(f for f in frames if f["frame"] == chosen)
     settings = ReadSettings(spacing_m=args.spacing_m)
     frame = next(f for f in read_frames(args.log, settings, ReadReport()) if f.index == chosen)
-    picture = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR)
-    draw_signs(picture, frame, row, signs)
-    band = picture[picture.shape[0] // 4 : picture.shape[0] * 5 // 8]
-    sheet = np.vstack([band, draw_map(picture.shape[1], frames, row, signs)])
+    image = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR)
+    draw_signs(image, frame, row, signs)
+    band = image[image.shape[0] // 4 : image.shape[0] * 5 // 8]
+    sheet = np.vstack([band, draw_map(image.shape[1], frames, row, signs)])
     cv2.imwrite(
         str(args.picture), cv2.resize(sheet, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     )
 
 
 def draw_signs(
-    picture: NDArray[np.uint8], frame: Frame, row: dict[str, Any], signs: list[dict[str, Any]]
+    image: NDArray[np.uint8], frame: Frame, row: dict[str, Any], signs: list[dict[str, Any]]
 ) -> None:
-    """Put every sign ahead back into the picture, nearest last."""
+    """Put every sign ahead back into the image, nearest last."""
     if frame.camera is None:
         return
     turn = Rotation.from_quat([row[k] for k in ("qx", "qy", "qz", "qw")]).as_matrix()
@@ -86,19 +86,19 @@ def draw_signs(
             continue
         outline = panel_outline(frame.camera, local, sign["panel_width_m"], sign["panel_height_m"])
         ink = INK.get(sign["color"], (200, 200, 200))
-        cv2.polylines(picture, [outline], True, (0, 0, 0), 5, cv2.LINE_AA)
-        cv2.polylines(picture, [outline], True, ink, 3, cv2.LINE_AA)
+        cv2.polylines(image, [outline], True, (0, 0, 0), 5, cv2.LINE_AA)
+        cv2.polylines(image, [outline], True, ink, 3, cv2.LINE_AA)
         words = f"{sign['sign_id'].split('-')[-1]} {local[2]:.1f} m"
         x, y = int(outline[:, 0, 0].min()), int(outline[:, 0, 1].min()) - 8
         if local[2] < 45:
-            cv2.putText(picture, words, (x, y), FONT, 0.8, (0, 0, 0), 5, cv2.LINE_AA)
-            cv2.putText(picture, words, (x, y), FONT, 0.8, ink, 2, cv2.LINE_AA)
+            cv2.putText(image, words, (x, y), FONT, 0.8, (0, 0, 0), 5, cv2.LINE_AA)
+            cv2.putText(image, words, (x, y), FONT, 0.8, ink, 2, cv2.LINE_AA)
 
 
 def panel_outline(
     camera: Camera, centre: NDArray[np.float64], width: float, height: float
 ) -> NDArray[np.int32]:
-    """Picture polygon (4, 1, 2) of an upright panel at a camera-frame centre."""
+    """Image polygon (4, 1, 2) of an upright panel at a camera-frame centre."""
     corners = centre + np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [
         width / 2,
         height / 2,

@@ -114,9 +114,9 @@ def run(
             help="Regions to list: those past the first judgement of colour, or all past the size gate."
         ),
     ] = Listed.passed,
-    view: viewer.ViewOption = viewer.View.none,
+    view: viewer.ViewOption = viewer.ViewMode.none,
     connect: viewer.Connect = None,
-    view_images: viewer.ViewImages = viewer.Images.all,
+    view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
@@ -151,7 +151,7 @@ def replay(
     start: From = None,
     until: Until = None,
     workers: Workers = None,
-    view_images: viewer.ViewImages = viewer.Images.all,
+    view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
 ) -> None:
     """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
@@ -160,9 +160,9 @@ def replay(
     options = _read_options(spacing, camera, calibration, start, until, None, workers)
     chosen = _load_settings(preset, settings, assignments, options)
     times = viewer.parse_rate(rate)
-    shown = viewer.View.serve if serve else viewer.View.live
+    shown = viewer.ViewMode.serve if serve else viewer.ViewMode.live
     viewing = viewer.viewing_of(
-        viewer.View.none if connect is not None else shown, connect, view_images, view_detail
+        viewer.ViewMode.none if connect is not None else shown, connect, view_images, view_detail
     )
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from wayside.pipeline.view.sinks import Viewing
 
 
-class View(StrEnum):
+class ViewMode(StrEnum):
     """Where a run's recording goes."""
 
     none = "none"
@@ -25,8 +25,8 @@ class View(StrEnum):
     serve = "serve"
 
 
-class Images(StrEnum):
-    """Which pictures a recording holds."""
+class RecordedImages(StrEnum):
+    """Which images a recording holds."""
 
     all = "all"
     signs = "signs"
@@ -35,7 +35,7 @@ class Images(StrEnum):
 
 Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")]
 ViewOption = Annotated[
-    View,
+    ViewMode,
     typer.Option(
         "--view",
         help="Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, "
@@ -47,7 +47,8 @@ Connect = Annotated[
     typer.Option(metavar="URL", help="Also send to a viewer that runs already: 127.0.0.1:9876."),
 ]
 ViewImages = Annotated[
-    Images, typer.Option("--view-images", help="Pictures to record: all, those with signs, none.")
+    RecordedImages,
+    typer.Option("--view-images", help="Images to record: all, those with signs, none."),
 ]
 ViewDetail = Annotated[
     bool, typer.Option("--view-detail", help="Also record the label images of both passes.")
@@ -58,25 +59,27 @@ OverOption = Annotated[
     typer.Option(
         "--over",
         metavar="LOG",
-        help="Lay a recording without pictures over those of its log, which is imported once into OUT.",
+        help="Lay a recording without images over those of its log, which is imported once into OUT.",
     ),
 ]
-FrameOption = Annotated[int | None, typer.Option("--frame", help="A picture of the log.")]
+FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the log.")]
 
 
-def viewing_of(view: View, connect: str | None, images: Images, detail: bool) -> Viewing | None:
+def viewing_of(
+    view: ViewMode, connect: str | None, images: RecordedImages, detail: bool
+) -> Viewing | None:
     """Start or probe the viewer that is asked for; None where nothing is to be recorded."""
-    if view is View.none and connect is None:
+    if view is ViewMode.none and connect is None:
         return None
     from wayside.pipeline.view.sinks import Viewing
     from wayside.pipeline.view.viewer import probe, start_viewer
 
-    if connect is not None and view in (View.live, View.serve):
+    if connect is not None and view in (ViewMode.live, ViewMode.serve):
         raise UsageError(f"wanted one viewer, found --connect and --view {view}; leave one out")
     address = None if connect is None else probe(connect)
-    if view in (View.live, View.serve):
-        address = start_viewer((), serve=view is View.serve)
-    return Viewing(view is View.file, address, images.value, detail)
+    if view in (ViewMode.live, ViewMode.serve):
+        address = start_viewer((), serve=view is ViewMode.serve)
+    return Viewing(view is ViewMode.file, address, images.value, detail)
 
 
 def leave_stuck_viewer(status: int) -> None:
@@ -95,12 +98,12 @@ def view(
     over: OverOption = None,
     serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
 ) -> None:
-    """Open the recording of a run, at a sign or a picture."""
+    """Open the recording of a run, at a sign or a frame."""
     from wayside.pipeline.view.results import find_target, open_result
 
     target = find_target(out, sign, frame)
     open_result(out, target, over, serve=serve)
-    typer.echo(f"{out}: picture {target.frame}")
+    typer.echo(f"{out}: frame {target.frame}")
 
 
 def picture(
@@ -111,10 +114,10 @@ def picture(
     over: OverOption = None,
     size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
 ) -> None:
-    """Draw the viewer to a PNG without a display, at a sign or a picture."""
-    from wayside.pipeline.view.results import find_target, save_picture
+    """Draw the viewer to a PNG without a display, at a sign or a frame."""
+    from wayside.pipeline.view.results import find_target, save_screenshot
 
-    save_picture(out, find_target(out, sign, frame), over, png, _parse_size(size))
+    save_screenshot(out, find_target(out, sign, frame), over, png, _parse_size(size))
     typer.echo(f"{png}")
 
 
@@ -130,7 +133,7 @@ def evidence(
         Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
     ] = None,
 ) -> None:
-    """Write a sheet of pictures, maps and figures for every sign, and an index to filter them."""
+    """Write a sheet of images, maps and figures for every sign, and an index to filter them."""
     from wayside.pipeline.evidence.write import write_evidence
     from wayside.pipeline.progress import SheetProgress
     from wayside.pipeline.tuning import tune_process
@@ -151,8 +154,8 @@ def evidence(
         typer.echo(str(written.sheets[0]))
     if written.lost_views:
         typer.echo(
-            f"wayside: {written.lost_views} views have no picture: the log no longer holds it, or it does not decode; "
-            "their places on the sheets are empty",
+            f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "
+            "they are left empty on the sheets",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)

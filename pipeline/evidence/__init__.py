@@ -1,1 +1,1 @@
-"""Evidence sheets: what a reported sign rests on, as pictures that a person can judge."""
+"""Evidence sheets: the measurements behind a reported sign, for a person to check."""

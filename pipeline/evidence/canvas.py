@@ -22,7 +22,7 @@ REGULAR, MEDIUM, BOLD = 400, 500, 650
 
 _SHIFT = 4
 _SUBPIXEL = 1 << _SHIFT
-_PICTURE_SIZE = (0, 0)
+_IMAGE_SIZE = (0, 0)
 _CUT_SIGN = "..."
 
 
@@ -80,15 +80,15 @@ class Canvas:
         (x, y), (width, height) = corner, size
         cv2.rectangle(self.rgb, (x, y), (x + width - 1, y + height - 1), ink, 1)
 
-    def paste(self, corner: tuple[int, int], picture: NDArray[np.uint8]) -> None:
-        """Put a picture (height, width, 3) with its upper left corner at a point."""
-        (x, y), (height, width) = corner, picture.shape[:2]
-        self.rgb[y : y + height, x : x + width] = picture
+    def paste(self, corner: tuple[int, int], image: NDArray[np.uint8]) -> None:
+        """Put an image (height, width, 3) with its upper left corner at a point."""
+        (x, y), (height, width) = corner, image.shape[:2]
+        self.rgb[y : y + height, x : x + width] = image
 
 
 def text_width(words: str, size: int, weight: int = REGULAR) -> int:
     """How far a line of text reaches, pixels."""
-    return int(cv2.getTextSize(_PICTURE_SIZE, words, (0, 0), _typeface(), size, weight)[2])
+    return int(cv2.getTextSize(_IMAGE_SIZE, words, (0, 0), _typeface(), size, weight)[2])
 
 
 def shortened(words: str, size: int, weight: int, width: int) -> str:

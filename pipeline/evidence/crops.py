@@ -1,4 +1,4 @@
-"""Pictures of a log again, only those that show a sign, and what is cut from them."""
+"""Images of a log again, only those that show a sign, and what is cut from them."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Crop:
     def scaled_to(self, width: int, height: int) -> Crop:
         """The same, enlarged or shrunk to a size of (nearly) the same proportions."""
         along, down = width / self.rgb.shape[1], height / self.rgb.shape[0]
-        way = cv2.INTER_CUBIC if along > 1 else cv2.INTER_AREA
-        rgb = np.asarray(cv2.resize(self.rgb, (width, height), interpolation=way), np.uint8)
+        method = cv2.INTER_CUBIC if along > 1 else cv2.INTER_AREA
+        rgb = np.asarray(cv2.resize(self.rgb, (width, height), interpolation=method), np.uint8)
         x0, y0, x1, y1 = self.box
         return Crop(rgb, (x0 * along, y0 * down, x1 * along, y1 * down))
 
 
 def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proportion: float) -> Crop:
-    """Cut a box with its surroundings out of a picture.
+    """Cut a box with its surroundings out of an image.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proporti
 
     Returns
     -------
-    The box stands in the middle, except near the edge of the picture; where the crop is the larger of the two, it is
-    grey around the picture.
+    The box stands in the middle, except near the edge of the image; where the crop is the larger of the two, it is
+    grey around the image.
     """
     x0, y0, x1, y1 = box
     height = max(CONTEXT * (y1 - y0), CONTEXT * (x1 - x0) / proportion, SMALLEST_PX)
@@ -78,14 +78,14 @@ def _shifted_inside(start: int, length: int, room: int) -> int:
     return start if length > room else min(max(start, 0), room - length)
 
 
-def read_pictures(
+def read_images(
     log: Path,
     settings: ReadSettings,
     wanted: Collection[int],
     log_times_ns: Mapping[int, int],
     report: ReadReport,
 ) -> Iterator[Image]:
-    """Decoded pictures of a log, only the wanted ones, in order; reading ends with the last of them.
+    """Decoded images of a log, only the wanted ones, in order; reading ends with the last of them.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def read_pictures(
     log_times_ns
         Log time of every frame of the result, by index.
     report
-        Filled while the pictures are taken.
+        Filled while the images are taken.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def _wanted_frames(
         if frame.index in wanted:
             if frame.log_time_ns != log_times_ns[frame.index]:
                 raise InputError(
-                    f"{log}: wanted the log that the result was made from, found another: picture {frame.index} is of "
+                    f"{log}: wanted the log that the result was made from, found another: frame {frame.index} is of "
                     f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns; give the right one with --log"
                 )
             yield frame

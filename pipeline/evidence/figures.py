@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from wayside.pipeline.evidence.marks import spoken
+from wayside.pipeline.evidence.marks import class_words
 
 UNKNOWN = "unknown"
 
@@ -30,7 +30,7 @@ def figures_of(sign: dict[str, Any], world: str) -> dict[str, list[Figure]]:
         Name of the world frame, from `run.json`.
     """
     return {
-        "Place": [*_beside_the_road(sign), *_in_the_world(sign, world)],
+        "Position": [*_beside_the_road(sign), *_in_the_world(sign, world)],
         "Panel": _panel(sign),
         "Measurement": _measurement(sign),
     }
@@ -68,8 +68,8 @@ def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
 def _panel(sign: dict[str, Any]) -> list[Figure]:
     facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
     return [
-        Figure("Colour", spoken(sign["color"]), _distance(sign["color_distance"])),
-        Figure("Shape", spoken(sign["shape"]), _distance(sign["shape_distance"])),
+        Figure("Colour", class_words(sign["color"]), _distance(sign["color_distance"])),
+        Figure("Shape", class_words(sign["shape"]), _distance(sign["shape_distance"])),
         Figure("Width", _metres(sign["panel_width_m"]), _sigma(sign["sigma_width_m"], "m")),
         Figure("Height", _metres(sign["panel_height_m"]), _sigma(sign["sigma_height_m"], "m")),
         Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°")),

@@ -1,4 +1,4 @@
-"""What the tables of a result say about its signs, put together for drawing."""
+"""The rows of a result's tables that belong to a sign, put together for drawing."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != 
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """One measurement of a sign: its `box` (x0, y0, x1, y1, half open, pixels) in picture `frame`."""
+class SignView:
+    """One measurement of a sign: its `box` (x0, y0, x1, y1, half open, pixels) in frame `frame`."""
 
     frame: int
     box: tuple[float, float, float, float]
@@ -41,7 +41,7 @@ class Evidence:
     """A row of `signs.parquet` by column name, with its measurements in order of frame, at least one."""
 
     sign: dict[str, Any]
-    views: tuple[Seen, ...]
+    views: tuple[SignView, ...]
 
     @property
     def name(self) -> str:
@@ -49,14 +49,14 @@ class Evidence:
         return str(self.sign["sign_id"])
 
     @property
-    def best(self) -> Seen:
+    def best(self) -> SignView:
         """The view to show large: that of `best_frame`, else the one of most pixels."""
         best_frame = self.sign["best_frame"]
         return max(self.views, key=lambda view: (view.frame == best_frame, view.area_px))
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class DriveMap:
     """Cameras and signs of a whole drive, world frame, metres.
 
     cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame.
@@ -68,8 +68,8 @@ class Drive:
     log_times_ns: dict[int, int]
 
 
-def gather(out: Path, sign_id: str | None) -> tuple[Drive, list[Evidence]]:
-    """The drive of a result and what its signs rest on, in order of `signs.parquet`.
+def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
+    """The drive of a result and the evidence of its signs, in order of `signs.parquet`.
 
     Parameters
     ----------
@@ -98,38 +98,38 @@ def gather(out: Path, sign_id: str | None) -> tuple[Drive, list[Evidence]]:
     return drive, [_evidence(sign, views[sign["sign_id"]], drive) for sign in chosen]
 
 
-def _read_drive(out: Path, signs: list[dict[str, Any]]) -> Drive:
+def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
     frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
     placed = [row for row in frames if row["x"] is not None]
-    path = _places(placed)
-    return Drive(
+    path = _positions(placed)
+    return DriveMap(
         {row["frame"]: centre for row, centre in zip(placed, path, strict=True)},
         path,
-        _places(signs),
+        _positions(signs),
         {row["frame"]: row["log_time_ns"] for row in frames},
     )
 
 
-def _places(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
+def _positions(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
     """x, y, z of every row, (n, 3)."""
     return np.array([[row[axis] for axis in "xyz"] for row in rows], np.float64).reshape(-1, 3)
 
 
-def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: Drive) -> Evidence:
-    """A sign with its views; a sign without any rests on its best box alone."""
+def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap) -> Evidence:
+    """A sign with its views; a sign without any has its best box alone."""
     if not rows:
         rows = [{"frame": sign["best_frame"], "box": sign["best_box"], "residual_px": None}]
-    place = _places([sign])[0]
+    position = _positions([sign])[0]
     views = []
     for row in sorted(rows, key=lambda row: int(row["frame"])):
         if row["frame"] not in drive.log_times_ns:
             raise InputError(
-                f"{sign['sign_id']} was seen in picture {row['frame']}, which {FRAMES.file} does not hold; "
+                f"{sign['sign_id']} was measured in frame {row['frame']}, which {FRAMES.file} does not hold; "
                 "the tables are of different runs: run the log again"
             )
         camera = drive.cameras.get(row["frame"])
-        away = None if camera is None else float(np.linalg.norm(place - camera))
-        views.append(Seen(row["frame"], tuple(row["box"]), row["residual_px"], away))
+        distance = None if camera is None else float(np.linalg.norm(position - camera))
+        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance))
     return Evidence(sign, tuple(views))
 
 

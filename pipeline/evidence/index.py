@@ -14,8 +14,8 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.gather import Drive
-from wayside.pipeline.evidence.marks import ink_of, look_of, outline_of, spoken
+from wayside.pipeline.evidence.gather import DriveMap
+from wayside.pipeline.evidence.marks import appearance_of, class_words, ink_of, outline_of
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 
@@ -25,7 +25,7 @@ _UNKNOWN = "unknown"
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One sign of the index: its row, the file name of its sheet, a small picture as WebP (None: there is none)."""
+    """One sign of the index: its row, the file name of its sheet, a small image as WebP (None: there is none)."""
 
     sign: dict[str, Any]
     sheet: str
@@ -37,7 +37,7 @@ class Card:
         return str(self.sign["sign_id"])
 
 
-def format_index(cards: Sequence[Card], drive: Drive, log: str) -> str:
+def format_index(cards: Sequence[Card], drive: DriveMap, log: str) -> str:
     """HTML page that lists all signs, with a map and filters."""
     page = Template(files(__package__).joinpath("index.html").read_text("utf-8"))
     return page.substitute(
@@ -51,10 +51,10 @@ def format_index(cards: Sequence[Card], drive: Drive, log: str) -> str:
     )
 
 
-def _summary(cards: Sequence[Card], drive: Drive) -> str:
+def _summary(cards: Sequence[Card], drive: DriveMap) -> str:
     length = float(np.linalg.norm(np.diff(drive.path, axis=0), axis=1).sum())
-    way = f"{length / 1000:.2f} km" if length >= 1000 else f"{length:.0f} m"
-    return f"{_counted(len(cards), 'sign')} on {way} of road, {_counted(len(drive.cameras), 'picture')}"
+    covered = f"{length / 1000:.2f} km" if length >= 1000 else f"{length:.0f} m"
+    return f"{_counted(len(cards), 'sign')} on {covered} of road, {_counted(len(drive.cameras), 'frame')}"
 
 
 def _counted(count: int, noun: str) -> str:
@@ -66,15 +66,16 @@ def _options(known: Iterable[str], found: Sequence[str | None]) -> str:
     present = [name for name in known if name in found]
     if None in found:
         present.append(_UNKNOWN)
+    counts = {name: found.count(None if name == _UNKNOWN else name) for name in present}
     return "".join(
-        f'<option value="{name}">{escape(spoken(name))} ({found.count(None if name == _UNKNOWN else name)})</option>'
-        for name in present
+        f'<option value="{name}">{escape(class_words(name))} ({count})</option>'
+        for name, count in counts.items()
     )
 
 
 def _card(card: Card) -> str:
     sign = card.sign
-    look = look_of(sign["color"], sign["shape"])
+    look = appearance_of(sign["color"], sign["shape"])
     values = {
         "id": card.name.lower(),
         "color": sign["color"] or _UNKNOWN,
@@ -84,10 +85,10 @@ def _card(card: Card) -> str:
         "station": "" if sign["station_m"] is None else f"{sign['station_m']:.3f}",
     }
     data = " ".join(f'data-{name}="{escape(value)}"' for name, value in values.items())
-    picture = '<span class="none">no picture</span>'
+    image = '<span class="none">no image</span>'
     if card.thumb is not None:
         source = base64.b64encode(card.thumb).decode()
-        picture = (
+        image = (
             f'<img src="data:image/webp;base64,{source}" width="240" height="180" loading="lazy" '
             f'alt="{escape(look)}">'
         )
@@ -96,7 +97,7 @@ def _card(card: Card) -> str:
     )
     facts = "".join(f"<dt>{label}</dt><dd>{escape(value)}</dd>" for label, value in _facts(sign))
     return (
-        f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{picture}'
+        f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{image}'
         f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span></h2>"
         f'<p class="look"><span>{escape(look)}</span>{status}</p><dl>{facts}</dl></a></li>'
     )
@@ -137,11 +138,11 @@ def _css(sign: dict[str, Any]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*ink_of(sign["color"]))
 
 
-def _map(cards: Sequence[Card], drive: Drive) -> str:
+def _map(cards: Sequence[Card], drive: DriveMap) -> str:
     """The path and every sign from above, turned to run from left to right; a sign leads to its card."""
-    turn = _to_the_right(drive.path[:, :2])
-    way, places = drive.path[:, :2] @ turn, drive.signs[:, :2] @ turn
-    points = np.concatenate([way, places])
+    rotation = _to_the_right(drive.path[:, :2])
+    camera_path, positions = drive.path[:, :2] @ rotation, drive.signs[:, :2] @ rotation
+    points = np.concatenate([camera_path, positions])
     if not len(points):
         return ""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -154,12 +155,12 @@ def _map(cards: Sequence[Card], drive: Drive) -> str:
         x, y = (point - [low[0], high[1]]) * [scale, -scale] + _MAP_MARGIN
         return f"{x:.1f}", f"{y:.1f}"
 
-    thinned = way[:: max(1, len(way) // _MAP_POINTS)]
-    path = " ".join(",".join(at(point)) for point in (*thinned, *way[-1:]))
+    thinned = camera_path[:: max(1, len(camera_path) // _MAP_POINTS)]
+    path = " ".join(",".join(at(point)) for point in (*thinned, *camera_path[-1:]))
     dots = []
-    for card, place in zip(cards, places, strict=True):
-        x, y = at(place)
-        title = escape(f"{card.name}: {look_of(card.sign['color'], card.sign['shape'])}")
+    for card, position in zip(cards, positions, strict=True):
+        x, y = at(position)
+        title = escape(f"{card.name}: {appearance_of(card.sign['color'], card.sign['shape'])}")
         dots.append(
             f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}" aria-label="{title}">'
             f'<circle cx="{x}" cy="{y}" r="7" fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
@@ -171,9 +172,9 @@ def _map(cards: Sequence[Card], drive: Drive) -> str:
     )
 
 
-def _to_the_right(way: NDArray[np.float64]) -> NDArray[np.float64]:
+def _to_the_right(camera_path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Matrix (2, 2) that turns rows x, y so that the farthest point of a path lies to the right of its start."""
-    away = way - way[:1]
-    x, y = away[np.argmax(np.linalg.norm(away, axis=1))] if len(way) else (0.0, 0.0)
+    away = camera_path - camera_path[:1]
+    x, y = away[np.argmax(np.linalg.norm(away, axis=1))] if len(camera_path) else (0.0, 0.0)
     length = float(np.hypot(x, y))
     return np.array([[x, -y], [y, x]]) / length if length > 0 else np.eye(2)

@@ -19,7 +19,7 @@ from wayside.pipeline.evidence.canvas import (
     Canvas,
     text_width,
 )
-from wayside.pipeline.evidence.gather import Drive, Evidence
+from wayside.pipeline.evidence.gather import DriveMap, Evidence
 from wayside.pipeline.evidence.marks import Ink, ink_of
 
 OTHERS: Ink = (168, 175, 184)
@@ -56,47 +56,47 @@ def fit(points: NDArray[np.float64], size: tuple[int, int], narrowest_m: float) 
     return Projection(scale, (low + high) / 2, middle)
 
 
-def draw_drive_map(page: Canvas, evidence: Evidence, drive: Drive, world: str) -> None:
+def draw_drive_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
     """The camera's path, every sign in grey and this one in its colour."""
-    place = _place(evidence)
+    position = _position(evidence)
     everything = np.concatenate([drive.path[:, :2], drive.signs[:, :2]])
     to_page = fit(everything, _size(page), _NARROWEST_M)
     _draw_path(page, to_page, drive)
-    _draw_others(page, to_page, drive, place)
+    _draw_others(page, to_page, drive, position)
     _draw_ellipse(page, to_page, evidence)
     _draw_sign(page, to_page, evidence)
     _draw_foot(page, to_page, world)
 
 
-def draw_sight_map(page: Canvas, evidence: Evidence, drive: Drive, world: str) -> None:
+def draw_sight_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
     """Where the camera stood when it measured the sign, with the lines of sight."""
-    place = _place(evidence)
+    position = _position(evidence)
     stands = [drive.cameras[v.frame] for v in evidence.views if v.frame in drive.cameras]
     cameras = np.array(stands, np.float64).reshape(-1, 3)
-    shown = np.concatenate([cameras[:, :2], place[None]])
+    shown = np.concatenate([cameras[:, :2], position[None]])
     to_page = fit(shown, _size(page), _NARROWEST_M)
     for camera in cameras:
-        page.line(to_page(np.stack([camera[:2], place])), SIGHT)
+        page.line(to_page(np.stack([camera[:2], position])), SIGHT)
     _draw_path(page, to_page, drive)
     for camera in cameras:
         page.dot(to_page(camera), 5, TEXT)
-    _draw_others(page, to_page, drive, place)
+    _draw_others(page, to_page, drive, position)
     _draw_ellipse(page, to_page, evidence)
     _draw_sign(page, to_page, evidence)
     _draw_foot(page, to_page, world)
 
 
-def draw_ellipse_map(page: Canvas, evidence: Evidence, drive: Drive, world: str) -> None:
+def draw_ellipse_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
     """The error ellipse close by, the panel as a line of its measured width, and the direction of travel."""
     ellipse, panel = error_ellipse(evidence), panel_line(evidence, drive)
-    place = _place(evidence)
-    shown = np.concatenate([place[None], ellipse, panel])
+    position = _position(evidence)
+    shown = np.concatenate([position[None], ellipse, panel])
     to_page = fit(shown, _size(page), 0.5)
     _draw_ellipse(page, to_page, evidence)
     if len(panel):
         page.line(to_page(panel), TEXT, _PANEL_THICKNESS + 4)
         page.line(to_page(panel), ink_of(evidence.sign["color"]), _PANEL_THICKNESS)
-    page.dot(to_page(place), 4, ACCENT)
+    page.dot(to_page(position), 4, ACCENT)
     _draw_foot(page, to_page, world)
 
 
@@ -106,39 +106,37 @@ def error_ellipse(evidence: Evidence) -> NDArray[np.float64]:
         return np.zeros((0, 2))
     xx, xy, _, yy, _, _ = evidence.sign["covariance"]
     spread, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]], np.float64))
-    turn = np.linspace(0, 2 * np.pi, 73)[:-1]
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    angle = np.linspace(0, 2 * np.pi, 73)[:-1]
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     outline: NDArray[np.float64] = (SIGMAS * circle * np.sqrt(np.maximum(spread, 0))) @ axes.T
-    return outline + _place(evidence)
+    return outline + _position(evidence)
 
 
-def panel_line(evidence: Evidence, drive: Drive) -> NDArray[np.float64]:
+def panel_line(evidence: Evidence, drive: DriveMap) -> NDArray[np.float64]:
     """Ends (2, 2) of the panel seen from above; no points where its width or the direction of travel is not known."""
     width, facing = evidence.sign["panel_width_m"], evidence.sign["facing_deg"]
     travel = _travel_at(evidence, drive)
     if width is None or travel is None:
         return np.zeros((0, 2))
-    turned = math.radians(facing or 0.0)
+    angle = math.radians(facing or 0.0)
     across = np.array([-travel[1], travel[0]])  # the line of a panel that faces the camera
-    right_turn = np.array(
-        [[math.cos(turned), math.sin(turned)], [-math.sin(turned), math.cos(turned)]]
-    )
-    half = right_turn @ across * width / 2
-    return np.stack([_place(evidence) - half, _place(evidence) + half])
+    rotation = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    half = rotation @ across * width / 2
+    return np.stack([_position(evidence) - half, _position(evidence) + half])
 
 
-def _travel_at(evidence: Evidence, drive: Drive) -> NDArray[np.float64] | None:
+def _travel_at(evidence: Evidence, drive: DriveMap) -> NDArray[np.float64] | None:
     """Unit direction (2,) of the path where it passes nearest to the sign."""
     path = drive.path[:, :2]
     if len(path) < 2:
         return None
-    nearest = int(np.argmin(np.linalg.norm(path - _place(evidence), axis=1)))
+    nearest = int(np.argmin(np.linalg.norm(path - _position(evidence), axis=1)))
     step = path[min(nearest + 1, len(path) - 1)] - path[max(nearest - 1, 0)]
     length = float(np.linalg.norm(step))
     return step / length if length > 0 else None
 
 
-def _place(evidence: Evidence) -> NDArray[np.float64]:
+def _position(evidence: Evidence) -> NDArray[np.float64]:
     return np.array([evidence.sign["x"], evidence.sign["y"]], np.float64)
 
 
@@ -146,14 +144,14 @@ def _size(page: Canvas) -> tuple[int, int]:
     return page.rgb.shape[1], page.rgb.shape[0]
 
 
-def _draw_path(page: Canvas, to_page: Projection, drive: Drive) -> None:
+def _draw_path(page: Canvas, to_page: Projection, drive: DriveMap) -> None:
     page.line(to_page(drive.path), FAINT, 2)
 
 
 def _draw_others(
-    page: Canvas, to_page: Projection, drive: Drive, place: NDArray[np.float64]
+    page: Canvas, to_page: Projection, drive: DriveMap, position: NDArray[np.float64]
 ) -> None:
-    for other in to_page(drive.signs[np.any(drive.signs[:, :2] != place, axis=1)]):
+    for other in to_page(drive.signs[np.any(drive.signs[:, :2] != position, axis=1)]):
         page.dot(other, _OTHER_PX, OTHERS)
 
 
@@ -164,7 +162,7 @@ def _draw_ellipse(page: Canvas, to_page: Projection, evidence: Evidence) -> None
 
 
 def _draw_sign(page: Canvas, to_page: Projection, evidence: Evidence) -> None:
-    page.dot(to_page(_place(evidence)), _DOT_PX, ink_of(evidence.sign["color"]), TEXT)
+    page.dot(to_page(_position(evidence)), _DOT_PX, ink_of(evidence.sign["color"]), TEXT)
 
 
 def _draw_foot(page: Canvas, to_page: Projection, world: str) -> None:

@@ -60,11 +60,11 @@ def outline_of(shape: str | None) -> Outline:
     return OUTLINES["other" if shape is None else shape]
 
 
-def spoken(name: str | None) -> str:
+def class_words(name: str | None) -> str:
     """A class as a person says it."""
     return "unknown" if name is None else name.replace("_", " ")
 
 
-def look_of(color: str | None, shape: str | None) -> str:
+def appearance_of(color: str | None, shape: str | None) -> str:
     """Colour and shape in one phrase."""
-    return f"{spoken(color)} {spoken(shape)}" if color or shape else "look unknown"
+    return f"{class_words(color)} {class_words(shape)}" if color or shape else "look unknown"

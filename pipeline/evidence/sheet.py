@@ -22,9 +22,9 @@ from wayside.pipeline.evidence.canvas import (
 )
 from wayside.pipeline.evidence.crops import Crop
 from wayside.pipeline.evidence.figures import figures_of
-from wayside.pipeline.evidence.gather import Drive, Evidence, Seen
+from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import draw_drive_map, draw_ellipse_map, draw_sight_map
-from wayside.pipeline.evidence.marks import ink_of, look_of, outline_of
+from wayside.pipeline.evidence.marks import appearance_of, ink_of, outline_of
 
 WIDTH, MARGIN, GAP = 1600, 48, 26
 BIG = 752, 564
@@ -44,7 +44,7 @@ _ROW, _GROUP_GAP = 29.5, 17
 
 
 def draw_sheet(
-    evidence: Evidence, crops: Mapping[Seen, Crop], drive: Drive, log: str, world: str
+    evidence: Evidence, crops: Mapping[SignView, Crop], drive: DriveMap, log: str, world: str
 ) -> NDArray[np.uint8]:
     """Draw the sheet of a sign.
 
@@ -53,7 +53,7 @@ def draw_sheet(
     evidence, drive
         What the tables say.
     crops
-        Cut-outs of `PROPORTION` by view; a view without one gets an empty place that says so.
+        Cut-outs of `PROPORTION` by view; a view without one is left empty and labelled so.
     log, world
         Name of the log and of its world frame.
 
@@ -79,7 +79,10 @@ def _draw_header(page: Canvas, evidence: Evidence, log: str) -> None:
     left, right = MARGIN + 2 * radius + GAP, WIDTH - MARGIN
     page.text((left, 80), shortened(evidence.name, _H1, BOLD, right - left - 380), _H1, TEXT, BOLD)
     page.text(
-        (left, 113), f"{look_of(sign['color'], sign['shape'])}, status {sign['status']}", _H2, FAINT
+        (left, 113),
+        f"{appearance_of(sign['color'], sign['shape'])}, status {sign['status']}",
+        _H2,
+        FAINT,
     )
     confidence = "unknown" if sign["confidence"] is None else f"{sign['confidence']:.2f}"
     page.text((right, 80), confidence, _H1, TEXT, BOLD, right=True)
@@ -104,7 +107,7 @@ def _draw_figures(page: Canvas, evidence: Evidence, world: str) -> None:
         baseline += _GROUP_GAP
 
 
-def _draw_maps(page: Canvas, evidence: Evidence, drive: Drive, world: str) -> None:
+def _draw_maps(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
     maps = (
         ("Whole drive", draw_drive_map),
         ("Lines of sight", draw_sight_map),
@@ -119,7 +122,7 @@ def _draw_maps(page: Canvas, evidence: Evidence, drive: Drive, world: str) -> No
         page.frame(corner, _MAP)
 
 
-def _draw_views(page: Canvas, evidence: Evidence, crops: Mapping[Seen, Crop]) -> None:
+def _draw_views(page: Canvas, evidence: Evidence, crops: Mapping[SignView, Crop]) -> None:
     count = len(evidence.views)
     heading = f"All {count} views" if count > 1 else "The only view"
     page.text((MARGIN, _BOTTOM - 14), heading, _BODY, TEXT, BOLD)
@@ -135,23 +138,23 @@ def _draw_view(
     page: Canvas,
     corner: tuple[int, int],
     size: tuple[int, int],
-    view: Seen,
-    crops: Mapping[Seen, Crop],
+    view: SignView,
+    crops: Mapping[SignView, Crop],
 ) -> None:
     """A crop with its box, and its caption below."""
     (x, y), (width, height) = corner, size
     crop = crops.get(view)
     if crop is None:
         page.block(corner, size, PANEL)
-        page.text((x + 16, y + 34), "picture not readable", _SMALL, FAINT)
+        page.text((x + 16, y + 34), "image not readable", _SMALL, FAINT)
     else:
         page.paste(corner, draw_crop(crop, size))
     page.frame(corner, size)
     baseline = y + height + 25
-    away = "" if view.range_m is None else f"{view.range_m:.1f} m"
+    distance = "" if view.range_m is None else f"{view.range_m:.1f} m"
     residual = "" if view.residual_px is None else f"{view.residual_px:.2f} px"
     page.text((x, baseline), f"frame {view.frame}", _SMALL, TEXT, MEDIUM)
-    page.text((x + width - _RESIDUAL, baseline), away, _SMALL, FAINT, right=True)
+    page.text((x + width - _RESIDUAL, baseline), distance, _SMALL, FAINT, right=True)
     page.text((x + width, baseline), residual, _SMALL, FAINT, right=True)
 
 

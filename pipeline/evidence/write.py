@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.crops import Crop, cut, read_pictures
-from wayside.pipeline.evidence.gather import Drive, Evidence, Seen, gather
+from wayside.pipeline.evidence.crops import Crop, cut, read_images
+from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.index import Card, format_index
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_crop, draw_sheet
 from wayside.pipeline.reading.frames import ReadReport
@@ -30,7 +30,7 @@ Watcher = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Sheets in order of signs, the index (None: only one sign was asked for), how many views have no picture."""
+    """Sheets in order of signs, the index (None: only one sign was asked for), how many views have no image."""
 
     sheets: tuple[Path, ...]
     index: Path | None
@@ -47,7 +47,7 @@ def write_evidence(
 ) -> Written:
     """Write one PNG a sign and an index of all into `folder`.
 
-    The log is read once; only pictures that show a sign are decoded, and only cut-outs of signs whose sheet is not
+    The log is read once; only images that show a sign are decoded, and only cut-outs of signs whose sheet is not
     drawn yet are kept.
 
     Parameters
@@ -59,7 +59,7 @@ def write_evidence(
     sign_id
         Only the sheet of this sign, without index; None: all.
     log
-        Where the log lies now; None: where it lay at the time of the run.
+        Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
 
@@ -92,9 +92,9 @@ def write_evidence(
 class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
-    def __init__(self, folder: Path, drive: Drive, log: str, world: str) -> None:
+    def __init__(self, folder: Path, drive: DriveMap, log: str, world: str) -> None:
         self.folder, self.drive, self.log, self.world = folder, drive, log, world
-        self.crops: defaultdict[str, dict[Seen, Crop]] = defaultdict(dict)
+        self.crops: defaultdict[str, dict[SignView, Crop]] = defaultdict(dict)
         self.thumbs: dict[str, bytes] = {}
         self.lost_views = 0
 
@@ -102,8 +102,8 @@ class _Binder:
         """Where the sheet of a sign goes."""
         return self.folder / f"{evidence.name}.png"
 
-    def add(self, evidence: Evidence, view: Seen, rgb: NDArray[np.uint8] | None) -> None:
-        """Keep what the picture of a view shows; None where it does not decode."""
+    def add(self, evidence: Evidence, view: SignView, rgb: NDArray[np.uint8] | None) -> None:
+        """Keep what the image of a view shows; None where it does not decode."""
         if rgb is not None:
             self.crops[evidence.name][view] = cut(rgb, view.box, PROPORTION)
 
@@ -124,17 +124,17 @@ class _Binder:
 def _fill(
     binder: _Binder, signs: list[Evidence], log: Path, settings: ReadSettings, watch: Watcher
 ) -> None:
-    """Take the pictures of all views from the log and finish every sign with its last one."""
-    by_frame: defaultdict[int, list[tuple[Evidence, Seen]]] = defaultdict(list)
+    """Take the images of all views from the log and finish every sign with its last one."""
+    by_frame: defaultdict[int, list[tuple[Evidence, SignView]]] = defaultdict(list)
     for one in signs:
         for view in one.views:
             by_frame[view.frame].append((one, view))
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
     times_ns = binder.drive.log_times_ns
-    for picture in read_pictures(log, settings, by_frame.keys(), times_ns, ReadReport()):
-        for one, view in by_frame[picture.frame.index]:
-            binder.add(one, view, picture.rgb)
+    for image in read_images(log, settings, by_frame.keys(), times_ns, ReadReport()):
+        for one, view in by_frame[image.frame.index]:
+            binder.add(one, view, image.rgb)
             if view is one.views[-1]:
                 binder.finish(open_signs.pop(one.name))
                 watch(len(signs) - len(open_signs), len(signs))

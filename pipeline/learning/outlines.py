@@ -44,8 +44,9 @@ BOXES = 3
 """Detected boxes that are drawn for each face."""
 NEAREST = 1.5
 """Samples by which a side of the right candidate may be off; faces without such a candidate are left out."""
-RIDGE = 0.02
-"""Weight of the squared weights, each in standard deviations of its feature, for each face."""
+RIDGE = 0.0005
+"""Weight of the squared weights, each in standard deviations of its feature, for each face. On eight held-out drives
+427 of 555 choices are right with this, 409 with 0.002, 397 with 0.005 (408 with the weights that ship)."""
 FEWEST = 30
 """Faces below which nothing is learned."""
 
@@ -122,7 +123,7 @@ def _choice(
     true = true_box(registered, panel, size)
     views = registered.stacked(method.outline)
     box = registered.box(detected)
-    found = list(outline_candidates(views, gradients_of(views), box, method.outline))
+    found = outline_candidates(views, gradients_of(views), box, method.outline)
     off = np.array([np.abs(c.outline.box - true).max() for c in found])
     off[[c.outline.shape != _shape(sign) for c in found]] = np.inf
     if not len(found) or off.min() > NEAREST:

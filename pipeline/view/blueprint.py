@@ -1,4 +1,4 @@
-"""How the viewer is laid out, so that the reasoning can be read without a click."""
+"""The layout of the viewer: everything that decides is visible without a click."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from wayside.pipeline.view import entities as at
 from wayside.schemas.detections import VERDICTS
 
 QUIET = ("glance", "score", "size", "overlap", "color", "shape", "unmatched", "few_views")
-"""Verdicts whose boxes are there, but off: there are too many of them to see the picture."""
+"""Verdicts whose boxes are there, but off: too many of them hide the image."""
 AROUND = 4.0
-"""The picture of one sign shows this many times its size on every side."""
+"""The image of one sign shows this many times its size on every side."""
 FLAT = f"- /{at.CAMERA}/**"
 NO_RAYS = f"- /{at.SIGN_RAYS}/**"
 
 
-def drive_layout(pictures: str | None = None, *, live: bool = False) -> rrb.Blueprint:
-    """The whole drive: picture with layers, 3-D behind the vehicle, from above, across the road, plots, table.
+def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Blueprint:
+    """The whole drive: image with layers, 3-D behind the vehicle, from above, across the road, plots, table.
 
-    pictures: entity of the pictures of an imported log, where the recording has none of its own; live: the time
+    images: entity of the images of an imported log, where the recording has none of its own; live: the time
     follows what comes in.
     """
     hidden = [f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET]
     hidden += [at.KEYPOINTS, at.SIFT_POINTS, at.MATCHES, *at.PASSES]
     camera = rrb.Spatial2DView(
-        origin=pictures or at.CAMERA,
+        origin=images or at.CAMERA,
         name="camera",
         contents=["$origin/**", f"+ /{at.CAMERA}/**", f"- /{at.CHAINS}/**"],
         overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
@@ -63,7 +63,7 @@ def drive_layout(pictures: str | None = None, *, live: bool = False) -> rrb.Blue
         rrb.MapView(origin=at.MAP, name="map"),
     )
     return _laid_out(
-        at.FRAME if pictures is None else at.LOG,
+        at.FRAME if images is None else at.LOG,
         rrb.Vertical(camera, rrb.Tabs(*words, active_tab=1), row_shares=[3, 1.3]),
         rrb.Vertical(
             chased,
@@ -79,16 +79,16 @@ def sign_layout(
     sign_id: str,
     best_range_m: float,
     best_box: tuple[float, float, float, float],
-    pictures: str | None = None,
+    images: str | None = None,
 ) -> rrb.Blueprint:
-    """One sign: only its own chain of boxes, rays and residuals, and the camera's path; the picture is near its box."""
+    """One sign: only its own chain of boxes, rays and residuals, and the camera's path; the image is near its box."""
     x, y = (best_box[0] + best_box[2]) / 2, (best_box[1] + best_box[3]) / 2
     reach = AROUND * max(best_box[2] - best_box[0], best_box[3] - best_box[1])
     part = rr.escape_entity_path_part(sign_id)
     camera = rrb.Spatial2DView(
-        origin=pictures or at.CAMERA,
+        origin=images or at.CAMERA,
         name=f"{sign_id}: measured and, white, reprojected",
-        contents=[f"+ {pictures or '/' + at.IMAGE}", f"+ /{at.CHAINS}/{part}/**"],
+        contents=[f"+ {images or '/' + at.IMAGE}", f"+ /{at.CHAINS}/{part}/**"],
         visual_bounds=rrb.VisualBounds2D(
             x_range=[x - reach, x + reach], y_range=[y - reach, y + reach]
         ),
@@ -117,7 +117,7 @@ def sign_layout(
         origin=f"{at.SIGN_RESIDUALS}/{part}", name="reprojection residual, px"
     )
     words = rrb.TextDocumentView(origin=f"{at.SIGN_FIGURES}/{part}", name="figures")
-    timeline = at.FRAME if pictures is None else at.LOG
+    timeline = at.FRAME if images is None else at.LOG
     return _laid_out(timeline, camera, rrb.Vertical(space, residuals, words, row_shares=[2, 1, 1]))
 
 

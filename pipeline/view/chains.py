@@ -1,4 +1,4 @@
-"""What is known when the drive has ended: every sign with its views, rays and residuals, the table, the map."""
+"""What is known at the end of a drive: every sign with its views, rays and residuals, the table, the map."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.inventory import Inventory
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
-from wayside.pipeline.view.places import (
+from wayside.pipeline.view.landmarks import (
     cross_section,
-    place_color,
-    place_words,
+    landmark_color,
+    landmark_words,
     reprojected_box,
 )
 from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN
@@ -41,7 +41,7 @@ def opening(location: GaussianModel) -> Batch:
     """What holds for the whole drive: axes of the world, ellipses of the location model."""
     found = [Entity(at.WORLD, (rr.ViewCoordinates.RDF,))]
     for one in location.classes:
-        # The plane across the road as a picture: right is right, up is up (pictures count downwards).
+        # The plane across the road as an image: right is right, up is up (images count downwards).
         ring = ellipse(one.mean, one.covariance, one.threshold) * (1.0, -1.0)
         strip = rr.LineStrips2D([ring], colors=[(255, 255, 255)], labels=[one.name])
         found.append(Entity(f"{at.LOCATION}/{one.name}", (strip,)))
@@ -61,8 +61,8 @@ def ellipse(
     mean: NDArray[np.float64], covariance: NDArray[np.float64], distance: float
 ) -> NDArray[np.float64]:
     """Points (65, 2) at a Mahalanobis distance from a mean (2,) with covariance (2, 2)."""
-    turn = np.linspace(0, 2 * np.pi, 65)
-    circle = np.stack([np.cos(turn), np.sin(turn)])
+    angle = np.linspace(0, 2 * np.pi, 65)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
     return np.asarray(mean + distance * (np.linalg.cholesky(covariance) @ circle).T, np.float64)
 
 
@@ -71,7 +71,7 @@ def closing(
     poses: Mapping[int, tuple[Pose, Camera]],
     times: Mapping[int, Times],
 ) -> Iterator[Batch | Columns]:
-    """Everything that only the end of the drive tells, sign by sign."""
+    """What is known at the end of the drive only, sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
     for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
         yield from chain(row["sign_id"], sign.landmark, poses, times)
@@ -82,22 +82,22 @@ def closing(
 
 def chain(
     sign_id: str,
-    place: Landmark,
+    landmark: Landmark,
     poses: Mapping[int, tuple[Pose, Camera]],
     times: Mapping[int, Times],
 ) -> Iterator[Batch | Columns]:
     """One sign: its ellipsoid and panel, a ray a view, boxes and residuals in every frame it was measured in."""
-    ink = place_color(place)
-    centre = place.best_pose.to_world(place.position)
+    ink = landmark_color(landmark)
+    centre = landmark.best_pose.to_world(landmark.position)
     part = rr.escape_entity_path_part(sign_id)
-    views = [view for view in place.views if view.frame in poses and view.frame in times]
+    views = [view for view in landmark.views if view.frame in poses and view.frame in times]
     rays = [np.stack([poses[view.frame][0].centre, centre]) for view in views]
-    words = f"{sign_id}: {place_words(place)}"
+    words = f"{sign_id}: {landmark_words(landmark)}"
     yield Batch(
         None,
         (
-            Entity(f"{at.SIGNS}/{part}", (_panel(place, centre, ink, words),)),
-            Entity(f"{at.SIGNS}/{part}/error", (_ellipsoid(place, centre, ink),)),
+            Entity(f"{at.SIGNS}/{part}", (_panel(landmark, centre, ink, words),)),
+            Entity(f"{at.SIGNS}/{part}/error", (_ellipsoid(landmark, centre, ink),)),
             Entity(f"{at.SIGN_RAYS}/{part}", (rr.LineStrips3D(rays, colors=[ink], radii=0.015),)),
         ),
     )
@@ -105,7 +105,7 @@ def chain(
         return
     when = tuple(times[view.frame] for view in views)
     measured = np.array([view.box for view in views])
-    expected = np.array([reprojected_box(place, *poses[view.frame]) for view in views])
+    expected = np.array([reprojected_box(landmark, *poses[view.frame]) for view in views])
     for name, boxes in (("measured", measured), ("reprojected", expected)):
         half, middle = (boxes[:, 2:] - boxes[:, :2]) / 2, (boxes[:, 2:] + boxes[:, :2]) / 2
         columns = rr.Boxes2D.columns(
@@ -121,22 +121,22 @@ def chain(
 
 def _cleared(path: str, when: Sequence[Times], times: Mapping[int, Times]) -> Iterator[Batch]:
     """Clear a chain in frames between and after its views, so that no box is shown where nothing was measured."""
-    seen = {t.frame for t in when}
-    for frame in sorted(seen):
+    measured_in = {t.frame for t in when}
+    for frame in sorted(measured_in):
         after = frame + 1
-        if after not in seen and after in times:
+        if after not in measured_in and after in times:
             yield Batch(times[after], (Entity(path, (rr.Clear(recursive=False),)),))
 
 
 def _panel(
-    place: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
+    landmark: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
 ) -> rr.Boxes3D:
-    size = np.array([place.width_m, place.height_m, 0.03])
-    turn = place.best_pose.rotation @ _about_down(np.radians(place.facing_deg))
+    size = np.array([landmark.width_m, landmark.height_m, 0.03])
+    rotation = landmark.best_pose.rotation @ _about_down(np.radians(landmark.facing_deg))
     return rr.Boxes3D(
         centers=[centre],
         half_sizes=[size / 2],
-        quaternions=[rr.Quaternion(xyzw=_quaternion(turn))],
+        quaternions=[rr.Quaternion(xyzw=_quaternion(rotation))],
         colors=[ink],
         fill_mode=rr.components.FillMode.Solid,
         labels=[words],
@@ -145,15 +145,15 @@ def _panel(
 
 
 def _ellipsoid(
-    place: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int]
+    landmark: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int]
 ) -> rr.Ellipsoids3D:
-    square, axes = np.linalg.eigh(place.covariance)
+    square, axes = np.linalg.eigh(landmark.covariance)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     half = np.maximum(SIGMAS * np.sqrt(np.maximum(square, 0.0)), LEAST_HALF_AXIS_M)
     return rr.Ellipsoids3D(
         centers=[centre],
         half_sizes=[half],
-        quaternions=[rr.Quaternion(xyzw=_quaternion(place.best_pose.rotation @ axes))],
+        quaternions=[rr.Quaternion(xyzw=_quaternion(landmark.best_pose.rotation @ axes))],
         colors=[(*ink, 120)],
     )
 
@@ -168,11 +168,11 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
-    signs, places = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
+    signs, landmarks = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
     document = rr.TextDocument(inventory_table(signs), media_type="text/markdown")
     yield Entity(at.INVENTORY, (document,))
     names = [row["sign_id"] for row in signs]
-    yield Entity(f"{at.LOCATION}/signs", (cross_section(places, names),))
+    yield Entity(f"{at.LOCATION}/signs", (cross_section(landmarks, names),))
     if inventory.path.globe is None:
         return
     route = inventory.path.globe.route()[:, [1, 0]]
@@ -180,7 +180,7 @@ def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
     if signs:
         points = rr.GeoPoints(
             lat_lon=[(row["lat_deg"], row["lon_deg"]) for row in signs],
-            colors=[place_color(p) for p in places],
+            colors=[landmark_color(landmark) for landmark in landmarks],
             radii=rr.Radius.ui_points(6),
         )
         yield Entity(f"{at.MAP}/signs", (points,))
@@ -189,7 +189,7 @@ def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
 def sign_figures(row: Mapping[str, Any]) -> str:
     """One sign's row as a markdown table of two columns."""
     lines = [
-        f"# {row['sign_id']}: {' '.join(_look(row))}",
+        f"# {row['sign_id']}: {' '.join(_appearance(row))}",
         "",
         "| | |",
         "|---|---|",
@@ -216,13 +216,13 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
                 "sigma_along_m",
             )
         ]
-        cells = (row["sign_id"], *_look(row), *numbers)
+        cells = (row["sign_id"], *_appearance(row), *numbers)
         lines.append(f"| {' | '.join(cells)} | {row['views']} | {row['confidence']:.2f} |")
     return "\n".join(lines) + "\n"
 
 
-def _look(row: Mapping[str, Any]) -> tuple[str, str]:
-    """Colour and shape in words; a back bears no colour."""
+def _appearance(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Colour and shape in words; a back has no colour."""
     color = "back" if row["status"] == "back" else row["color"] or "?"
     return color, row["shape"] or "?"
 

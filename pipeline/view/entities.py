@@ -14,9 +14,9 @@ from wayside.schemas.frame import Frame
 APPLICATION = "wayside"
 
 FRAME, CAPTURE, STATION, LOG = "frame", "capture_time", "station_cm", "message_log_time"
-"""Timelines: number of the picture, its capture time, distance along the road, and the time in the log.
+"""Timelines: number of the frame, its capture time, distance along the road, and the time in the log.
 
-The last bears the name that Rerun's own MCAP importer gives it, so that results lie over an imported log.
+The last has the name that Rerun's own MCAP importer gives it, so that results align with an imported log.
 """
 
 WORLD = "world"
@@ -29,7 +29,7 @@ KEYPOINTS, MATCHES = f"{CAMERA}/keypoints", f"{CAMERA}/matches"
 SIFT_POINTS = f"{CAMERA}/sift_points"
 TRACKS, REPROJECTED = f"{CAMERA}/tracks", f"{CAMERA}/signs"
 CHAINS = f"{CAMERA}/chains"
-PATH, RAYS, PLACES = "world/path", "world/rays", "world/places"
+PATH, RAYS, LANDMARKS = "world/path", "world/rays", "world/places"
 POINTS_STRAIGHT, POINTS_ADJUSTED = "world/points/straight", "world/points/adjusted"
 SIGNS, SIGN_RAYS = "world/signs", "world/sign_rays"
 LOCATION = "location"
@@ -87,7 +87,7 @@ class Batch:
             stream.log(entity.path, *entity.parts, static=entity.static or self.times is None)
 
     def paths(self) -> Iterator[str]:
-        """Where its entities stand."""
+        """Paths of its entities."""
         return (entity.path for entity in self.entities)
 
 
@@ -126,13 +126,13 @@ class Bundle:
             part.send(stream)
 
     def paths(self) -> Iterator[str]:
-        """Where its entities stand."""
+        """Paths of its entities."""
         for part in self.parts:
             yield from (part.path,) if isinstance(part, Columns) else part.paths()
 
 
 def image_plane(frame_id: str) -> str:
-    """Coordinate frame that Rerun's importer gives to the pictures of a camera frame."""
+    """Coordinate frame that Rerun's importer gives to the images of a camera frame."""
     return f"{frame_id}_image_plane"
 
 

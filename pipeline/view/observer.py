@@ -1,4 +1,4 @@
-"""Sees every item on its way past, and hands what it looks like to the recordings; no stage knows of it."""
+"""Receives every item of the flow and sends its entities to the recordings; no stage knows of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.chains import closing, opening
 from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
 from wayside.pipeline.view.recorder import Recorder
-from wayside.pipeline.view.views import LAST_STAGE, Scene, entities_of, seen_places
+from wayside.pipeline.view.views import LAST_STAGE, ViewState, active_landmarks, entities_of
 from wayside.pipeline.workers import Item
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
@@ -25,9 +25,9 @@ from wayside.schemas.motion import PosedDetections
 class RerunObserver:
     """Turns items into entities in the thread that made them, and sends each frame's in one go, in order.
 
-    What the workers see of a frame waits until its motion is known, so that every row has all timelines, the distance
-    along the road included, and only one thread ever sets a time. Faults are kept for the summary; the run never
-    feels them.
+    Entities of the stages in the workers wait until the motion of their frame is known, so that every row has all
+    timelines, the distance along the road included, and only one thread sets times. Faults are kept for the summary;
+    they do not reach the run.
     """
 
     def __init__(
@@ -40,10 +40,10 @@ class RerunObserver:
         plane: str | None = None,
     ) -> None:
         self._recorders = tuple(recorders)
-        self._scene = Scene(images, detail)
+        self._state = ViewState(images, detail)
         self._lock = threading.Lock()
         self._waiting: dict[int, list[Entity]] = defaultdict(list)
-        self._pictures: dict[int, list[Entity]] = {}
+        self._held_images: dict[int, list[Entity]] = {}
         self._times: dict[int, Times] = {}
         self._plane = plane
         self._planed: set[str] = set()
@@ -52,17 +52,17 @@ class RerunObserver:
 
     @property
     def images(self) -> str:
-        """Which pictures are recorded."""
-        return self._scene.images
+        """Which images are recorded."""
+        return self._state.images
 
     def see(self, stage: str, item: Item) -> None:
         """Take note of what a stage made of a frame."""
         self._guarded(lambda: self._see(stage, item.frame, item))
 
     def finish(self, inventory: Inventory) -> None:
-        """Send what only the end tells."""
+        """Send what is known at the end only."""
         self._guarded(
-            lambda: self._send(Bundle(tuple(closing(inventory, self._scene.poses, self._times))))
+            lambda: self._send(Bundle(tuple(closing(inventory, self._state.poses, self._times))))
         )
 
     def close(self) -> list[str]:
@@ -85,39 +85,39 @@ class RerunObserver:
         except Exception as fault:
             self._fault = f"no more was recorded after {type(fault).__name__}: {fault}"
             self._waiting.clear()
-            self._pictures.clear()
+            self._held_images.clear()
 
     def _see(self, stage: str, frame: Frame, item: Item) -> None:
-        found = entities_of(item, stage, self._scene)
+        found = entities_of(item, stage, self._state)
         if isinstance(item, TrackedFrame):
             if found:
-                self._settled(stage, frame, found)
+                self._take_tracked(stage, frame, found)
             return
         with self._lock:
             self._waiting[frame.index] += found
         if isinstance(item, PosedDetections):
-            self._moved(frame, item)
+            self._take_posed(frame, item)
 
-    def _moved(self, frame: Frame, item: PosedDetections) -> None:
+    def _take_posed(self, frame: Frame, item: PosedDetections) -> None:
         with self._lock:
             found = self._waiting.pop(frame.index, [])
         station = None if item.motion is None else item.motion.station_m
         times = Times.of(frame, station)
         if item.motion is not None:
             self._times[frame.index] = times
-        if self._scene.images == "signs":
-            self._pictures[frame.index] = [e for e in found if e.path == at.IMAGE]
+        if self._state.images == "signs":
+            self._held_images[frame.index] = [e for e in found if e.path == at.IMAGE]
             found = [e for e in found if e.path != at.IMAGE]
         self._send(Batch(times, tuple(found)))
 
-    def _settled(self, stage: str, frame: Frame, found: tuple[Entity, ...]) -> None:
-        picture: list[Entity] = []
+    def _take_tracked(self, stage: str, frame: Frame, found: tuple[Entity, ...]) -> None:
+        image: list[Entity] = []
         if stage == LAST_STAGE:
-            picture = self._pictures.pop(frame.index, [])
-            seen = seen_places(self._scene, frame.index)
-            if not any(place.verdict == "sign" for place in seen):
-                picture = []
-        self._send(Batch(self._times[frame.index], (*picture, *found)))
+            image = self._held_images.pop(frame.index, [])
+            active = active_landmarks(self._state, frame.index)
+            if not any(landmark.verdict == "sign" for landmark in active):
+                image = []
+        self._send(Batch(self._times[frame.index], (*image, *found)))
 
     def _send(self, item: Batch | Bundle) -> None:
         if self._plane is not None:
@@ -126,7 +126,7 @@ class RerunObserver:
             recorder.put(item)
 
     def _on_plane(self, item: Batch | Bundle, plane: str) -> Iterator[Entity]:
-        """Once for each layer of the picture: the coordinate frame that it lies in."""
+        """Once for each layer of the image: the coordinate frame that it lies in."""
         for path in item.paths():
             if path.startswith(f"{at.CAMERA}/") and path not in self._planed:
                 self._planed.add(path)

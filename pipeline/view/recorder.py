@@ -13,7 +13,7 @@ THREAD = "view-"
 WAITING = 48
 """Batches that wait at most."""
 CLOSING_S = 20.0
-"""A sink that has not taken everything this long after the run is left alone."""
+"""A sink that has not taken everything this long after the run is abandoned."""
 
 
 class Sendable(Protocol):
@@ -88,7 +88,7 @@ class Recorder:
             self._empty()
 
     def _empty(self) -> None:
-        """Let go of what waits, so that nobody waits for it."""
+        """Discard what waits, so that `put` does not block."""
         try:
             while True:
                 self._queue.get_nowait()

@@ -26,7 +26,7 @@ from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 
 IMPORTED = "log.rrd"
-"""The log itself as a recording, beside the run's own, where that holds no pictures."""
+"""The log itself as a recording, beside the run's own, where that holds no images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +40,11 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Recordings:
-    """Files that make one recording; `pictures`: entity of the pictures where they come from the imported log."""
+    """Files that make one recording; `images`: entity of the images where they come from the imported log."""
 
     own: Path
     imported: Path | None = None
-    pictures: str | None = None
+    images: str | None = None
 
     def files(self, layout: Path) -> list[Path]:
         """All of them in the order in which the viewer keeps the layout: it takes that of the file before."""
@@ -89,7 +89,7 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     InputError
         The run was made without a recording, or Rerun cannot import the log.
     UsageError
-        The recording holds pictures of its own, and a log is given.
+        The recording holds images of its own, and a log is given.
     """
     path = out / RECORDING
     if not path.is_file():
@@ -102,7 +102,7 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     run = read_run(out)
     if run.get("view_images") != "none":
         raise UsageError(
-            f"--over {log}: {path} holds pictures of its own and lies over no others; leave --over out, "
+            f"--over {log}: {path} holds images of its own and is not laid over others; leave --over out, "
             "or run the log again with --view-images none"
         )
     imported = out / IMPORTED
@@ -115,7 +115,7 @@ def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> 
     """Open the recording in a viewer; in a window at the target. It stays open when this program ends."""
     found = recordings_of(out, log)
     # The viewer outlives this program and may read the layout later: the small file stays.
-    layout = _layout(target, found.pictures, Path(tempfile.mkdtemp(prefix="wayside-")))
+    layout = _layout(target, found.images, Path(tempfile.mkdtemp(prefix="wayside-")))
     address = start_viewer(found.files(layout), serve=serve)
     if serve:  # a server takes no orders about what its browsers show
         return
@@ -124,7 +124,7 @@ def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> 
     _show(client, target, found)
 
 
-def save_picture(
+def save_screenshot(
     out: Path, target: Target, log: Path | None, png: Path, size: tuple[int, int]
 ) -> None:
     """Draw the viewer with a target to a PNG, without a display.
@@ -138,7 +138,7 @@ def save_picture(
         raise OutputError(f"{png}: wanted a folder that is there, found none; make {png.parent}")
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
-        layout = _layout(target, found.pictures, Path(scratch))
+        layout = _layout(target, found.images, Path(scratch))
         with headless(found.files(layout), size) as client:
             _show(client, target, found)
             faults = view_errors(client)
@@ -148,18 +148,18 @@ def save_picture(
 
 
 def _show(client: ViewerClient, target: Target, found: Recordings) -> None:
-    if found.pictures is None:
+    if found.images is None:
         show_time(client, FRAME, target.frame)
-    else:  # the imported log knows no numbers of pictures
+    else:  # the imported log knows no frame numbers
         show_time(client, LOG, target.log_time_ns)
 
 
-def _layout(target: Target, pictures: str | None, folder: Path) -> Path:
+def _layout(target: Target, images: str | None, folder: Path) -> Path:
     path, row = folder / "layout.rbl", target.sign
     layout = (
-        drive_layout(pictures)
+        drive_layout(images)
         if row is None
-        else sign_layout(row["sign_id"], row["ahead_m"], tuple(row["best_box"]), pictures)
+        else sign_layout(row["sign_id"], row["ahead_m"], tuple(row["best_box"]), images)
     )
     layout.save(APPLICATION, str(path))
     return path

@@ -24,7 +24,7 @@ FILE_PATIENCE_S = 30.0
 class Viewing:
     """What to record and where to: a file of the output folder, a viewer's address, both or neither.
 
-    images: `all` pictures, those of `signs`, or `none`; detail: label images of both passes of segmentation, too.
+    images: `all` images, those of `signs`, or `none`; detail: label images of both passes of segmentation, too.
     """
 
     file: bool = False
@@ -43,7 +43,7 @@ def open_observer(
 ) -> RerunObserver:
     """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
 
-    Without pictures of its own a recording lies over those of the log: in the coordinate frame that Rerun's importer
+    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer
     gives them.
     """
     plane = image_plane(report.camera_frame) if viewing.images == "none" else None

@@ -1,4 +1,4 @@
-"""The Rerun viewer as a program of ours: found, started on loopback, asked for a picture, ended."""
+"""The Rerun viewer as a program of ours: found, started on loopback, asked for a screenshot, ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each type of the flow looks like in the viewer: one function a type.
+"""How each type of the flow is shown in the viewer: one function a type.
 
 A frame's entities are sent whether there is something to show or not: an empty one clears what the frame before left.
 The world is the drive's own frame: x right, y down, z ahead of the first camera, metres.
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity
-from wayside.pipeline.view.places import (
+from wayside.pipeline.view.landmarks import (
     GREY,
     color_of,
     cross_section,
-    place_color,
-    place_points,
-    place_words,
+    landmark_color,
+    landmark_points,
+    landmark_words,
     rejection,
     reprojected_box,
 )
@@ -44,7 +44,7 @@ from wayside.schemas.motion import Motion, PosedDetections, Ties
 from wayside.stages.geometry import distort_points, midpoint, pair_residual, rays_of_ideal
 
 RECENT = 60
-"""Frames whose path and places stay in view behind the vehicle."""
+"""Frames whose path and landmarks stay in view behind the vehicle."""
 ITERATIONS_SHOWN = 4
 """The adjustment converges in fewer, as a rule."""
 IMAGE_PLANE_M, REACH_M = 3.0, 150.0
@@ -60,18 +60,18 @@ KEYPOINT_PATHS = {
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
 TELLING = ("location", "panel_size")
-"""Verdicts on what looks like a sign in every view: few, and worth their words in the picture."""
+"""Verdicts on what looks like a sign in every view: few, so their words are shown in the image."""
 MANY, MOST_WORDS = ("glance", "size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 
 
 class NoViewError(TypeError):
-    """A type travels through the flow and nobody has said what it looks like."""
+    """A type of the flow has no function that shows it."""
 
 
 @dataclass(slots=True)
-class Scene:
-    """What views remember from frame to frame; all but the options belongs to the thread that keeps the order.
+class ViewState:
+    """What is kept from frame to frame; all but the options is used by the thread of the ordered stages alone.
 
     camera: the one that was shown last; shown: layers that the frame before left something in.
     """
@@ -82,34 +82,34 @@ class Scene:
     shown: set[str] = field(default_factory=set)
     poses: dict[int, tuple[Pose, Camera]] = field(default_factory=dict)
     path: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=RECENT))
-    places: deque[tuple[int, Landmark]] = field(default_factory=deque)
+    landmarks: deque[tuple[int, Landmark]] = field(default_factory=deque)
 
 
-def entities_of(item: Any, stage: str, scene: Scene) -> tuple[Entity, ...]:
-    """What an item that left a stage looks like; raises NoViewError for a type that has no view."""
+def entities_of(item: Any, stage: str, state: ViewState) -> tuple[Entity, ...]:
+    """Entities of an item that left a stage; raises NoViewError for a type that has no view."""
     view = VIEWS.get(type(item))
     if view is None:
         raise NoViewError(
             f"no view for {type(item).__name__}: add a function to pipeline/view/views.py"
         )
-    return tuple(view(item, stage, scene))
+    return tuple(view(item, stage, state))
 
 
-def view_frame(frame: Frame, stage: str, scene: Scene) -> list[Entity]:
+def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
     """The camera, and the recorded bytes as they are; a frame that is not used says why."""
     if not frame.used or frame.camera is None:
-        scene.camera = None
-        words = rr.TextLog(f"picture {frame.index} not used: {frame.status}", level="WARN")
+        state.camera = None
+        words = rr.TextLog(f"frame {frame.index} not used: {frame.status}", level="WARN")
         return [
             Entity(at.REJECTIONS, (words,)),
             Entity(at.VEHICLE, (rr.Clear(recursive=True),)),
         ]
     found = []
-    if frame.camera != scene.camera:
-        scene.camera = frame.camera
+    if frame.camera != state.camera:
+        state.camera = frame.camera
         found.append(Entity(at.CAMERA, (_pinhole(frame.camera),)))
     media_type = PASSED_THROUGH.get(frame.encoding)
-    if media_type is not None and scene.images != "none":
+    if media_type is not None and state.images != "none":
         found.append(
             Entity(at.IMAGE, (rr.EncodedImage(contents=bytes(frame.data), media_type=media_type),))
         )
@@ -125,14 +125,14 @@ def _pinhole(camera: Camera) -> rr.Pinhole:
     )
 
 
-def view_picture(picture: Image, stage: str, scene: Scene) -> list[Entity]:
-    """Pixels only of what was recorded without compression: those are compressed here; all else went before."""
-    raw = picture.rgb is not None and picture.frame.encoding not in PASSED_THROUGH
-    if not raw or scene.images == "none" or picture.rgb is None:
+def view_image(image: Image, stage: str, state: ViewState) -> list[Entity]:
+    """Images that the log holds uncompressed, compressed here; `view_frame` records all others."""
+    raw = image.rgb is not None and image.frame.encoding not in PASSED_THROUGH
+    if not raw or state.images == "none" or image.rgb is None:
         return []
     good, coded = cv2.imencode(
         ".jpg",
-        cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR),
+        cv2.cvtColor(image.rgb, cv2.COLOR_RGB2BGR),
         [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY],
     )
     if not good:
@@ -140,12 +140,12 @@ def view_picture(picture: Image, stage: str, scene: Scene) -> list[Entity]:
     return [Entity(at.IMAGE, (rr.EncodedImage(contents=coded.tobytes(), media_type="image/jpeg"),))]
 
 
-def view_segmented(item: Segmentation, stage: str, scene: Scene) -> list[Entity]:
+def view_segmented(item: Segmentation, stage: str, state: ViewState) -> list[Entity]:
     """How many regions of each source; with detail the label images of both passes in their own colours."""
     counts = np.bincount(item.regions.source, minlength=len(SOURCES))
     found = [Entity(f"{at.GATES}/{stage}", (rr.Scalars(counts.astype(float)),))]
     if (
-        scene.detail
+        state.detail
         and stage == "segment"
         and item.labels is not None
         and item.image.rgb is not None
@@ -163,9 +163,9 @@ def view_segmented(item: Segmentation, stage: str, scene: Scene) -> list[Entity]
 def halved_labels(
     labels: NDArray[np.uint8], rows: tuple[int, int], shape: tuple[int, ...]
 ) -> NDArray[np.uint8]:
-    """Labels + 1 of every second pixel, spread over the picture (0 where not segmented).
+    """Labels + 1 of every second pixel, spread over the image (0 where not segmented).
 
-    Doubled again so that they lie over the picture; pairs of equal pixels compress to half the size.
+    Doubled again so that they cover the image; pairs of equal pixels compress to half the size.
     """
     full = np.zeros(shape, np.uint8)
     half = labels[::2, ::2] + np.uint8(1)
@@ -174,7 +174,7 @@ def halved_labels(
     return full
 
 
-def view_detections(item: Detections, stage: str, scene: Scene) -> list[Entity]:
+def view_detections(item: Detections, stage: str, state: ViewState) -> list[Entity]:
     """Key points where the stage is one that finds them; else how many candidates are still open, and how many refused.
 
     Refused: by the stage or one before it.
@@ -193,18 +193,18 @@ def _points2d(points: NDArray[np.float32], ink: tuple[int, int, int]) -> rr.Poin
     return rr.Points2D(points, colors=[ink], radii=rr.Radius.ui_points(1.5))
 
 
-def view_moved(item: PosedDetections, stage: str, scene: Scene) -> list[Entity]:
-    """The camera's place and path; ties, their points by both motions, and residuals before and after adjustment."""
+def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Entity]:
+    """The camera's landmark and path; ties, their points by both motions, and residuals before and after adjustment."""
     frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
         return []
-    scene.poses[frame.index] = (motion.pose, frame.camera)
-    scene.path.append(motion.pose.centre)
+    state.poses[frame.index] = (motion.pose, frame.camera)
+    state.path.append(motion.pose.centre)
     found = [
         Entity(at.VEHICLE, (_transform(motion.pose),)),
         Entity(
             at.PATH,
-            (rr.LineStrips3D([np.array(scene.path)], colors=[(255, 255, 255)], radii=0.08),),
+            (rr.LineStrips3D([np.array(state.path)], colors=[(255, 255, 255)], radii=0.08),),
         ),
         *_view_ties(motion, frame.camera),
     ]
@@ -278,8 +278,8 @@ def _cloud(
     return rr.Points3D(motion.pose.to_world(points[near]), colors=[ink], radii=0.06)
 
 
-def view_settled(item: TrackedFrame, stage: str, scene: Scene) -> list[Entity]:
-    """Every candidate with its verdict, tracks, rays, places; places that were refused, with the reason in words."""
+def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entity]:
+    """Candidates by verdict, tracks, rays and landmarks; of refused landmarks the reason in words."""
     frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
         return []
@@ -287,42 +287,42 @@ def view_settled(item: TrackedFrame, stage: str, scene: Scene) -> list[Entity]:
     signs = Entity(f"{at.GATES}/{stage}", (rr.Scalars([counts[SIGN]]),))
     if stage != LAST_STAGE:
         return [signs]
-    scene.poses.setdefault(frame.index, (motion.pose, frame.camera))
-    scene.places.extend((frame.index, place) for place in item.places)
-    while scene.places and scene.places[0][0] < frame.index - RECENT:
-        scene.places.popleft()
-    recent = [place for _, place in scene.places]
-    active = seen_places(scene, frame.index)
+    state.poses.setdefault(frame.index, (motion.pose, frame.camera))
+    state.landmarks.extend((frame.index, landmark) for landmark in item.places)
+    while state.landmarks and state.landmarks[0][0] < frame.index - RECENT:
+        state.landmarks.popleft()
+    recent = [landmark for _, landmark in state.landmarks]
+    active = active_landmarks(state, frame.index)
     return [
         signs,
-        *_view_verdicts(item.candidates, scene),
-        *_view_tracks(active, frame.index, motion, frame.camera, scene),
-        Entity(at.PLACES, (place_points(recent),)),
+        *_view_verdicts(item.candidates, state),
+        *_view_tracks(active, frame.index, motion, frame.camera, state),
+        Entity(at.LANDMARKS, (landmark_points(recent),)),
         Entity(f"{at.LOCATION}/places", (cross_section(recent),)),
         *(
-            Entity(at.REJECTIONS, (rr.TextLog(rejection(place), level="INFO"),))
-            for place in item.places
-            if place.verdict != "sign"
+            Entity(at.REJECTIONS, (rr.TextLog(rejection(landmark), level="INFO"),))
+            for landmark in item.places
+            if landmark.verdict != "sign"
         ),
     ]
 
 
-def seen_places(scene: Scene, index: int) -> list[Landmark]:
-    """Recent places that a frame was measured in."""
-    return [p for _, p in scene.places if any(view.frame == index for view in p.views)]
+def active_landmarks(state: ViewState, index: int) -> list[Landmark]:
+    """Recent landmarks that a frame was measured in."""
+    return [p for _, p in state.landmarks if any(view.frame == index for view in p.views)]
 
 
-def _view_verdicts(candidates: Candidates, scene: Scene) -> list[Entity]:
+def _view_verdicts(candidates: Candidates, state: ViewState) -> list[Entity]:
     found = []
     for code, verdict in enumerate(VERDICTS):
         path = f"{at.CANDIDATES}/{verdict}"
         rows = np.flatnonzero(candidates.verdict == code)
-        if len(rows) and (scene.detail or verdict not in MANY):
+        if len(rows) and (state.detail or verdict not in MANY):
             found.append(Entity(path, _boxes(candidates, rows, verdict)))
-            scene.shown.add(path)
-        elif path in scene.shown:
+            state.shown.add(path)
+        elif path in state.shown:
             found.append(Entity(path, (rr.Clear(recursive=False),)))
-            scene.shown.discard(path)
+            state.shown.discard(path)
     return found
 
 
@@ -357,18 +357,18 @@ def candidate_words(candidates: Candidates, row: int) -> str:
 
 
 def _view_tracks(
-    active: list[Landmark], index: int, motion: Motion, camera: Camera, scene: Scene
+    active: list[Landmark], index: int, motion: Motion, camera: Camera, state: ViewState
 ) -> list[Entity]:
     strips, inks, boxes, labels, rays = [], [], [], [], []
-    for place in active:
-        centre = place.best_pose.to_world(place.position)
-        ink = place_color(place)
-        seen = [view for view in place.views if view.frame <= index]
-        strips.append(distort_points(camera, np.array([(v.u_px, v.v_px) for v in seen])))
+    for landmark in active:
+        centre = landmark.best_pose.to_world(landmark.position)
+        ink = landmark_color(landmark)
+        until_now = [view for view in landmark.views if view.frame <= index]
+        strips.append(distort_points(camera, np.array([(v.u_px, v.v_px) for v in until_now])))
         inks.append(ink)
         rays.append(np.stack([motion.pose.centre, centre]))
-        boxes.append(reprojected_box(place, motion.pose, camera))
-        labels.append(place_words(place))
+        boxes.append(reprojected_box(landmark, motion.pose, camera))
+        labels.append(landmark_words(landmark))
     signs = rr.Boxes2D(
         array=np.array(boxes).reshape(-1, 4),
         array_format=rr.Box2DFormat.XYXY,
@@ -383,12 +383,12 @@ def _view_tracks(
     ]
 
 
-VIEWS: dict[type, Callable[[Any, str, Scene], list[Entity]]] = {
+VIEWS: dict[type, Callable[[Any, str, ViewState], list[Entity]]] = {
     Frame: view_frame,
-    Image: view_picture,
+    Image: view_image,
     Segmentation: view_segmented,
     Detections: view_detections,
-    PosedDetections: view_moved,
-    TrackedFrame: view_settled,
+    PosedDetections: view_posed,
+    TrackedFrame: view_tracked,
 }
-"""Every type that travels."""
+"""Every type of the flow."""

@@ -43,15 +43,10 @@ class LandmarkRays(NamedTuple):
 
 
 class JointAdjustment(NamedTuple):
-    """An adjusted landmark (3,) in the world; covariance (3, 3) relative to the fixed camera, world axes.
-
-    tracks, outliers: number of tracks used, and of those with a residual beyond `outlier_sigmas`.
-    """
+    """An adjusted landmark (3,) in the world; covariance (3, 3) relative to the fixed camera, world axes."""
 
     point: Array
     covariance: Array
-    tracks: int
-    outliers: int
 
 
 class _WindowTies(NamedTuple):
@@ -72,6 +67,18 @@ class _WindowTies(NamedTuple):
     def select(self, rows: NDArray[np.int64]) -> _WindowTies:
         """Those rows."""
         return _WindowTies._make(np.ascontiguousarray(column[rows]) for column in self)
+
+
+_NO_TIES = _WindowTies(
+    np.zeros(0, np.int64),
+    np.zeros((0, 2), np.int64),
+    np.zeros((0, 2)),
+    np.zeros((0, 2)),
+    np.zeros((0, 3)),
+    np.zeros(0),
+    np.zeros((0, 2)),
+    np.zeros(0),
+)
 
 
 def adjust_jointly(
@@ -144,11 +151,8 @@ def adjust_jointly(
         return None
     shared = shared_errors(ties, found.gain[seen + count :] / focal, settings.displacement_sigma)
     covariance = settings.variance_factor * found.covariance + shared
-    outliers = np.unique(track[found.squares[seen + count :] > settings.outlier_sigmas**2])
     rotation = home.rotation
-    return JointAdjustment(
-        home.to_world(found.position), rotation @ covariance @ rotation.T, count, len(outliers)
-    )
+    return JointAdjustment(home.to_world(found.position), rotation @ covariance @ rotation.T)
 
 
 def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int, int]:
@@ -264,15 +268,3 @@ def shared_errors(ties: _WindowTies, gain: Array, displacement_sigma: float) -> 
     return (
         correlated_point_covariance(ties.pixel, ties.step, shared, CORRELATION_REACH_PX) - counted
     )
-
-
-_NO_TIES = _WindowTies(
-    np.zeros(0, np.int64),
-    np.zeros((0, 2), np.int64),
-    np.zeros((0, 2)),
-    np.zeros((0, 2)),
-    np.zeros((0, 3)),
-    np.zeros(0),
-    np.zeros((0, 2)),
-    np.zeros(0),
-)

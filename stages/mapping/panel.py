@@ -54,7 +54,6 @@ class Panel:
     facing_deg: float
     sigma_facing_deg: float
     shape: str
-    strength: float
     residual_px: float
 
 
@@ -171,7 +170,6 @@ def solve_panel(
         facing_deg=float(np.degrees(facing.angle)),
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
         shape=outline.shape,
-        strength=outline.strength,
         residual_px=float(np.sqrt((residuals**2).sum(axis=1).mean())),
     )
 

@@ -9,7 +9,6 @@ not), and difference from the detected box.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -103,7 +102,7 @@ def fit_face_outline(
     if model.features != OUTLINE_FEATURES:
         raise ValueError(f"wanted a model of {OUTLINE_FEATURES}, found {model.features}")
     gradients = gradients_of(views)
-    candidates = list(outline_candidates(views, gradients, box, settings))
+    candidates = outline_candidates(views, gradients, box, settings)
     if not candidates:
         return None
     value = model.values(np.array([candidate.features for candidate in candidates]))
@@ -122,8 +121,9 @@ def fit_face_outline(
 
 def outline_candidates(
     views: NDArray[np.float32], gradients: Gradients, box: Array, settings: OutlineSettings
-) -> Iterator[OutlineCandidate]:
+) -> list[OutlineCandidate]:
     """Outlines parallel to the strongest of the best shapes, with their features."""
+    candidates = []
     for inner in strongest_outlines(gradients, box, settings):
         low = -settings.candidates_inward
         side = float(box_size(inner.box).min())
@@ -146,7 +146,8 @@ def outline_candidates(
             outer = inner.box + offset * grow
             strip = float(uneven[max(0, i - round(settings.strip / STEP)) : i + 1].min())
             features = _features(inner, outer, box, float(strength[i]) / top, strip, i in peaks)
-            yield OutlineCandidate(inner._replace(box=outer), features)
+            candidates.append(OutlineCandidate(inner._replace(box=outer), features))
+    return candidates
 
 
 def _features(

@@ -8,17 +8,6 @@ import numpy as np
 
 from wayside.stages.kernels import Array
 
-OUTLINE_SHAPES = (
-    "rectangle",
-    "diamond",
-    "octagon",
-    "circle",
-    "triangle",
-    "triangle_up",
-    "pennant",
-    "pentagon",
-)
-"""Shapes that have a template; triangles point down unless said."""
 ASPECT = {
     "diamond": 1.0,
     "octagon": 1.0,
@@ -35,13 +24,6 @@ _ROUNDED, _ROUNDED_SHORT = 0.1, 0.15
 """Fraction of a side left out at either end, where corners are rounded; of the sides of a shape with many."""
 
 
-class Template(NamedTuple):
-    """Segments of an outline in the square -1..1, y down: ends (k, 2) before scaling."""
-
-    begin: Array
-    end: Array
-
-
 class Segments(NamedTuple):
     """Segments in an image: ends and outward normals (k, 2).
 
@@ -54,49 +36,52 @@ class Segments(NamedTuple):
     jacobian: Array
 
 
-def _corners(shape: str) -> list[tuple[float, float]]:
-    if shape == "diamond":
-        return [(0, -1), (1, 0), (0, 1), (-1, 0)]
-    if shape == "octagon":
-        c = float(np.tan(np.pi / 8))
-        return [(-c, -1), (c, -1), (1, -c), (1, c), (c, 1), (-c, 1), (-1, c), (-1, -c)]
-    if shape == "circle":
-        angles = (np.arange(16) + 0.5) * np.pi / 8
-        return [
-            (x, y)
-            for x, y in np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / 16)
-        ]
-    if shape == "triangle":
-        return [(-1, -1), (1, -1), (0, 1)]
-    if shape == "triangle_up":
-        return [(0, -1), (1, 1), (-1, 1)]
-    if shape == "pennant":
-        return [(-1, -1), (1, 0), (-1, 1)]
-    if shape == "pentagon":
-        return [(0, -1), (1, 0), (1, 1), (-1, 1), (-1, 0)]
-    return [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+def _regular(count: int) -> list[tuple[float, float]]:
+    """Corners of a regular polygon round the unit circle, its first side at the right."""
+    angles = (np.arange(count) + 0.5) * 2 * np.pi / count
+    around = np.column_stack([np.cos(angles), np.sin(angles)]) / np.cos(np.pi / count)
+    return [(x, y) for x, y in around]
 
 
-def _template(shape: str) -> Template:
-    corners = np.array(_corners(shape), np.float64)
+_SIDE = float(np.tan(np.pi / 8))
+_CORNERS: dict[str, list[tuple[float, float]]] = {
+    "rectangle": [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+    "diamond": [(0, -1), (1, 0), (0, 1), (-1, 0)],
+    "octagon": [
+        *((-_SIDE, -1), (_SIDE, -1), (1, -_SIDE), (1, _SIDE)),
+        *((_SIDE, 1), (-_SIDE, 1), (-1, _SIDE), (-1, -_SIDE)),
+    ],
+    "circle": _regular(16),
+    "triangle": [(-1, -1), (1, -1), (0, 1)],
+    "triangle_up": [(0, -1), (1, 1), (-1, 1)],
+    "pennant": [(-1, -1), (1, 0), (-1, 1)],
+    "pentagon": [(0, -1), (1, 0), (1, 1), (-1, 1), (-1, 0)],
+}
+
+
+def _template(shape: str) -> tuple[Array, Array]:
+    """Ends (k, 2) of the segments of an outline in the square -1..1, y down."""
+    corners = np.array(_CORNERS[shape], np.float64)
     parts, rounded = (1, _ROUNDED_SHORT) if len(corners) >= 8 else (_PARTS, _ROUNDED)
     cuts = np.linspace(rounded, 1 - rounded, parts + 1)
     first, side = corners[:, None], (np.roll(corners, -1, axis=0) - corners)[:, None]
     begin, end = first + side * cuts[None, :-1, None], first + side * cuts[None, 1:, None]
-    return Template(begin.reshape(-1, 2), end.reshape(-1, 2))
+    return begin.reshape(-1, 2), end.reshape(-1, 2)
 
 
+OUTLINE_SHAPES = tuple(_CORNERS)
+"""Shapes that have a template; triangles point down unless said."""
 _TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}
 
 
 def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     """Segments of a shape that fills a box [left, top, right, bottom], rotated about its centre (rad, clockwise)."""
-    template = _TEMPLATES[shape]
+    begin, end = _TEMPLATES[shape]
     centre, half = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 2
-    along = (template.end - template.begin) * half
+    along = (end - begin) * half
     normal = np.column_stack([along[:, 1], -along[:, 0]])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    unit = (template.begin + template.end) / 2
+    unit = (begin + end) / 2
     radius = unit * half
     jacobian = np.column_stack(
         [
@@ -108,8 +93,8 @@ def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     c, s = np.cos(rotation), np.sin(rotation)
     rotate = np.array([[c, s], [-s, c]])  # for rows
     return Segments(
-        np.ascontiguousarray(template.begin * half @ rotate + centre),
-        np.ascontiguousarray(template.end * half @ rotate + centre),
+        np.ascontiguousarray(begin * half @ rotate + centre),
+        np.ascontiguousarray(end * half @ rotate + centre),
         np.ascontiguousarray(normal @ rotate),
         jacobian,
     )

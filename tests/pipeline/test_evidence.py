@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.evidence.canvas import ACCENT, shortened, text_width
-from wayside.pipeline.evidence.crops import cut, read_pictures
+from wayside.pipeline.evidence.crops import cut, read_images
 from wayside.pipeline.evidence.figures import UNKNOWN, figures_of
-from wayside.pipeline.evidence.gather import Drive, Evidence, Seen, gather
+from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
 from wayside.pipeline.evidence.marks import COLOR_INK, OUTLINES
 from wayside.pipeline.evidence.sheet import BIG, MARGIN, PROPORTION, TILE, WIDTH, draw_crop
@@ -267,16 +267,16 @@ def test_a_sign_without_observations_rests_on_its_best_box(out):
     assert [(view.frame, list(view.box)) for view in bare.views] == [(3, face_box(3))]
 
 
-def test_only_wanted_pictures_are_decoded(tmp_path):
+def test_only_wanted_images_are_decoded(tmp_path):
     log = make_log(tmp_path, broken=(0, 2, 5))
     times = {frame.index: frame.log_time_ns for frame in read_all(log)}
     report = ReadReport()
-    pictures = read_pictures(log, ReadSettings(thin_m=0.0), {1, 3}, times, report)
+    pictures = read_images(log, ReadSettings(thin_m=0.0), {1, 3}, times, report)
     assert [(p.frame.index, p.frame.status) for p in pictures] == [(1, "used"), (3, "used")]
     assert report.statuses.total() < PICTURES  # reading ends with the last of them
 
 
-def test_a_picture_that_does_not_decode_leaves_its_place_empty(out, tmp_path):
+def test_an_image_that_does_not_decode_is_left_empty(out, tmp_path):
     log = make_log(tmp_path, broken=(2,))
     written = write_evidence(out, tmp_path / "sheets", log=log)
     assert written.lost_views == 1
@@ -295,7 +295,7 @@ def test_another_log_is_refused(out, tmp_path):
     frames = pq.read_table(file).to_pylist()
     frames[3]["log_time_ns"] += 1
     pq.write_table(table_of(FRAMES, frames), file)
-    with pytest.raises(InputError, match=r"found another: picture 3 .* --log"):
+    with pytest.raises(InputError, match=r"found another: frame 3 .* --log"):
         write_evidence(out, tmp_path / "sheets")
 
 
@@ -404,7 +404,7 @@ def test_a_crop_holds_the_pixels_of_its_box(box, seed):
     assert crop.rgb.shape[1] / crop.rgb.shape[0] == pytest.approx(PROPORTION, abs=0.05)
 
 
-def test_a_crop_larger_than_its_picture_is_grey_around_it():
+def test_a_crop_larger_than_its_image_is_grey_around_it():
     rgb = np.zeros((30, 40, 3), np.uint8)
     crop = cut(rgb, (10, 10, 30, 25), PROPORTION)
     assert (crop.rgb == 0).all(axis=2).sum() == 30 * 40
@@ -426,7 +426,7 @@ def test_the_box_is_drawn_around_the_face_and_not_over_it():
 
 def evidence_of(**changes):
     sign = sign_row("a-0001", **KNOWN | changes)
-    return Evidence(sign, (Seen(0, (0.0, 0.0, 9.0, 9.0), None, None),))
+    return Evidence(sign, (SignView(0, (0.0, 0.0, 9.0, 9.0), None, None),))
 
 
 @given(st.floats(0.05, 4), st.floats(0.05, 4), st.floats(-0.95, 0.95))
@@ -440,7 +440,7 @@ def test_the_error_ellipse_lies_two_sigmas_away_everywhere(sigma_x, sigma_y, cor
 
 def straight_drive():
     path = np.array([[8.0 * i, 0.0, 1.5] for i in range(8)])
-    return Drive(dict(enumerate(path)), path, np.zeros((0, 3)), {})
+    return DriveMap(dict(enumerate(path)), path, np.zeros((0, 3)), {})
 
 
 @pytest.mark.parametrize(
@@ -494,7 +494,7 @@ def test_the_command_ends_with_the_status_of_lost_parts(out, tmp_path):
     log = make_log(tmp_path, pictures=4)
     result = CliRunner().invoke(app, ["evidence", str(out), "--log", str(log)])
     assert result.exit_code == 4
-    assert "2 views have no picture" in result.stderr
+    assert "2 views have no image" in result.stderr
     assert (out / "evidence" / "index.html").is_file()
 
 

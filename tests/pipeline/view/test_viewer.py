@@ -130,7 +130,7 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
         (["--sign", "demo-9999"], "did you mean demo-"),
         (["--frame", "999"], "which holds 0 to"),
         (["--frame", "1", "--sign", "demo-0001"], "found both"),
-        (["--over", str(DEMO)], "holds pictures of its own"),
+        (["--over", str(DEMO)], "holds images of its own"),
     ],
 )
 def test_a_sign_or_frame_that_is_not_there_is_named(result, asked, words):

@@ -20,14 +20,14 @@ import wayside.stages
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
-from wayside.pipeline.view.places import rejection
+from wayside.pipeline.view.landmarks import rejection
 from wayside.pipeline.view.sinks import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
 from wayside.pipeline.view.views import (
     LAST_STAGE,
     VIEWS,
     NoViewError,
-    Scene,
+    ViewState,
     candidate_words,
     entities_of,
 )
@@ -137,7 +137,7 @@ def test_every_type_that_travels_has_a_view():
 
 def test_a_type_without_a_view_is_an_error():
     with pytest.raises(NoViewError, match="no view for int"):
-        entities_of(3, "segment", Scene())
+        entities_of(3, "segment", ViewState())
 
 
 @pytest.mark.parametrize("path", EVERY_FRAME)
@@ -145,7 +145,7 @@ def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows, path):
     assert rows[path] == FRAMES
 
 
-def test_pictures_pass_through_as_they_were_recorded(chunks, recorded):
+def test_images_pass_through_as_they_were_recorded(chunks, recorded):
     blobs = column(chunks, "/world/vehicle/camera/image", "EncodedImage:blob")
     assert len(blobs) == FRAMES
     first = np.array(blobs[0][0], np.uint8).tobytes()
@@ -233,7 +233,7 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
         (0, 1200),
         (place,),
     )
-    logged = [e for e in entities_of(settled, LAST_STAGE, Scene()) if e.path == "rejections"]
+    logged = [e for e in entities_of(settled, LAST_STAGE, ViewState()) if e.path == "rejections"]
     assert len(logged) == 1
     text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
     assert text.startswith("location: blue rectangle 5.10 x 1.90 m")
@@ -269,7 +269,7 @@ def test_the_recording_verifies(recorded):
 
 
 @pytest.mark.parametrize(("images", "fewest", "most"), [("none", 0, 0), ("signs", 1, 7)])
-def test_pictures_are_recorded_as_asked(tmp_path, images, fewest, most):
+def test_images_are_recorded_as_asked(tmp_path, images, fewest, most):
     result = run(tmp_path, Viewing(file=True, images=images), until_s=SHORT_S)
     found = sum(
         chunk.num_rows
@@ -280,7 +280,7 @@ def test_pictures_are_recorded_as_asked(tmp_path, images, fewest, most):
     assert fewest <= found <= most
 
 
-def test_without_pictures_all_layers_lie_on_those_of_the_imported_log(tmp_path):
+def test_without_images_all_layers_lie_on_those_of_the_imported_log(tmp_path):
     run(tmp_path, Viewing(file=True, images="none"), until_s=SHORT_S)
     import_log(DEMO, "demo", tmp_path / "log.rrd")
     planes, layers = {}, set()
@@ -297,9 +297,9 @@ def test_without_pictures_all_layers_lie_on_those_of_the_imported_log(tmp_path):
     assert {planes.get(path, ["none"])[0] for path in flat} == {planes["/camera/image"][0]}
 
 
-def test_a_picture_not_used_clears_what_was_shown():
+def test_a_frame_not_used_clears_what_was_shown():
     frame = Frame(3, 10, None, "undecodable", "jpeg", b"", None)
-    words, cleared = entities_of(frame, "read", Scene())
+    words, cleared = entities_of(frame, "read", ViewState())
     assert isinstance(words.parts[0], rr.TextLog)
     assert isinstance(cleared.parts[0], rr.Clear)
 

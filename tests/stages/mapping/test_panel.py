@@ -1,4 +1,4 @@
-"""Panels drawn into the pictures of a drive by exact homographies, measured by the tracker."""
+"""Panels rendered into the images of a drive by exact homographies, measured by the tracker."""
 
 from dataclasses import replace
 from functools import partial
@@ -30,14 +30,14 @@ def texture():
     return image
 
 
-def picture_of(moved, turn):
+def image_of(moved, angle):
     """The panel, turned clockwise from above, before a background that is another in each frame."""
     frame, pose = moved.frame, moved.motion.pose
     camera = frame.camera
     rng = np.random.default_rng(frame.index)
     coarse = rng.integers(40, 190, (30, 40, 3)).astype(np.uint8)
     image = cv2.resize(coarse, (camera.width, camera.height), interpolation=cv2.INTER_CUBIC)
-    across = np.array([np.cos(turn), 0, -np.sin(turn)]) * WIDE / 2
+    across = np.array([np.cos(angle), 0, -np.sin(angle)]) * WIDE / 2
     below = np.array([0, TALL / 2, 0])
     middle = np.array([RIGHT, -UP, ALONG])
     corners = pose.to_camera(
@@ -58,10 +58,13 @@ def picture_of(moved, turn):
         return image
     large = cv2.resize(image[top:bottom, left:right], None, fx=4, fy=4)
     target = ((pixels - (left, top) + 0.5) * 4 - 0.5).astype(np.float32)
-    way = cv2.getPerspectiveTransform(ends, target)
+    homography = cv2.getPerspectiveTransform(ends, target)
     size = (large.shape[1], large.shape[0])
-    drawn = cv2.warpPerspective(face, way, size, flags=cv2.INTER_AREA)
-    cover = cv2.warpPerspective(np.full(face.shape[:2], 255, np.uint8), way, size)[..., None] / 255
+    drawn = cv2.warpPerspective(face, homography, size, flags=cv2.INTER_AREA)
+    cover = (
+        cv2.warpPerspective(np.full(face.shape[:2], 255, np.uint8), homography, size)[..., None]
+        / 255
+    )
     mixed = (cover * drawn + (1 - cover) * large).astype(np.uint8)
     shown = cv2.resize(mixed, (right - left, bottom - top), interpolation=cv2.INTER_AREA)
     image[top:bottom, left:right] = shown
@@ -69,29 +72,29 @@ def picture_of(moved, turn):
 
 
 @pytest.fixture
-def place_of(panel_method):
+def landmark_of(panel_method):
     """The one landmark that tracking finds, its panel rotated clockwise from above."""
     return partial(measured, method=panel_method)
 
 
-def measured(frames, turn=0.0, *, pictures=True, method):
-    if pictures:
+def measured(frames, angle=0.0, *, images=True, method):
+    if images:
         frames = [
             replace(
                 m,
                 detections=replace(
                     m.detections,
                     segmentation=replace(
-                        m.detections.segmentation, image=Image(m.frame, picture_of(m, turn), None)
+                        m.detections.segmentation, image=Image(m.frame, image_of(m, angle), None)
                     ),
                 ),
             )
             for m in frames
         ]
-    (place,) = [
+    (landmark,) = [
         p for item in track(iter(frames), TrackSettings(), panel=method) for p in item.places
     ]
-    return place
+    return landmark
 
 
 @pytest.fixture
@@ -100,34 +103,34 @@ def frames(panel, drive):
     return drive([panel(RIGHT, UP, ALONG, wide=0.94 * WIDE, tall=0.94 * TALL)], 16)
 
 
-def test_size_and_place_are_those_of_the_outer_edge(place_of, frames):
-    place = place_of(frames)
-    assert place.width_m == pytest.approx(WIDE, rel=0.02)
-    assert place.height_m == pytest.approx(TALL, rel=0.02)
-    centre = place.best_pose.to_world(place.position)
+def test_size_and_position_are_those_of_the_outer_edge(landmark_of, frames):
+    landmark = landmark_of(frames)
+    assert landmark.width_m == pytest.approx(WIDE, rel=0.02)
+    assert landmark.height_m == pytest.approx(TALL, rel=0.02)
+    centre = landmark.best_pose.to_world(landmark.position)
     np.testing.assert_allclose(centre, [RIGHT, -UP, ALONG], atol=0.03)
-    assert place.facing_deg == pytest.approx(0.0, abs=4.0)
+    assert landmark.facing_deg == pytest.approx(0.0, abs=4.0)
 
 
-@pytest.mark.parametrize("turn_deg", [-20.0, -12.0, 12.0, 20.0])
-def test_a_turned_panel_is_as_near_as_its_scatter_says(place_of, frames, turn_deg):
-    place = place_of(frames, np.radians(turn_deg))
-    assert place.facing_deg * turn_deg > 0
-    assert place.sigma_facing_deg < 7.0
-    assert abs(place.facing_deg - turn_deg) < 2.5 * place.sigma_facing_deg
-    assert abs(place.width_m - WIDE) < 2.5 * place.sigma_width_m
-    assert abs(place.height_m - TALL) < 2.5 * place.sigma_height_m
-    assert place.sigma_width_m < 0.15 * WIDE
+@pytest.mark.parametrize("angle_deg", [-20.0, -12.0, 12.0, 20.0])
+def test_a_rotated_panel_is_as_near_as_its_scatter_says(landmark_of, frames, angle_deg):
+    landmark = landmark_of(frames, np.radians(angle_deg))
+    assert landmark.facing_deg * angle_deg > 0
+    assert landmark.sigma_facing_deg < 7.0
+    assert abs(landmark.facing_deg - angle_deg) < 2.5 * landmark.sigma_facing_deg
+    assert abs(landmark.width_m - WIDE) < 2.5 * landmark.sigma_width_m
+    assert abs(landmark.height_m - TALL) < 2.5 * landmark.sigma_height_m
+    assert landmark.sigma_width_m < 0.15 * WIDE
 
 
-def test_without_pictures_the_boxes_speak(place_of, frames):
-    place = place_of(frames, pictures=False)
-    assert place.width_m == pytest.approx(0.94 * WIDE * BORDER, rel=0.01)
-    assert place.facing_deg == 0.0
-    assert place.sigma_facing_deg == FACING_SIGMA_DEG
+def test_without_images_the_boxes_are_used(landmark_of, frames):
+    landmark = landmark_of(frames, images=False)
+    assert landmark.width_m == pytest.approx(0.94 * WIDE * BORDER, rel=0.01)
+    assert landmark.facing_deg == 0.0
+    assert landmark.sigma_facing_deg == FACING_SIGMA_DEG
 
 
-def test_a_picture_without_a_panel_changes_nothing_much(place_of, frames):
+def test_images_without_a_panel_change_little(landmark_of, frames):
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 255, (1200, 1600, 3)).astype(np.uint8)
     blank = [
@@ -140,8 +143,8 @@ def test_a_picture_without_a_panel_changes_nothing_much(place_of, frames):
         )
         for m in frames
     ]
-    place = place_of(blank, pictures=False)
-    centre = place.best_pose.to_world(place.position)
+    landmark = landmark_of(blank, images=False)
+    centre = landmark.best_pose.to_world(landmark.position)
     assert np.abs(centre - [RIGHT, -UP, ALONG]).max() < 1.0
 
 

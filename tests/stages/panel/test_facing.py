@@ -15,9 +15,9 @@ PLANE = PanelPlane(
 CENTRES = np.array([[0.1 * k, 0.0, 8.0 * k] for k in range(1, 7)])[::-1].copy()
 
 
-def covered(turn, width, height):
+def covered(angle, width, height):
     """Width and height on the plane, seen from each centre: rays through the ends, met one by one."""
-    across = np.array([np.cos(turn), 0, -np.sin(turn)]) * width / 2
+    across = np.array([np.cos(angle), 0, -np.sin(angle)]) * width / 2
     below = np.array([0, height / 2, 0])
     sizes = []
     for centre in CENTRES:
@@ -29,12 +29,12 @@ def covered(turn, width, height):
     return np.array(sizes)
 
 
-@pytest.mark.parametrize("turn_deg", [-25.0, -8.0, 0.0, 5.0, 30.0])
-def test_turn_and_size_come_back_from_exact_sizes(turn_deg):
-    sizes = covered(np.radians(turn_deg), 0.9, 0.7)
+@pytest.mark.parametrize("angle_deg", [-25.0, -8.0, 0.0, 5.0, 30.0])
+def test_angle_and_size_come_back_from_exact_sizes(angle_deg):
+    sizes = covered(np.radians(angle_deg), 0.9, 0.7)
     sigmas = np.full(sizes.shape, 1e-4)
     found = solve_facing(PLANE, CENTRES, sizes, sigmas, angle_sigma=1.0)
-    assert np.degrees(found.angle) == pytest.approx(turn_deg, abs=0.1)
+    assert np.degrees(found.angle) == pytest.approx(angle_deg, abs=0.1)
     np.testing.assert_allclose(np.exp(found.log_size), [0.9, 0.7], rtol=1e-3)
 
 
@@ -54,7 +54,7 @@ def test_the_solution_is_that_of_scipy():
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected), rtol=0.1)
 
 
-def test_one_view_leaves_the_turn_to_its_prior():
+def test_one_view_leaves_the_angle_to_its_prior():
     found = solve_facing(
         PLANE, CENTRES[:1], covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01), angle_sigma=0.14
     )
@@ -62,7 +62,7 @@ def test_one_view_leaves_the_turn_to_its_prior():
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.14, rel=0.01)
 
 
-def test_a_known_proportion_tells_the_turn_of_one_view():
+def test_a_known_proportion_gives_the_angle_of_one_view():
     found = solve_facing(
         PLANE,
         CENTRES[:1],

@@ -21,13 +21,13 @@ def scene(seed):
     return 120 + 400 * gaussian_filter(noise, 2.0)
 
 
-def moved(picture, shift, stretch):
+def moved(image, shift, stretch):
     """What shows the template's sample x at middle + shift + stretch * (x - middle)."""
     v, u = np.mgrid[:ROWS, :COLUMNS].astype(float)
     middle = np.array([COLUMNS - 1, ROWS - 1]) / 2
     x = middle[0] + (u - middle[0] - shift[0]) / stretch[0]
     y = middle[1] + (v - middle[1] - shift[1]) / stretch[1]
-    return map_coordinates(picture, [y, x], order=3, mode="nearest")
+    return map_coordinates(image, [y, x], order=3, mode="nearest")
 
 
 def middle_weight():

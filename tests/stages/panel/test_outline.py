@@ -18,8 +18,8 @@ CORNERS = {
 }
 
 
-def polygon(shape, middle, half, turn=0.0):
-    c, s = np.cos(turn), np.sin(turn)
+def polygon(shape, middle, half, rotation=0.0):
+    c, s = np.cos(rotation), np.sin(rotation)
     corners = np.array(CORNERS[shape]) * half
     return corners @ np.array([[c, s], [-s, c]]) + middle
 
@@ -39,14 +39,14 @@ def painted(layers, seed):
     return cv2.GaussianBlur(small.astype(np.float32), (0, 0), 0.6)
 
 
-def views_of(shape, middle, half, turn=0.0, rim=2.0):
+def views_of(shape, middle, half, rotation=0.0, rim=2.0):
     """Three views of a yellow face with a black line inside a yellow rim, each before another background."""
     apothem = np.sqrt(2) if shape == "diamond" else 1.0
-    layers = [(polygon(shape, middle, half, turn), (240, 180, 20))]
+    layers = [(polygon(shape, middle, half, rotation), (240, 180, 20))]
     if rim:
         for inset, color in ((rim, (20, 20, 20)), (2 * rim, (240, 180, 20))):
             inner = np.asarray(half) - inset * apothem
-            layers.append((polygon(shape, middle, inner, turn), color))
+            layers.append((polygon(shape, middle, inner, rotation), color))
     return np.stack([painted(layers, seed) for seed in range(3)])
 
 
@@ -73,11 +73,11 @@ def test_segments_lie_on_the_outline_and_face_outwards(shape):
 
 @pytest.mark.parametrize("shape", ["rectangle", "diamond", "octagon", "pennant"])
 def test_offsets_change_as_the_jacobian_says(shape):
-    box, turn, small = np.array([20.0, 30.0, 80.0, 70.0]), 0.05, 1e-4
-    segments = segments_of(shape, box, turn)
+    box, rotation, small = np.array([20.0, 30.0, 80.0, 70.0]), 0.05, 1e-4
+    segments = segments_of(shape, box, rotation)
     middles = (segments.begin + segments.end) / 2
     for k in range(5):
-        there = segments_of(shape, box + small * np.eye(5)[k, :4], turn + small * (k == 4))
+        there = segments_of(shape, box + small * np.eye(5)[k, :4], rotation + small * (k == 4))
         moved = ((there.begin + there.end) / 2 - middles) / small
         if k == 4 or shape == "rectangle":
             rate = (moved * segments.normal).sum(axis=1)
@@ -120,9 +120,9 @@ def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, ou
 
 
 def test_a_rotated_panel_keeps_its_size(outline_model):
-    middle, half, turn = np.array([60.0, 54.0]), np.array([30.0, 22.0]), np.radians(4.0)
+    middle, half, rotation = np.array([60.0, 54.0]), np.array([30.0, 22.0]), np.radians(4.0)
     face = fit_face_outline(
-        views_of("rectangle", middle, half, turn),
+        views_of("rectangle", middle, half, rotation),
         around(middle, half * 0.95),
         outline_model,
         OutlineSettings(),
