@@ -69,6 +69,7 @@ clean:
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@mkdir -p .venv/checkout && ln -sfn ../.. .venv/checkout/wayside
+	@$(RUN) wayside.pipeline.warm_up recordings/demo.mcap
 	@touch $@
 
 # PyTorch is large and only the learning needs it.

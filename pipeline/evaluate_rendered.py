@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.evaluation import Backs, FalseSign, Match, MissedPanel, RenderedEvaluation
 
@@ -114,14 +115,7 @@ def _matched(
 
 def _pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rotation (3, 3) from camera to world and camera centre (3,), metres."""
-    x, y, z, w = frame["quaternion"]
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = Rotation.from_quat(frame["quaternion"]).as_matrix()
     return rotation, np.asarray(frame["position"], np.float64)
 
 

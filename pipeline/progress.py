@@ -69,6 +69,11 @@ class FrameProgress(_Shown):
         rate = self._frames / elapsed if elapsed > 0 else 0.0
         self._bar.update(self._task, completed=report.bytes_read, frames=self._frames, rate=rate)
 
+    @property
+    def description(self) -> str:
+        """What stands at the start of the line: the label, or that kernels are compiled."""
+        return self._bar.tasks[0].description
+
     def compiling(self, active: bool) -> None:
         """Say that kernels are compiled, in place of the label, so that a first run explains its minute."""
         self._bar.update(self._task, description=COMPILING if active else self._label)

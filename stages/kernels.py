@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 """An array of doubles, the usual argument of a geometric kernel."""
 
+# Division by zero gives inf or nan as in NumPy, so that no division carries a branch that raises; the wrapper for
+# callers in C is left out. Both only lengthen compilation.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 
@@ -34,15 +38,16 @@ def compiled_within(function: Kernel) -> Kernel:
 
     Their machine code is part of each kernel that calls them and is cached there, so they have no cache of their own.
     """
-    return cast(Kernel, numba.njit(nogil=True)(function))
+    return cast(Kernel, numba.njit(**_OPTIONS)(function))
 
 
 def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
+    options = {**_OPTIONS, "fastmath": fastmath}
     try:
-        return cast(Kernel, numba.njit(nogil=True, cache=True, fastmath=fastmath)(function))
+        return cast(Kernel, numba.njit(cache=True, **options)(function))
     except RuntimeError:
-        # No writable folder for the cache: a read-only installation compiles in every process.
-        return cast(Kernel, numba.njit(nogil=True, fastmath=fastmath)(function))
+        # No folder to keep it in: a read-only installation compiles anew in every process.
+        return cast(Kernel, numba.njit(**options)(function))
 
 
 def require_array(

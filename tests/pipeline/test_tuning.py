@@ -6,6 +6,7 @@ import gc
 
 from numba import njit
 
+from wayside.pipeline.progress import COMPILING, FrameProgress
 from wayside.pipeline.tuning import keep_heap, watched_compilation
 
 
@@ -30,3 +31,16 @@ def test_outside_of_the_block_nothing_is_told() -> None:
         pass
     assert njit(lambda x: x - 1)(2) == 1
     assert told == []
+
+
+def test_the_progress_line_says_that_kernels_are_compiled() -> None:
+    with FrameProgress("drive.mcap", 1) as progress, watched_compilation(progress.compiling):
+        shown: list[str] = []
+
+        def note(x: int) -> int:
+            return x + 3
+
+        compiled = njit(note)
+        with watched_compilation(lambda active: shown.append(progress.description)):
+            compiled(1)
+        assert shown == [COMPILING, "drive.mcap"]
