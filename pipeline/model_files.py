@@ -26,8 +26,8 @@ class Models:
 
     color_classes, shape_classes: Gaussian classes of regions; box_classifier: of boxes in one image; location_classes:
     where signs stand; landmark_classifier: of a landmark by all its observations; color_network, shape_network: names
-    of a face in one image; box_regressor: box regression; back_classifier, back_landmark_classifier: of panels seen from
-    behind; region_ranking: which regions are the most probable faces. None where there is no such file.
+    of a face in one image; box_regressor: box regression; back_classifier, back_landmark_classifier: of panels seen
+    from behind; region_ranking: which regions are the most probable faces. None where there is no such file.
     """
 
     color_classes: GaussianModel

@@ -9,6 +9,7 @@ from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
+from wayside.schemas.settings.report import OutlineSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.tree import REPORT, Settings
 
@@ -20,10 +21,12 @@ __all__ = [
     "LocateSettings",
     "ModelSettings",
     "MotionSettings",
+    "OutlineSettings",
     "ReadSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",
+    "SiftSettings",
     "TrackSettings",
     "setting",
 ]

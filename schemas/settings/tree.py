@@ -9,6 +9,7 @@ from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
+from wayside.schemas.settings.report import OutlineSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
 
@@ -20,6 +21,8 @@ class Settings:
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    outlines: OutlineSettings = field(default_factory=OutlineSettings)
+    sift: SiftSettings = field(default_factory=SiftSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)

@@ -3,6 +3,7 @@
 from wayside.stages.geometry.bound import point_bound, step_bound
 from wayside.stages.geometry.boxes import (
     box_areas,
+    covered_fractions,
     intersection_areas,
     iou_matrix,
     non_maximum_suppression,
@@ -29,6 +30,7 @@ __all__ = [
     "beside_path",
     "box_areas",
     "cholesky_solve",
+    "covered_fractions",
     "distort_points",
     "ideal_of_rays",
     "ideal_points",
