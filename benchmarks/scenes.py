@@ -131,14 +131,14 @@ def say(text: str) -> None:
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     """Every source, looked at with models that have not seen it; and how they were learned, in words."""
     samples = gather(logs, real, SEED, say)
-    judges = learn_detector(
+    detectors = learn_detector(
         samples.drives, samples.features_of, samples.patches_of, SEED, "", samples.scenes
     ).out_of_fold
     ranking = learn_ranking(samples.drives, (), SEED, "")
     _, gate = learn_prefilter(samples.drives, SEED, "")
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():
-        judge, face_box = judges[source]
+        judge, face_box = detectors[source]
         by = SceneModels(ranking, replace(judge, prefilter=gate), face_box)
         found.append(looked_at(source, real, listed, by))
         say(f"looked at the {len(listed)} images of {source}")

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from wayside.pipeline.evaluation import FalseSign, RealEvaluation
+from wayside.stages.geometry import box_areas, iou_matrix
 
 SMALLEST_IOU, LARGEST_AREA_RATIO = 0.3, 5.0
 
@@ -54,15 +57,13 @@ def judge_real(signs: Sequence[Row], observations: Iterable[Row], labels: Row) -
 
 def same_thing(a: Box, b: Box) -> bool:
     """Whether boxes overlap well, or `a` has its centre in `b` and about its size."""
-    width = max(0.0, min(a[2], b[2]) - max(a[0], b[0]))
-    height = max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
-    area_a = max(1e-9, (a[2] - a[0]) * (a[3] - a[1]))
-    area_b = max(1e-9, (b[2] - b[0]) * (b[3] - b[1]))
-    if width * height / (area_a + area_b - width * height) >= SMALLEST_IOU:
+    first, second = np.array([a]), np.array([b])
+    if iou_matrix(first, second)[0, 0] >= SMALLEST_IOU:
         return True
+    ratio = max(box_areas(first)[0], 1e-9) / max(box_areas(second)[0], 1e-9)
     u, v = (a[0] + a[2]) / 2, (a[1] + a[3]) / 2
     inside = b[0] <= u <= b[2] and b[1] <= v <= b[3]
-    return inside and 1 / LARGEST_AREA_RATIO <= area_a / area_b <= LARGEST_AREA_RATIO
+    return bool(inside and 1 / LARGEST_AREA_RATIO <= ratio <= LARGEST_AREA_RATIO)
 
 
 def _meet(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> bool:

@@ -12,6 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.evaluation import Backs, FalseSign, Match, MissedPanel, RenderedEvaluation
+from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
 """A panel that should be found faces the camera, so tall and so visible, in so many pictures."""
@@ -81,14 +82,6 @@ def _judge_backs(rows: Sequence[Row], truth: Row) -> Backs:
     return Backs(len(rows), len(pairs), sum(count >= FEWEST_FRAMES for count in tall))
 
 
-def cover(inner: Sequence[float], outer: Sequence[float]) -> float:
-    """Share of box `inner` that lies in box `outer`."""
-    width = min(inner[2], outer[2]) - max(inner[0], outer[0])
-    height = min(inner[3], outer[3]) - max(inner[1], outer[1])
-    area = (inner[2] - inner[0]) * (inner[3] - inner[1])
-    return width * height / area if width > 0 and height > 0 and area > 0 else 0.0
-
-
 def _matched(
     signs: Sequence[Row], panels: Sequence[Row], frames: Sequence[Row]
 ) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:
@@ -127,7 +120,8 @@ def _false(sign: Row, truth: Row) -> FalseSign:
             for view in thing["frames"]:
                 if view["frame"] != sign["best_frame"]:
                     continue
-                covered = cover(sign["best_box"], view["box"])
+                boxes = np.array([sign["best_box"]]), np.array([view["box"]])
+                covered = float(covered_fractions(*boxes)[0, 0])
                 if covered > best:
                     best, cause = covered, f"{kind} {thing['kind']} {thing['id']}"
     return FalseSign(

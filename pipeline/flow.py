@@ -62,14 +62,17 @@ class Flow:
         by_report = s.candidates.judge == "report"
         found = self._by_report(segmented) if by_report else self._by_classifier(segmented)
         if s.features.sift:
-            found = stage("sift", extract_sift(found))
+            found = stage("sift", extract_sift(found, settings=s.sift))
         return stage("features", extract_features(found, settings=s.features))
 
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
-        m = self.models
+        s, m = self.settings, self.models
         colored = self.stage("color", classify_color(segmented, model=m.color_classes, gate=True))
-        return self.stage("shape", classify_shape(colored, model=m.shape_classes, gate=True))
+        return self.stage(
+            "shape",
+            classify_shape(colored, model=m.shape_classes, settings=s.region_outline, gate=True),
+        )
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """More regions, and a learned classifier on each."""
@@ -90,7 +93,10 @@ class Flow:
                 back=m.back_classifier,
             ),
         )
-        return stage("shape", classify_shape(detected, model=m.shape_classes, gate=False))
+        return stage(
+            "shape",
+            classify_shape(detected, model=m.shape_classes, settings=s.region_outline, gate=False),
+        )
 
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order: motion, tracks, landmarks."""
@@ -122,7 +128,7 @@ class Flow:
         """By descriptors as in the report, or by predicted position."""
         s, m = self.settings, self.models
         if s.track.matching == "sift":
-            return match_by_descriptors(posed, settings=s.track)
+            return match_by_descriptors(posed, settings=s.track, sift=s.sift)
         by_report = s.candidates.judge == "report"
         boxes = None if by_report else BoxClassifier(m.box_classifier)
         front = SideClassifiers(boxes, m.landmark_classifier)
@@ -141,7 +147,7 @@ class Flow:
     def panel_method(self) -> PanelMethod:
         """How panels are measured as planes."""
         s = self.settings
-        return PanelMethod(self.models.outline_weights, s.panel, s.registration, s.outline)
+        return PanelMethod(self.models.outline_weights, s.panel, s.registration, s.panel_outline)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

@@ -1,6 +1,6 @@
-"""Learn all model files from rendered drives and real pictures: `python -m wayside.pipeline.learn`.
+"""Learn all model files from rendered drives and real images: `python -m wayside.pipeline.learn`.
 
-The same drives, pictures, seed and package versions give the same files.
+The same drives, images, seed and package versions give the same files.
 """
 
 from __future__ import annotations
@@ -78,16 +78,17 @@ BACKGROUND_OVERLAP = 0.05
 """Regions that overlap no face by more are background."""
 
 LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
-"""Every picture; places come from the truth, and the spacing is for logs without any poses."""
+"""Every image; positions come from the truth, and the spacing is for logs without any poses."""
 
 SCENE_COPIES = 3
-"""How often each real picture is shown, mostly altered: there are few."""
+"""Copies of each real image, mostly altered: there are few."""
 
 REPORT_PICTURE = (1600, 1200)
-"""Width and height of the pictures of the report, in pixels."""
+"""Width and height of the images of the report, in pixels."""
 
 LENIENT = (0.0, 1.0)
-"""How far the bar of the judge of views is lowered to teach that of places: few places are no sign otherwise."""
+"""Log odds by which the threshold of the box classifier is lowered for the landmark classifier: else few landmarks are
+no signs."""
 
 PROCESSES = 2
 """How many drives are tracked at a time."""
@@ -97,9 +98,9 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainingData:
-    """All that is learned from: drives, real pictures as a drive a source, and their pictures, once more, by name.
+    """All that is learned from: drives, real images as a drive a source, and their images, once more, by name.
 
-    crops: clear faces of real pictures; strays (n, 2): where things stand that are no signs, metres right and up.
+    crops: clear faces of real images; distractors (n, 2): positions of objects that are no signs, metres right and up.
     """
 
     drives: tuple[TrainingDrive, ...]
@@ -111,16 +112,16 @@ class TrainingData:
     def features_of(
         self, drive: TrainingDrive, candidates: CandidateSamples
     ) -> NDArray[np.float32]:
-        """What the judge sees of some candidates of a drive, (n, features): goes through its pictures again."""
+        """Box features (n, features) of some candidates of a drive, from its images read once more."""
         return read_box_features(self.reread[drive.name](), candidates)
 
     def patches_of(self, drive: TrainingDrive, candidates: CandidateSamples) -> NDArray[np.uint8]:
-        """The pixels of some candidates of a drive, (n, 32, 32, 3): goes through its pictures again."""
+        """Patches (n, 32, 32, 3) of some candidates of a drive, from its images read once more."""
         return read_patches(self.reread[drive.name](), candidates)
 
 
 def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -> TrainingData:
-    """Go through all drives and real pictures; raises InputError where one cannot be used."""
+    """Go through all drives and real images; raises InputError where one cannot be used."""
     drives: list[TrainingDrive] = []
     distractors: list[NDArray[np.float64]] = []
     reread: dict[str, Callable[[], Iterator[Image]]] = {}
@@ -132,7 +133,7 @@ def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -
         drives.append(read_drive(images(log), reread[name](), truth, masks))
         distractors.append(distractor_positions(truth))
         notify(
-            f"{log.stem}: {drives[-1].frames} pictures, {len(drives[-1].faces)} clear faces, "
+            f"{log.stem}: {drives[-1].frames} images, {len(drives[-1].faces)} clear faces, "
             f"{len(drives[-1].candidates.frame)} candidates"
         )
     scenes: list[TrainingDrive] = []
@@ -140,7 +141,7 @@ def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -
         for source, listed in scene_sources(read_scenes(real)).items():
             reread[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
             scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed))
-            notify(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
+            notify(f"{source}: {scenes[-1].frames} images, {len(scenes[-1].signs)} faces")
     crops = () if real is None else tuple(real_faces(real))
     return TrainingData(tuple(drives), tuple(scenes), crops, np.concatenate(distractors), reread)
 
@@ -169,22 +170,22 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     samples = gather(logs, real, seed, notify)
     origin = _origin(samples.drives, samples.crops, seed)
     models = gaussian_models(samples.drives, samples.crops, samples.distractors, origin)
-    judges = learn_detector(
+    detector = learn_detector(
         samples.drives, samples.features_of, samples.patches_of, seed, origin, samples.scenes
     )
-    notify(judges.judge.provenance)
-    models |= {"judge.json": judges.judge, "face_box.json": judges.box}
+    notify(detector.classifier.provenance)
+    models |= {"judge.json": detector.classifier, "face_box.json": detector.regressor}
     models["ranking.json"] = learn_ranking(samples.drives, samples.scenes, seed, origin)
     backs: TrainedBackClassifier | None = None
     try:
-        backs = learn_back_classifier(judges.passed, seed, origin)
+        backs = learn_back_classifier(detector.passed, seed, origin)
     except InputError as error:
-        notify(f"back.json not written, backs of panels are not looked for: {error}")
+        notify(f"back.json not written, backs of panels are not detected: {error}")
     else:
-        models["back.json"] = backs.judge
+        models["back.json"] = backs.classifier
     for what in ("color", "shape"):
         try:
-            models[f"face_{what}.json"] = learn_name_network(judges.passed, what, seed, origin)
+            models[f"face_{what}.json"] = learn_name_network(detector.passed, what, seed, origin)
         except InputError as error:
             notify(
                 f"face_{what}.json not written, the {what} of a face is its nearest class: {error}"
@@ -194,27 +195,32 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     except InputError as error:
         notify(f"outline.json not written, the model that ships is used: {error}")
     digests = {name: _write(out / name, model, notify) for name, model in models.items()}
-    places = _places(logs, judges, backs, out)
+    places = _places(logs, detector, backs, out)
     for name, back, threshold in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
         try:
             place = learn_landmark_classifier(places.side(back=back), origin, threshold)
         except InputError as error:
-            notify(f"{name}.json not written, such places are judged by their fit alone: {error}")
+            notify(
+                f"{name}.json not written, such landmarks are classified by their fit alone: {error}"
+            )
         else:
             digests[f"{name}.json"] = _write(out / f"{name}.json", place, notify)
     return digests
 
 
 def _places(
-    logs: Sequence[Path], judges: TrainedDetector, backs: TrainedBackClassifier | None, folder: Path
+    logs: Sequence[Path],
+    detector: TrainedDetector,
+    backs: TrainedBackClassifier | None,
+    folder: Path,
 ) -> LandmarkSamples:
-    """What tracking finds on each drive, two drives at a time, judged by trees that have not seen it.
+    """Landmarks of each drive by out-of-fold detectors, two drives at a time.
 
     The models of colour and shape are those just written into `folder`.
     """
     names = [read_truth(log.with_suffix(".truth.json"))["name"] for log in logs]
     behind = [None if backs is None else backs.out_of_fold[name] for name in names]
-    faces = [judges.out_of_fold[name] for name in names]
+    faces = [detector.out_of_fold[name] for name in names]
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
@@ -230,18 +236,20 @@ def _places_of(
 def _tracked(
     folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
 ) -> Iterator[PosedDrive]:
-    """A drive up to its motion, with its truth, once for each bar of the judge of views."""
+    """A drive up to its motion, with its truth, once for each threshold of the box classifier."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
     truth = read_truth(log.with_suffix(".truth.json"))
-    stranger, box = face
+    classifier, box = face
     for lower in LENIENT:
-        judge = replace(stranger, threshold=stranger.threshold - lower)
-        seen_by = replace(models, box_classifier=judge, box_regressor=box, back_classifier=back)
-        flow = Flow(settings, seen_by, StageClock())
+        classifier = replace(classifier, threshold=classifier.threshold - lower)
+        flow_models = replace(
+            models, box_classifier=classifier, box_regressor=box, back_classifier=back
+        )
+        flow = Flow(settings, flow_models, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(flow.detect(frames), settings.motion)
-        yield PosedDrive(moved, judge, back, truth, flow.panel_method())
+        yield PosedDrive(moved, classifier, back, truth, flow.panel_method())
 
 
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
@@ -261,9 +269,9 @@ def gaussian_models(
     distractors: NDArray[np.float64],
     origin: str,
 ) -> dict[str, Model]:
-    """Colours, shapes and places, by the name of their file.
+    """Gaussian classes of colour, shape and location, by the name of their file.
 
-    The report's classes are those of its one camera, as far as there are drives with pictures of that size.
+    The report's classes are those of its one camera, as far as there are drives with images of that size.
     """
     report_drives = [drive for drive in drives if drive.size == REPORT_PICTURE] or drives
     faces = [*(face for drive in report_drives for face in drive.faces), *crops]
@@ -281,23 +289,23 @@ def gaussian_models(
 
 
 def images(log: Path) -> Iterator[Image]:
-    """Every picture of a log, decoded, in order."""
+    """Every image of a log, decoded, in order."""
     return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
 def _shown(log: Path, seed: int) -> Iterator[Image]:
-    """The pictures of a log as the judge is taught with them."""
+    """The images of a log as the detector is learned with them."""
     return through_other_cameras(images(log), seed)
 
 
 def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iterator[Image]:
-    """Real pictures as the judge is taught with them."""
+    """Real images as the detector is learned with them."""
     return through_other_cameras(scene_images(folder, scenes), seed)
 
 
 def _origin(drives: Sequence[TrainingDrive], crops: Sequence[FaceSample], seed: int) -> str:
-    counted = ", ".join(f"{d.name} ({d.frames} pictures, {len(d.faces)} faces)" for d in drives)
-    real = f"; {len(crops)} faces of real pictures" if crops else ""
+    counted = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
+    real = f"; {len(crops)} faces of real images" if crops else ""
     packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn", "torch"))
     return f"rendered drives {counted}{real}; seed {seed}; {packages}"
 
@@ -327,7 +335,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The command line; the exit status."""
     parser = argparse.ArgumentParser(prog="python -m wayside.pipeline.learn", description=__doc__)
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
-    parser.add_argument("--real", type=Path, help="folder of real pictures with boxed signs")
+    parser.add_argument("--real", type=Path, help="folder of real images with boxed signs")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)

@@ -27,7 +27,7 @@ class GaussianClass:
 
 @dataclass(frozen=True, slots=True)
 class GaussianModel:
-    """Classes told apart by Mahalanobis distance (report eq. 3.1), in the named space."""
+    """Classes by Mahalanobis distance (report eq. 3.1), in the named space."""
 
     kind: ClassVar[str] = "gaussian"
     space: str

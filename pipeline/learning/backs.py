@@ -1,7 +1,4 @@
-"""The judge of one view for panels seen from behind: bare backs, learned as faces are, from the same candidates.
-
-All that judges a drive here has not seen it.
-"""
+"""The box classifier of panels seen from behind, learned as that of faces is, from the same candidates."""
 
 from __future__ import annotations
 
@@ -15,8 +12,8 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel
 from wayside.stages.classifiers import log_odds
 
-FALSE_PER_PICTURE = 1.0
-"""Boxes off any back, after suppression, that pass in a held-out picture."""
+FALSE_PER_IMAGE = 1.0
+"""Boxes off any back, after suppression, that pass in a held-out image."""
 
 FEWEST = 5
 """Candidates on backs in half of the drives without which nothing is learned."""
@@ -24,16 +21,16 @@ FEWEST = 5
 
 @dataclass(frozen=True, slots=True)
 class TrainedBackClassifier:
-    """The judge taught with all drives, and for each drive, by name, one that never saw it."""
+    """The classifier learned from all drives, and for each drive, by name, one of the other fold."""
 
-    judge: TreeModel
+    classifier: TreeModel
     out_of_fold: dict[str, TreeModel]
 
 
 def learn_back_classifier(
     passed: Sequence[PrefilteredDrive], seed: int, provenance: str
 ) -> TrainedBackClassifier:
-    """Learn the judge from what the gate let pass of rendered drives: nobody has boxed the backs of real pictures.
+    """Learn from the candidates of rendered drives that pass the pre-filter: backs of real images have no boxes.
 
     Raises
     ------
@@ -47,25 +44,27 @@ def learn_back_classifier(
     fewest = min(sum(group) for group in (on[0::2], on[1::2]) if group)
     if fewest < FEWEST:
         raise InputError(
-            f"judge of backs: wanted {FEWEST} candidates on backs of panels in either half of the drives, "
+            f"classifier of backs: wanted {FEWEST} candidates on backs of panels in either half of the drives, "
             f"found {fewest}; add drives"
         )
     names = [one.drive.name for one in seen]
-    judge, others = out_of_fold_models(names, seen, lambda some: fit_box_classifier(some, seed))
+    classifier, others = out_of_fold_models(
+        names, seen, lambda some: fit_box_classifier(some, seed)
+    )
     rates = detection_rates(
         seen,
         [log_odds(others[n], one.values) for n, one in zip(names, seen, strict=True)],
-        FALSE_PER_PICTURE,
+        FALSE_PER_IMAGE,
     )
-    words = f"{provenance}; backs of panels, {rates.words()}; accept at {FALSE_PER_PICTURE:g} false boxes a picture"
+    words = f"{provenance}; backs of panels, {rates.words()}; accept at {FALSE_PER_IMAGE:g} false boxes an image"
     return TrainedBackClassifier(
-        replace(judge, threshold=rates.threshold, provenance=words),
+        replace(classifier, threshold=rates.threshold, provenance=words),
         {name: replace(other, threshold=rates.threshold) for name, other in others.items()},
     )
 
 
 def of_backs(one: PrefilteredDrive) -> PrefilteredDrive:
-    """The same candidates, labelled by the backs that the pictures show instead of the faces."""
+    """The same candidates, labelled by the backs that the images show instead of the faces."""
     backs, candidates = one.drive.backs, one.candidates
     drive = replace(one.drive, true_faces=backs, wanted=backs.is_example)
     return replace(

@@ -14,7 +14,7 @@ from wayside.schemas.models import TreeModel
 
 @dataclass(frozen=True, slots=True)
 class Boosting:
-    """Size and pace of the trees; small and many, each tree sees a share of the features."""
+    """Number, size and learning rate of the trees; each tree gets a fraction of the features."""
 
     trees: int = 250
     leaves: int = 24

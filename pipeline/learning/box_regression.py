@@ -1,4 +1,4 @@
-"""The network that moves a candidate's box onto the face that it lies on, learned from faces that are known."""
+"""Learning of bounding-box regression from candidates on known faces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection import REGION_FEATURES, SIDES, box_feature_names
 
 REGION_ONLY = REGION_FEATURES[REGION_FEATURES.index("fill") :]
-"""What the judge knows of the region rather than of what its box shows: not looked at."""
+"""Box features of the region rather than of the pixels of its box: not used."""
 
 PARTLY = 0.2
 """Overlap (IoU) with a face from which a candidate is an example."""
@@ -31,7 +31,7 @@ BOX = NetworkTraining(hidden=64, weight_decay=1.0, learning_rate=1e-3, rounds=12
 
 @dataclass(frozen=True, slots=True)
 class BoxRegressionSamples:
-    """Boxes on faces of one drive: values (n, features), by (n, 4) where the face's sides are, weight (n,)."""
+    """Boxes on faces of one drive: values (n, features), offset (n, 4) of the sides of the face, weight (n,)."""
 
     values: NDArray[np.float32]
     offset: NDArray[np.float64]
@@ -45,7 +45,7 @@ def regression_samples(
     features_of: Callable[[TrainingDrive, CandidateSamples], NDArray[np.float32]],
     seed: int,
 ) -> BoxRegressionSamples:
-    """Examples of a drive: its candidates on faces, each face of the same weight, and as much of shaken boxes."""
+    """Examples of a drive: its candidates on faces, each face of the same weight, and jittered boxes."""
     near = np.flatnonzero(candidates.overlap >= PARTLY)
     near = near[drive.true_faces.is_example[candidates.face[near]]]
     face = candidates.face[near]
@@ -64,7 +64,7 @@ def regression_samples(
 
 
 def jittered_boxes(drive: TrainingDrive, seed: int) -> CandidateSamples:
-    """Boxes round every face that teaches, off it by chance."""
+    """Boxes around every example face, randomly shifted and stretched."""
     rng = np.random.default_rng(seed)
     face = np.repeat(np.flatnonzero(drive.true_faces.is_example), JITTERED)
     true = drive.true_faces.box[face]

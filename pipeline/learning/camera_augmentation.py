@@ -1,7 +1,7 @@
-"""The same scene through another camera: what training pictures are shown as, too.
+"""Augmentation: training images altered as if another camera had taken them.
 
-Rendered pictures all come from one camera model in good light. Recorded ones are burnt out, crushed, over-sharpened,
-soft, tinted, noisy and compressed; a judge that has never seen that takes a clear sign in hard light for nothing.
+Rendered images all come from one camera model in good light. Recorded ones are burnt out, crushed, over-sharpened,
+soft, tinted, noisy and compressed; a classifier learned without that misses clear signs in hard light.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Image
 
 ALTERED_FRACTION = 0.5
-"""Share of the pictures that are shown through another camera; the others stay as they are."""
+"""Fraction of the images that are altered; the others stay as they are."""
 STOPS, CONTRAST, SATURATION, TINT = (-0.8, 0.8), (0.75, 1.9), (0.6, 1.5), 0.05
 """Ranges of exposure (powers of two), contrast about a middle grey, saturation; sigma of the log of channel gains."""
 SOFT_PX, SHARP, NOISE, QUALITY = 1.0, 1.2, 4.0, (45, 95)
-"""Largest blur (sigma, pixels), sharpening (share), noise (grey values, sigma); JPEG quality from and to."""
+"""Largest blur (sigma, pixels), sharpening (fraction), noise (grey values, sigma); JPEG quality from and to."""
 
 
 def through_other_cameras(
-    images: Iterator[Image], seed: int, share: float = ALTERED_FRACTION
+    images: Iterator[Image], seed: int, fraction: float = ALTERED_FRACTION
 ) -> Iterator[Image]:
-    """The pictures, a share of them altered; which ones and how depends on seed and frame number alone."""
+    """The images, a fraction of them altered; which ones and how depends on seed and frame number alone."""
     for image in images:
         random = np.random.default_rng((seed, image.frame.index))
-        if image.rgb is None or random.random() >= share:
+        if image.rgb is None or random.random() >= fraction:
             yield image
             continue
         rgb = altered(image.rgb, random)
@@ -38,7 +38,7 @@ def through_other_cameras(
 
 
 def altered(rgb: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:
-    """A picture (rows, columns, 3) as another camera might have taken it: tones, then optics, noise and JPEG.
+    """An image (rows, columns, 3) as another camera might have taken it: tones, then optics, noise and JPEG.
 
     Each step is left out now and then, so that one alone is seen, too.
     """

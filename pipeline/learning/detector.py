@@ -1,6 +1,6 @@
-"""The judge of one view: a quick gate, trees on what passes, there and where the face ends, and a closer look.
+"""Learning of the detector: pre-filter, box regression, box classifier and patch CNN.
 
-All that judges a drive here has not seen it: drives are in two groups, each judged by what the other taught.
+All figures are out of fold: drives are in two folds, and each is evaluated with models learned from the other.
 """
 
 from __future__ import annotations
@@ -45,35 +45,35 @@ from wayside.stages.geometry import non_maximum_suppression
 
 TREES = Boosting()
 NETWORK = NetworkTraining(hidden=128, weight_decay=0.01, learning_rate=1e-3, rounds=12, batch=256)
-"""The network beside the judge's trees: they err on different boxes."""
+"""The network whose output is added to the trees': their errors differ."""
 FACE_FRACTION, NETWORK_WEIGHT = 0.2, 0.5
-"""Faces for each box off them that the network is taught with; the part of its log odds that is added to the trees'."""
+"""Weight of faces to that of other boxes for the network; weight of its log odds in the sum with the trees'."""
 
 BOX_OFF_FRACTION = 0.1
-"""Share of the candidates off any face that the judge is taught with: one background is seen in many pictures."""
+"""Fraction of the candidates off any face that are learned from: one background stands in many images."""
 
 REAL_WEIGHT = 2.0
-"""How many times a candidate of a real picture counts each time it is shown: there are few, and they matter."""
+"""Weight of a candidate of a real image in each of its copies: there are few."""
 
-FALSE_PER_PICTURE = 5.0
-"""Boxes off any face, after suppression, that pass in a held-out picture: the judge of a place decides on them."""
+FALSE_PER_IMAGE = 5.0
+"""Boxes off any face, after suppression, that pass in a held-out image: the landmark classifier decides on them."""
 
 FALSE_OF_TREES = 3.0
-"""The same for the trees alone: what is less than `regression_margin` below their bar at that rate is looked at closer."""
+"""The same for the trees alone: the patch CNN gets boxes down to `regression_margin` below that threshold."""
 
 AT = (0.1, 0.3, 1.0, 3.0)
-"""False boxes a picture at which the share of faces found is stated."""
+"""False boxes an image at which the fraction of faces found is stated."""
 
 FeaturesOf = Callable[[TrainingDrive, CandidateSamples], NDArray[np.float32]]
-"""Goes through the pictures of a drive again for what the trees see of some candidates."""
+"""Box features of some candidates of a drive, from its images read once more."""
 
 PatchesOf = Callable[[TrainingDrive, CandidateSamples], NDArray[np.uint8]]
-"""Goes through the pictures of a drive again for the pixels of some candidates."""
+"""Patches of some candidates of a drive, from its images read once more."""
 
 
 @dataclass(frozen=True, slots=True)
 class PrefilteredDrive:
-    """Candidates of one drive that the gate let pass, with what the judge sees of them."""
+    """Candidates of one drive that pass the pre-filter, with their box features (n, features)."""
 
     drive: TrainingDrive
     candidates: CandidateSamples
@@ -88,27 +88,26 @@ class PrefilteredDrive:
 
 @dataclass(frozen=True, slots=True)
 class DetectionRates:
-    """How a judge does on drives it was not taught with: false boxes a picture, share of faces found, score there."""
+    """Out-of-fold figures of a classifier: false boxes an image, fraction of faces found, score there."""
 
     at: tuple[tuple[float, float, float], ...]
     threshold: float
 
     def words(self) -> str:
         """The figures as a sentence."""
-        found = ", ".join(f"{share:.3f} at {false:g}" for false, share, _ in self.at)
-        return f"held out by drive, share of faces found at false boxes a picture: {found}"
+        found = ", ".join(f"{fraction:.3f} at {false:g}" for false, fraction, _ in self.at)
+        return f"held out by drive, fraction of faces found at false boxes an image: {found}"
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedDetector:
-    """The judge and the network for boxes taught with all drives, and for each drive, by name, such as never saw it.
+    """Box classifier, with its pre-filter, and box regression of all drives, and those of the other fold by drive.
 
-    The judges come with the gate. passed: what the gate let pass of each drive, where it was and moved onto the face,
-    for whoever learns from it next.
+    passed: the candidates of each drive that pass the pre-filter, at their own and at their regressed boxes.
     """
 
-    judge: TreeModel
-    box: NetworkModel
+    classifier: TreeModel
+    regressor: NetworkModel
     out_of_fold: dict[str, tuple[TreeModel, NetworkModel]]
     passed: tuple[PrefilteredDrive, ...]
 
@@ -121,9 +120,9 @@ def learn_detector(
     provenance: str,
     scenes: Sequence[TrainingDrive] = (),
 ) -> TrainedDetector:
-    """Learn gate and judge from all drives; the bar is that of judges which had not seen the drive they judge.
+    """Learn the detector from all drives; its threshold is that of out-of-fold scores.
 
-    `scenes` are real pictures, a source each: they teach too, but the bar is that of the drives.
+    `scenes` are real images, a source each: they are learned from, too, but the threshold is that of the drives.
     """
     prefilter, passed, real = _through_prefilter(drives, scenes, features_of, seed, provenance)
     names = [one.drive.name for one in (*passed, *real)]
@@ -131,59 +130,64 @@ def learn_detector(
         regression_samples(one.drive, one.candidates, one.values, features_of, seed)
         for one in (*passed, *real)
     ]
-    box, other_boxes = out_of_fold_models(
-        names, examples, lambda taught: learn_box_regressor(taught, seed, provenance)
+    regressor, other_regressors = out_of_fold_models(
+        names, examples, lambda training: learn_box_regressor(training, seed, provenance)
     )
     passed, real = (
-        [_with_regressed(one, other_boxes[one.drive.name], features_of) for one in part]
+        [_with_regressed(one, other_regressors[one.drive.name], features_of) for one in part]
         for part in (passed, real)
     )
-    judge, other_judges = out_of_fold_models(
+    classifier, other_classifiers = out_of_fold_models(
         names, [*passed, *real], lambda p: fit_box_classifier(p, seed)
     )
     odds = {
-        one.drive.name: log_odds(other_judges[one.drive.name], one.values) for one in passed + real
+        one.drive.name: log_odds(other_classifiers[one.drive.name], one.values)
+        for one in passed + real
     }
     rates = detection_rates(passed, [odds[one.drive.name] for one in passed], FALSE_OF_TREES)
-    words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the gate"]
+    words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the pre-filter"]
     words += [
         f"{sum(int((p.candidates.label == ON).sum()) for p in passed)} on faces",
         rates.words(),
     ]
     near = rates.threshold - CandidateSettings().regression_margin
-    looked = [patch_samples(one, odds[one.drive.name], near, patches_of) for one in passed + real]
-    patch_cnn, other_closers = _patch_cnns(looked, near, seed)
-    for look in looked:
-        other = other_closers[look.name]
-        odds[look.name][look.rows] = other.tree_weight * look.trees + cnn_log_odds(other, look)
-    rates = detection_rates(passed, [odds[one.drive.name] for one in passed], FALSE_PER_PICTURE)
-    words += [f"with the closer look, {rates.words()}"]
-    words += [f"accept at {FALSE_PER_PICTURE:g} false boxes a picture, held out"]
+    samples = [patch_samples(one, odds[one.drive.name], near, patches_of) for one in passed + real]
+    patch_cnn, other_cnns = _patch_cnns(samples, near, seed)
+    for sample in samples:
+        other = other_cnns[sample.name]
+        odds[sample.name][sample.rows] = other.tree_weight * sample.trees + cnn_log_odds(
+            other, sample
+        )
+    rates = detection_rates(passed, [odds[one.drive.name] for one in passed], FALSE_PER_IMAGE)
+    words += [f"with the patch CNN, {rates.words()}"]
+    words += [f"accept at {FALSE_PER_IMAGE:g} false boxes an image, held out"]
     for one in real:
         found, wanted = faces_found(one, odds[one.drive.name], rates.threshold)
         words.append(f"{one.drive.name}, held out: {found} of {wanted} faces accepted")
 
     def completed(trees: TreeModel, patch_cnn: ConvolutionModel) -> TreeModel:
-        said = "; ".join(words)
+        scores = "; ".join(words)
         return replace(
             trees,
             threshold=rates.threshold,
-            provenance=said,
+            provenance=scores,
             prefilter=prefilter,
             patch_cnn=patch_cnn,
         )
 
     out_of_fold = {
-        name: (completed(trees, other_closers[name]), other_boxes[name])
-        for name, trees in other_judges.items()
+        name: (completed(trees, other_cnns[name]), other_regressors[name])
+        for name, trees in other_classifiers.items()
     }
-    return TrainedDetector(completed(judge, patch_cnn), box, out_of_fold, (*passed, *real))
+    return TrainedDetector(
+        completed(classifier, patch_cnn), regressor, out_of_fold, (*passed, *real)
+    )
 
 
 def patch_samples(
     one: PrefilteredDrive, odds: NDArray[np.float32], near: float, patches_of: PatchesOf
 ) -> PatchSamples:
-    """The pixels of what is near enough to a face by the trees' log odds (n,)."""
+    """The patches of candidates whose log odds (n,) by the trees are at least `near`."""
     rows = np.flatnonzero(odds >= near)
     candidates = one.candidates.select(rows)
     return PatchSamples(
@@ -200,21 +204,24 @@ def patch_samples(
 
 
 def _patch_cnns(
-    looked: Sequence[PatchSamples], near: float, seed: int
+    samples: Sequence[PatchSamples], near: float, seed: int
 ) -> tuple[ConvolutionModel, dict[str, ConvolutionModel]]:
-    """The closer look, and for each drive, by name, one that has not seen it.
+    """The patch CNN, and for each drive, by name, that of the other fold.
 
-    What it and the trees count for, so that both together are log odds, is that of drives they have not seen.
+    The weights of the trees and of the network, so that their sum is a log odds, are those of out-of-fold scores.
     """
-    names = [look.name for look in looked]
+    names = [sample.name for sample in samples]
     patch_cnn, others = out_of_fold_models(
-        names, looked, lambda some: fit_patch_cnn(some, near, seed)
+        names, samples, lambda some: fit_patch_cnn(some, near, seed)
     )
-    known = [look for look in looked if not look.real]
-    label = np.concatenate([look.label for look in known])
-    said = [np.stack([look.trees, cnn_log_odds(others[look.name], look)], axis=1) for look in known]
+    known = [sample for sample in samples if not sample.real]
+    label = np.concatenate([sample.label for sample in known])
+    scores = [
+        np.stack([sample.trees, cnn_log_odds(others[sample.name], sample)], axis=1)
+        for sample in known
+    ]
     (tree_weight, slope), shift = platt(
-        np.concatenate(said)[label != NEITHER], label[label != NEITHER] == ON
+        np.concatenate(scores)[label != NEITHER], label[label != NEITHER] == ON
     )
     by = float(tree_weight), float(slope), shift
     return calibrated(patch_cnn, *by), {name: calibrated(others[name], *by) for name in names}
@@ -223,9 +230,9 @@ def _patch_cnns(
 def detection_rates(
     passed: Sequence[PrefilteredDrive], scores: Sequence[NDArray[np.float32]], accepted: float
 ) -> DetectionRates:
-    """Share of the wanted faces found at several rates of false boxes, after suppression in each picture.
+    """Fraction of the wanted faces found at several rates of false boxes, after suppression in each image.
 
-    accepted: the rate at which the bar is.
+    accepted: the rate that sets the threshold.
     """
     rows: list[tuple[float, bool]] = []
     for one, score in zip(passed, scores, strict=True):
@@ -249,7 +256,7 @@ def detection_rates(
 def _decisions(
     one: PrefilteredDrive, score: NDArray[np.float32], rows: NDArray[np.int64]
 ) -> list[tuple[float, bool]]:
-    """Score of each surviving box of a picture and whether it is on a wanted face; what is neither is left out."""
+    """Score of each surviving box of an image and whether it is on a wanted face; what is neither is left out."""
     rows = rows[np.argsort(-score[rows], kind="stable")]
     max_iou = CandidateSettings().same_face_iou
     rows = rows[non_maximum_suppression(one.candidates.regions.box[rows], max_iou)]
@@ -282,13 +289,13 @@ def _through_prefilter(
     seed: int,
     provenance: str,
 ) -> tuple[TreeModel, list[PrefilteredDrive], list[PrefilteredDrive]]:
-    """The gate of a run, and what one lets pass of the drives and of the scenes to teach the judge."""
-    taught, prefilter = learn_prefilter([*drives, *scenes], seed, provenance)
-    passed = [_through(drive, taught, features_of) for drive in drives]
+    """The pre-filter of a run, and the candidates of drives and scenes that pass that of the learning."""
+    training, prefilter = learn_prefilter([*drives, *scenes], seed, provenance)
+    passed = [_through(drive, training, features_of) for drive in drives]
     return (
         prefilter,
         passed,
-        [_through(source, taught, features_of, real=True) for source in scenes],
+        [_through(source, training, features_of, real=True) for source in scenes],
     )
 
 
@@ -303,10 +310,10 @@ def _through(
 
 
 def _with_regressed(
-    one: PrefilteredDrive, box: NetworkModel, features_of: FeaturesOf
+    one: PrefilteredDrive, regressor: NetworkModel, features_of: FeaturesOf
 ) -> PrefilteredDrive:
-    """What passed, and after it the same with boxes moved onto the face, as far as that changes them."""
-    moved = regressed_regions(box, one.values, one.candidates.regions, CandidateSettings())
+    """The candidates, and after them those whose box regression changes, at the regressed box."""
+    moved = regressed_regions(regressor, one.values, one.candidates.regions, CandidateSettings())
     new = np.flatnonzero((moved.box != one.candidates.regions.box).any(axis=1))
     candidates = labelled(
         moved.select(new),
@@ -322,20 +329,20 @@ def _with_regressed(
 
 
 def fit_box_classifier(passed: Sequence[PrefilteredDrive], seed: int) -> TreeModel:
-    """Trees, and the network beside them, that tell what is on a face from what is off all of them."""
+    """Trees, and the network added to them, that separate boxes on a face from boxes off all of them."""
     rng = np.random.default_rng(seed)
     values, positive, weight = [], [], []
     for one in passed:
         label = one.candidates.label
         near = one.candidates.overlap >= NEAR_FACE
         some = near | (rng.random(len(label)) < BOX_OFF_FRACTION)
-        taught = (label == ON) | ((label == OFF) & some)
-        # the part stands for the whole, so that the log odds stay those of all candidates
-        share = np.where(near, 1.0, 1 / BOX_OFF_FRACTION)
-        share = np.where(label == ON, face_weights(one.candidates), share)
-        values.append(one.values[taught])
-        positive.append(label[taught] == ON)
-        weight.append(one.weight * share[taught])
+        training = (label == ON) | ((label == OFF) & some)
+        # the part is weighted as the whole, so that the log odds stay those of all candidates
+        fraction = np.where(near, 1.0, 1 / BOX_OFF_FRACTION)
+        fraction = np.where(label == ON, face_weights(one.candidates), fraction)
+        values.append(one.values[training])
+        positive.append(label[training] == ON)
+        weight.append(one.weight * fraction[training])
     seen, face = np.concatenate(values), np.concatenate(positive)
     weights = np.concatenate(weight)
     trees = exported_trees(

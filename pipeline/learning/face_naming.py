@@ -1,4 +1,4 @@
-"""The networks that name colour and shape of a face, learned from the candidates on known faces."""
+"""Learning of the networks for the names of colour and shape, from the candidates on known faces."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from wayside.stages.detection import box_feature_names, name_log_probabilities
 from wayside.stages.mapping import DOUBT
 
 PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
-"""What the judge sees of a candidate that does not name its face: how far it is and where."""
+"""Box features that do not depend on the names of a face: distance and position."""
 
 NAMES = {"color": COLORS, "shape": SHAPES}
 
 NAMING = NetworkTraining(hidden=32, weight_decay=0.3, learning_rate=2e-3, rounds=24, batch=64)
 
 FEWEST_VIEWS = 3
-"""Views that a sign needs to be counted where the share of signs named right is stated."""
+"""Views that a sign needs to be counted where the fraction of signs named right is stated."""
 
 
 def learn_name_network(
@@ -105,7 +105,7 @@ def true_names(one: PrefilteredDrive, what: str) -> NDArray[np.str_]:
 
 
 def _balanced_names(names: NDArray[np.str_], weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights that count a name by the square root of its share: rare names more than they are met."""
+    """Weights that count a name by the square root of its fraction: rare names count more."""
     _, which = np.unique(names, return_inverse=True)
     share = np.bincount(which, weight)
     return weight / np.sqrt(np.maximum(share, 1e-9))[which]

@@ -1,4 +1,4 @@
-"""Clear faces that teach colour and shape: those of rendered drives, and those boxed in real pictures."""
+"""Clear faces as samples of colour and shape: those of rendered drives, and those boxed in real images."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
+from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.report import region_sequences
 
 CLEAR_FRACTION, CLEAR_PX = 0.8, 15
-"""A face teaches colour and shape where this share of it is seen and it is so tall."""
+"""A face is a sample of colour and shape where this fraction of it is visible and it is so tall, pixels."""
 
 WHOLE = 0.75
-"""An outline teaches a shape where its box overlaps the face's by this much (IoU)."""
+"""An outline is a sample of a shape where its box overlaps the face's by this much (IoU)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ def clear_faces(
     here: list[tuple[dict[str, Any], dict[str, Any]]],
     drive: str,
 ) -> list[FaceSample]:
-    """The faces of one picture that are clear enough to teach colour and shape."""
+    """The faces of one image that are clear enough to be samples of colour and shape."""
     found = []
     for sign, view in here:
         clear = visible_fraction(view) >= CLEAR_FRACTION and height_px(view) >= CLEAR_PX
@@ -55,7 +56,7 @@ def clear_faces(
         box = np.array([view["box"]])
         mean = main_color(pixels)
         size = box[0, 2:] - box[0, :2]
-        outline = region_sequences(rgb, box, mean[None])[0]
+        outline = region_sequences(rgb, box, mean[None], RegionOutlineSettings())[0]
         found.append(
             FaceSample(
                 f"{drive}/{sign['id']}",
@@ -84,7 +85,7 @@ def main_color(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def real_faces(folder: Path) -> list[FaceSample]:
-    """Faces of the signs boxed in real pictures: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
+    """Faces of the signs boxed in real images: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
     scenes = folder / "scenes"
     try:
         listed = json.loads((scenes / "scenes.json").read_text(encoding="utf-8"))
@@ -116,7 +117,9 @@ def _real_face(
     if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
         return []
     mean = main_color(pixels)
-    outline = region_sequences(rgb, np.array([box], np.float64), mean[None])[0]
+    outline = region_sequences(
+        rgb, np.array([box], np.float64), mean[None], RegionOutlineSettings()
+    )[0]
     aspect = (x1 - x0) / (y1 - y0)
     face = FaceSample(name, sign["color"], sign["shape"], False, aspect, mean, _whole(outline, box))
     return [face]
@@ -136,12 +139,12 @@ def _whole(outline: NDArray[np.complex128], box: NDArray[Any]) -> NDArray[np.com
 def _read_rgb(path: Path) -> NDArray[np.uint8]:
     pixels = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if pixels is None:
-        raise InputError(f"{path}: wanted a picture, found none that can be read; correct --real")
+        raise InputError(f"{path}: wanted an image, found none that can be read; correct --real")
     return np.ascontiguousarray(pixels, np.uint8)
 
 
 def visible_fraction(view: dict[str, Any]) -> float:
-    """Share of a face that is visible in a view of the truth."""
+    """Fraction of a face that is visible in a view of the truth."""
     return float(view["visible_fraction"] or 0.0)
 
 

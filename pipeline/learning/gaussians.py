@@ -1,4 +1,4 @@
-"""Gaussian classes with thresholds: colours, shapes, places."""
+"""Gaussian classes with thresholds: colours, shapes, locations."""
 
 from __future__ import annotations
 

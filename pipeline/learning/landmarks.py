@@ -1,4 +1,4 @@
-"""The judge of a place is learned from the places that tracking finds on drives with truth."""
+"""Learning of the landmark classifier from the landmarks that tracking finds on drives with truth."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ from wayside.schemas.models import TreeModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
+from wayside.stages.geometry import iou_matrix
 from wayside.stages.mapping import FEATURES, SideClassifiers, track
 from wayside.stages.panel import PanelMethod
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
-"""Median overlap (IoU) of the nearest boxes with a true face from which a place is that face; overlap with one
-above which it is nobody's example."""
+"""Median overlap (IoU) of the nearest boxes with a true face from which a landmark is that face; overlap with one
+above which it is no example."""
 NEAREST = 3
 FEWEST = 2
-"""Places of fewer views than are reported teach, too: there are more of them, and the judge knows the number."""
+"""Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
 TREES = Boosting(
     trees=80, leaves=5, learning_rate=0.06, weight_decay=2.0, smallest_leaf=8, feature_fraction=0.5
 )
 ACCEPT, ACCEPT_BACK = -1.4, 0.0
-"""Log odds below which a place is refused outright; between that and the confidence setting a face is uncertain. A back
+"""Log odds below which a landmark is refused; between that and the confidence setting a face is uncertain. A back
 is reported where that is likelier than not."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
 
 
 @dataclass(frozen=True, slots=True)
 class PosedDrive:
-    """A drive with truth up to its motion: frames with candidates, and the classifiers of one view that made them.
+    """A drive with truth up to its motion: frames with candidates, and the box classifiers that scored them.
 
     panel: how panels are measured; None: they are not.
     """
@@ -51,7 +52,7 @@ class PosedDrive:
 
 @dataclass(frozen=True, slots=True)
 class LandmarkSamples:
-    """Places of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
+    """Landmarks of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
 
     back (n,) bool: whether it was followed as the back of a panel.
     """
@@ -68,10 +69,10 @@ class LandmarkSamples:
 
 
 def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
-    """All places that tracking finds on drives with truth, labelled by it.
+    """All landmarks that tracking finds on drives with truth, labelled by it.
 
-    The scores of the candidates must come from judges of views that have not seen the drive, or the places look surer
-    than places of a new drive ever will. A drive may come more than once, looked at by judges of different bars.
+    The scores of the candidates must be out of fold, or they are higher than those of a new drive. A drive may come
+    more than once, with classifiers of different thresholds.
     """
     values: list[tuple[float, ...]] = []
     labels: list[int] = []
@@ -100,7 +101,7 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
 
 
 def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
-    """The places of several drives, a part each, in one; drives are numbered by the order of the parts."""
+    """The landmarks of several drives, a part each, in one; drives are numbered by the order of the parts."""
     return LandmarkSamples(
         np.concatenate([part.values for part in parts]),
         np.concatenate([part.label for part in parts]),
@@ -112,13 +113,13 @@ def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
 def learn_landmark_classifier(
     places: LandmarkSamples, provenance: str, accept: float = ACCEPT
 ) -> TreeModel:
-    """Fit and calibrate the judge of places; raises InputError where there are too few of either kind."""
+    """Fit and calibrate the landmark classifier; raises InputError where there are too few of either kind."""
     known = places.label != NEITHER
     values, sign = places.values[known], places.label[known] == SIGN
     drive = places.drive[known]
     if min(sign.sum(), (~sign).sum()) < 2 * TREES.smallest_leaf or len(np.unique(drive)) < 2:
         raise InputError(
-            f"place judge: wanted two drives and {2 * TREES.smallest_leaf} places of either kind, found "
+            f"landmark classifier: wanted two drives and {2 * TREES.smallest_leaf} landmarks of either kind, found "
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
     slope, shift = calibration(values, sign, drive)
@@ -146,13 +147,14 @@ def panels_by_frame(truth: dict[str, Any]) -> dict[int, list[Panel]]:
 
 
 def label_of(place: Landmark, known: dict[int, list[Panel]]) -> int:
-    """Whether the nearest views of a place lie on one true panel, seen from its side, on none, or in between."""
+    """Whether the nearest views of a landmark lie on one true panel, seen from its side, on none, or in between."""
     near = sorted(place.views, key=lambda view: -view.frame)[:NEAREST]
     overlaps: dict[int, list[float]] = {}
     for view in near:
         for sign, back, box in known.get(view.frame, ()):
             if back == place.back:
-                overlaps.setdefault(sign, []).append(overlap(view, box))
+                overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
+                overlaps.setdefault(sign, []).append(float(overlap))
     if any(_on_face(own, near) for own in overlaps.values()):
         return SIGN
     between = any(max(own) > NEAR_FACE for own in overlaps.values())
@@ -161,16 +163,6 @@ def label_of(place: Landmark, known: dict[int, list[Panel]]) -> int:
 
 def _on_face(overlaps: Sequence[float], near: Sequence[Observation]) -> bool:
     return float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
-
-
-def overlap(view: Observation, box: Sequence[float]) -> float:
-    """Intersection over union of a view's box and a true box."""
-    wide = min(view.box[2], box[2]) - max(view.box[0], box[0])
-    tall = min(view.box[3], box[3]) - max(view.box[1], box[1])
-    if wide <= 0 or tall <= 0:
-        return 0.0
-    own = (view.box[2] - view.box[0]) * (view.box[3] - view.box[1])
-    return wide * tall / (own + (box[2] - box[0]) * (box[3] - box[1]) - wide * tall)
 
 
 def calibration(

@@ -41,10 +41,10 @@ def fit_network(
     ----------
     values : (n, features) float32
     target : (n,) of two or more names, or (n, outputs) of numbers
-        What the outputs are taught to tell: the softmax of the outputs is the chance of each name; the only output for
-        two names that are False and True is the log odds; numbers are told as they are.
+        Targets: the softmax of the outputs is the probability of each name; the only output for two names that are
+        False and True is the log odds; numbers are regressed.
     weight : (n,)
-        Rows of weight 0 are not looked at.
+        Rows of weight 0 are not used.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""The closer look is learned from the pixels of boxes that the trees hold for possible; fitted by PyTorch.
+"""Learning of the patch CNN from the boxes that score high enough by the trees; fitted by PyTorch.
 
-Each time a patch is shown to the network it is shown a little differently: mirrored, brighter, paler, softer, noisier,
-moved. There are few faces, and fewer kinds of them, so what must not matter has to be said.
+Patches are augmented each time they are drawn: mirrored, brighter, paler, softer, noisier, moved. There are few faces,
+and fewer kinds of them.
 """
 
 from __future__ import annotations
@@ -29,35 +29,35 @@ FILTERS, POOLED, HIDDEN = (24, 32, 64), (True, True, True), 96
 """Filters of each layer, the layers that are halved, units behind them."""
 
 BATCH, ROUNDS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 256, 3.5, 4e-3, 1e-2, 0.3
-"""Patches of a step, how many are shown for each there is, largest step, decay of the weights, hidden units dropped."""
+"""Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
 
 TOGETHER = 4096
-"""Boxes that are looked at at once after the learning."""
+"""Boxes that are evaluated at once after the learning."""
 
 REAL_FRACTION = 0.1
-"""Share of the patches shown that are of real pictures: there are few, and they matter."""
+"""Fraction of the drawn patches that are of real images: there are few."""
 
 WHOLE, NONE = 0.75, 0.25
 """Overlap (IoU) with a face from which a box is all right, and at which it would be all wrong."""
 
 BRIGHTNESS = (4.5, 0.6)
-"""Mean and scatter of the brightness of boxes, as `relative_colors` tells it: it is altered with the patch."""
+"""Mean and scatter of the brightness of boxes, as `relative_colors` gives it: it is altered with the patch."""
 
 FARTHEST = 4.0
-"""Standard deviations beyond which a feature says no more."""
+"""Standard deviations at which a feature is cut off."""
 
 EXPOSURE, CONTRAST, SATURATION, TINT, NOISE, SOFT_FRACTION = 0.25, 0.25, 0.25, 0.05, 6.0, 0.3
 """How patches are altered: sigmas of the logarithms of exposure, contrast, saturation, channel gains; noise in grey
-values at most; share that is softened."""
+values at most; fraction that is blurred."""
 MOVED, STRETCHED, MIDDLE_GREY = 0.04, 0.05, 100.0
 """Sigmas of how far patches are moved and stretched, in half sides; the grey that contrast leaves."""
 
 
 @dataclass(frozen=True, slots=True)
 class PatchSamples:
-    """Boxes of one drive, n rows: patches (n, 32, 32, 3) uint8, told (n, 6), label, overlap and face of `CandidateSamples`.
+    """Boxes of one drive, n rows: patches (n, 32, 32, 3) uint8, placement (n, 6), label, overlap and face.
 
-    name: of the drive; rows (n,): which of its candidates; trees (n,): log odds by trees that have not seen it.
+    name: of the drive; rows (n,): which of its candidates; trees (n,): out-of-fold log odds by the trees.
     """
 
     name: str
@@ -71,8 +71,8 @@ class PatchSamples:
     real: bool
 
 
-def fit_patch_cnn(looked: Sequence[PatchSamples], near: float, seed: int) -> ConvolutionModel:
-    """Fit the network; as many faces as other boxes are shown to it, so its log odds want `calibrated`.
+def fit_patch_cnn(samples: Sequence[PatchSamples], near: float, seed: int) -> ConvolutionModel:
+    """Fit the network; as many faces as other boxes are drawn, so its log odds must be `calibrated`.
 
     A box counts as a face as far as it is drawn round it, so that the best of several boxes is the one that fits.
 
@@ -85,10 +85,10 @@ def fit_patch_cnn(looked: Sequence[PatchSamples], near: float, seed: int) -> Con
     """
     torch = _torch()
     torch.manual_seed(seed)
-    patches = torch.from_numpy(np.concatenate([one.patches for one in looked]))
-    placement = np.concatenate([one.placement for one in looked])
-    label = np.concatenate([one.label for one in looked])
-    overlap = np.concatenate([one.overlap for one in looked])
+    patches = torch.from_numpy(np.concatenate([one.patches for one in samples]))
+    placement = np.concatenate([one.placement for one in samples])
+    label = np.concatenate([one.label for one in samples])
+    overlap = np.concatenate([one.overlap for one in samples])
     share = np.clip((overlap - NONE) / (WHOLE - NONE), 0, 1)
     target = torch.from_numpy(np.where(label == ON, share, 0).astype(np.float32))
     mean, scale = placement.mean(axis=0), placement.std(axis=0) + 1e-3
@@ -105,7 +105,7 @@ def fit_patch_cnn(looked: Sequence[PatchSamples], near: float, seed: int) -> Con
     rng = np.random.default_rng(seed)
     drawn = [
         rng.choice(len(label), (steps, BATCH // 2), p=probability)
-        for probability in sampling_probabilities(looked)
+        for probability in sampling_probabilities(samples)
     ]
     for rows in np.concatenate(drawn, axis=1):
         chosen = torch.from_numpy(rows)
@@ -125,26 +125,26 @@ def fit_patch_cnn(looked: Sequence[PatchSamples], near: float, seed: int) -> Con
 
 
 def sampling_probabilities(
-    looked: Sequence[PatchSamples],
+    samples: Sequence[PatchSamples],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Chance (n,) of each box to be shown as a face, and of each to be shown as none; each sums to 1.
+    """Probability (n,) of each box to be drawn as a face, and of each to be drawn as none; each sums to 1.
 
-    A face of few boxes is shown more often than they are; a box of a real picture more often than one of a drive.
-    Raises InputError where there is nothing of either kind.
+    A face of few boxes is drawn more often than its boxes would be; a box of a real image more often than one of a
+    drive. Raises InputError where there is nothing of either kind.
     """
     faces, others = [], []
-    for one in looked:
+    for one in samples:
         on = one.label == ON
         weight = np.zeros(len(on))
         _, which, count = np.unique(one.face[on], return_inverse=True, return_counts=True)
         weight[on] = 1 / np.sqrt(count[which])
         faces.append(weight)
         others.append((one.label == OFF).astype(np.float64))
-    real = np.concatenate([np.full(len(one.label), one.real) for one in looked])
+    real = np.concatenate([np.full(len(one.label), one.real) for one in samples])
     for what, weights in (("on faces", faces), ("off faces", others)):
         if not np.concatenate(weights).any():
             raise InputError(
-                f"closer look: wanted boxes {what} that the trees hold for possible, found none; add drives"
+                f"patch CNN: wanted boxes {what} that score high enough by the trees, found none; add drives"
             )
     return _even_sources(np.concatenate(faces), real), _even_sources(np.concatenate(others), real)
 
@@ -156,12 +156,12 @@ def _even_sources(weight: NDArray[np.float64], real: NDArray[np.bool_]) -> NDArr
     return np.asarray(probability / probability.sum())
 
 
-def cnn_log_odds(model: ConvolutionModel, looked: PatchSamples) -> NDArray[np.float32]:
-    """What a network says of each box, (n,)."""
+def cnn_log_odds(model: ConvolutionModel, samples: PatchSamples) -> NDArray[np.float32]:
+    """Output (n,) of a network for each box."""
     parts = [np.zeros(0, np.float32)]
-    for first in range(0, len(looked.rows), TOGETHER):
+    for first in range(0, len(samples.rows), TOGETHER):
         some = slice(first, first + TOGETHER)
-        parts.append(patch_log_odds(model, looked.patches[some], looked.placement[some]))
+        parts.append(patch_log_odds(model, samples.patches[some], samples.placement[some]))
     return np.concatenate(parts)
 
 
@@ -200,7 +200,7 @@ def _relative(torch: Any, patches: Any) -> tuple[Any, Any]:
 
 
 def _altered(torch: Any, patches: Any) -> Any:
-    """Patches (n, 32, 32, 3) of bytes, each shown a little differently: (n, 3, 32, 32) numbers."""
+    """Patches (n, 32, 32, 3) of bytes, each augmented: (n, 3, 32, 32) numbers."""
     shown = patches.permute(0, 3, 1, 2).float()
     n = len(shown)
 

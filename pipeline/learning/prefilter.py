@@ -1,4 +1,4 @@
-"""What is not worth a look: a ranking of regions by what is known of them, and a gate that glances at the picture."""
+"""Learning of the ranking of regions and of the pre-filter of the detector."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ from wayside.stages.detection import REGION_FEATURES, prefilter_feature_names
 TREES = Boosting(trees=80, leaves=16, learning_rate=0.12, feature_fraction=0.5)
 
 OFF_FRACTION = 0.2
-"""Share of the candidates off any face that is taught with: there are a hundred to one."""
+"""Fraction of the candidates off any face that are learned from: there are a hundred to one."""
 
 TALL_PX, TALL_LIMITS = 20.0, (0.5, 8.0)
 """Height of a face that counts once for the ranking, and the least and most that a face counts as tall as it."""
 
 PASSED_IN_LEARNING, PASSED_IN_RUN = 500.0, 800.0
-"""Candidates of a picture that the gate lets pass to teach the judge, and in a run, in the mean over what is learned
-from and before the ranking: the judge knows what to make of more than can be held in memory to teach it."""
+"""Candidates of an image that pass in the learning of the box classifier, and in a run, in the mean over the learning
+drives and before the ranking: memory limits the former."""
 
 
 def learn_ranking(
     drives: Sequence[TrainingDrive], scenes: Sequence[TrainingDrive], seed: int, provenance: str
 ) -> TreeModel:
-    """Learn the ranking; its provenance says how many faces it keeps in a picture where it has not seen the drive."""
-    taught = [*drives, *scenes]
-    names = [drive.name for drive in taught]
-    ranking, others = out_of_fold_models(names, taught, lambda some: _fit_ranking(some, seed))
+    """Learn the ranking; its provenance says how many faces of an image it keeps, out of fold."""
+    training = [*drives, *scenes]
+    names = [drive.name for drive in training]
+    ranking, others = out_of_fold_models(names, training, lambda some: _fit_ranking(some, seed))
     most = CandidateSettings().most
     kept = [_faces_kept(drive, others[drive.name], most) for drive in drives]
     found, known = (sum(column) for column in zip(*kept, strict=True))
     words = f"{provenance}; held out by drive, {found} of the {known} wanted faces with a region "
-    words += f"have one among the first {most} of the picture"
+    words += f"have one among the first {most} of the image"
     return replace(ranking, provenance=words)
 
 
 def learn_prefilter(
     drives: Sequence[TrainingDrive], seed: int, provenance: str
 ) -> tuple[TreeModel, TreeModel]:
-    """Learn the gate; with the bar by which it lets pass `PASSED_IN_LEARNING` candidates a picture, and that for `PASSED_IN_RUN`."""
+    """The pre-filter with the threshold that `PASSED_IN_LEARNING` candidates an image pass, and `PASSED_IN_RUN`."""
     weight = np.concatenate([face_weights(d.candidates) for d in drives])
     prefilter = _fit(drives, prefilter_feature_names(), weight, seed)
     score = np.sort(
@@ -64,7 +64,7 @@ def learn_prefilter(
 
     def letting_pass(most: float) -> TreeModel:
         count = min(round(most * frames), len(score))
-        words = f"{provenance}; accept at {most:g} candidates a picture"
+        words = f"{provenance}; accept at {most:g} candidates an image"
         return replace(prefilter, threshold=float(score[count - 1]), provenance=words)
 
     return letting_pass(PASSED_IN_LEARNING), letting_pass(PASSED_IN_RUN)
@@ -76,7 +76,7 @@ def _fit_ranking(drives: Sequence[TrainingDrive], seed: int) -> TreeModel:
 
 
 def _tall_weights(drive: TrainingDrive) -> NDArray[np.float64]:
-    """Weights (n,) of the candidates on faces: a tall one counts more, as near views are few, and place the sign."""
+    """Weights (n,) of the candidates on faces: a tall one counts more, as near views determine the position."""
     box, on = drive.true_faces.box, drive.candidates.label == ON
     height = box[drive.candidates.face[on], 3] - box[drive.candidates.face[on], 1]
     weight = np.ones(len(on))
@@ -90,18 +90,18 @@ def _fit(
     weight: NDArray[np.float64],
     seed: int,
 ) -> TreeModel:
-    """Trees on the first columns of what the gate sees, which have the names of the features; weight: of all rows."""
+    """Trees on the first columns of the pre-filter's features, named `features`; weight: of all rows."""
     label = np.concatenate([d.candidates.label for d in drives])
     values = np.concatenate([d.candidates.prefilter_values[:, : len(features)] for d in drives])
     some = np.random.default_rng(seed).random(len(label)) < OFF_FRACTION
     far = np.concatenate([d.candidates.overlap for d in drives]) < NEAR_FACE
-    taught = (label == ON) | ((label == OFF) & some & far)
-    fitted = fit_trees(values[taught], label[taught] == ON, weight[taught], TREES, seed)
+    training = (label == ON) | ((label == OFF) & some & far)
+    fitted = fit_trees(values[training], label[training] == ON, weight[training], TREES, seed)
     return exported_trees(fitted, features, 0.0, "")
 
 
 def _faces_kept(drive: TrainingDrive, ranking: TreeModel, most: int) -> tuple[int, int]:
-    """How many wanted faces have a region on them among the first of their picture, and how many have one at all."""
+    """How many wanted faces have a region on them among the first of their image, and how many have one at all."""
     candidates = drive.candidates
     odds = log_odds(
         ranking, np.ascontiguousarray(candidates.prefilter_values[:, : len(REGION_FEATURES)])

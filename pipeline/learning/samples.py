@@ -31,19 +31,19 @@ from wayside.stages.imaging import pyramid
 from wayside.stages.segmentation import segment
 
 FACE_FRACTION, FACE_PX = 0.4, 8
-"""A box on a face is an example for the judge from here on; fainter ones count as neither."""
+"""Visible fraction and height of a face, pixels, from which boxes on it are examples; else they count as neither."""
 
 ON_FACE, NEAR_FACE = 0.5, 0.3
 """Overlap (IoU) from which a box is on a face, and below which it is off it; between them it counts as neither."""
 
 TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
-"""Overlap (IoU) from which a box is tight on a face; share of a box from which it lies inside one; overlap from which
-a box that shows a second face as well is no example rather than a bad one."""
+"""Overlap (IoU) from which a box is tight on a face; fraction of a box from which it lies inside one; overlap from
+which a box that shows a second face as well is no example rather than a bad one."""
 
 OFF, ON, NEITHER = 0, 1, -1
 
 SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
-"""Signs of which a picture shows the front (or the back), each with its view there (box, share visible)."""
+"""Signs of which an image shows the front (or the back), each with its view there (box, visible fraction)."""
 
 INVENTED = "invented"
 """Kind of the faces of rendered drives that no catalogue holds."""
@@ -51,10 +51,11 @@ INVENTED = "invented"
 
 @dataclass(frozen=True, slots=True)
 class CandidateSamples:
-    """Candidates of one drive, n rows, as the gate sees them.
+    """Candidates of one drive, n rows, with the features of the pre-filter.
 
-    regions; glance (n, features) float32; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`; overlap (n,)
-    float32 with the nearest face; face (n,) int32 row of that face among all views of the drive (-1: none).
+    regions; prefilter_values (n, features) float32; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
+    overlap (n,) float32 with the nearest face; face (n,) int32 row of that face among all views of the drive (-1:
+    none).
     """
 
     regions: Regions
@@ -89,10 +90,10 @@ class FaceLabel:
 
 @dataclass(frozen=True, slots=True)
 class TrueFaces:
-    """All views of faces of a drive, m rows in order of their pictures.
+    """All views of faces of a drive, m rows in order of their images.
 
-    frame (m,) int64; box (m, 4) float64; teaches (m,) bool: whether a box on it is an example. complete (pictures,)
-    bool: whether a picture has no face beside those.
+    frame (m,) int64; box (m, 4) float64; is_example (m,) bool: whether a box on it is an example. complete (images,)
+    bool: whether an image has no face beside those.
     """
 
     frame: NDArray[np.int64]
@@ -102,7 +103,7 @@ class TrueFaces:
 
     @staticmethod
     def of(seen: Sequence[SignViews], complete: Sequence[bool]) -> TrueFaces:
-        """The views of each picture; how much of a back is visible nobody knows."""
+        """The views of each image; the visible fraction of a back is unknown."""
         candidates = [view for here in seen for _, view in here]
         clear = [
             view.get("side") == "back" or visible_fraction(view) >= FACE_FRACTION
@@ -119,11 +120,11 @@ class TrueFaces:
 
 @dataclass(frozen=True, slots=True)
 class TrainingDrive:
-    """Everything that one rendered drive teaches.
+    """The samples of one rendered drive.
 
-    wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); signs (m,): whose face each
+    wanted (m,) bool: which views of faces should be found (10 px tall, half visible); signs (m,): whose face each
     is; places (signs, 2): right of the path and above the camera, metres, of the signs that face the travel; backs: all
-    views of panels from behind; size: width and height of its pictures, where they are all alike.
+    views of panels from behind; size: width and height of its images, where they are all alike.
     """
 
     name: str
@@ -158,7 +159,7 @@ def read_drive(
     """Go through a drive: clear faces from `images`, candidates from the same as `altered` for the detector.
 
     Both in order; `masks` is the folder of FRAME.png with sign ids. Clear faces are for the classes of the report,
-    which were those of a catalogue: invented faces teach none.
+    which were those of a catalogue: invented faces are no samples.
     """
     seen: dict[int, SignViews] = {}
     behind: dict[int, SignViews] = {}
@@ -197,14 +198,14 @@ def read_drive_images(
     seen: Sequence[SignViews],
     complete: Sequence[bool],
 ) -> TrainingDrive:
-    """Candidates of all pictures, labelled by the faces `seen` in each; no clear faces, no places.
+    """Candidates of all images, labelled by the faces `seen` in each; no clear faces, no places.
 
-    Where the faces of a picture are not `complete`, what is on none of them counts as neither.
+    Where the faces of an image are not `complete`, what is on none of them counts as neither.
     """
     true_faces = TrueFaces.of(seen, complete)
     parts = [_views(item, true_faces) for item in _candidates(images) if item.image.rgb is not None]
     if not parts:
-        raise InputError(f"{name}: wanted pictures, found none that can be used")
+        raise InputError(f"{name}: wanted images, found none that can be used")
     faces = [face for here in seen for face in here]
     return TrainingDrive(
         name,
@@ -220,7 +221,7 @@ def read_drive_images(
 
 
 def read_box_features(images: Iterable[Image], candidates: CandidateSamples) -> NDArray[np.float32]:
-    """What the judge sees of `candidates`, (n, features): a second way through the `images` of their drive."""
+    """Box features (n, features) of `candidates`, from the `images` of their drive read once more."""
     seen = np.zeros((len(candidates.frame), len(box_feature_names())), np.float32)
     for rows, levels, regions, camera in _revisited(images, candidates):
         seen[rows] = box_features(levels, regions, camera)
@@ -238,7 +239,7 @@ def read_patches(images: Iterable[Image], candidates: CandidateSamples) -> NDArr
 def _revisited(
     images: Iterable[Image], candidates: CandidateSamples
 ) -> Iterator[tuple[NDArray[np.int64], tuple[NDArray[np.uint8], ...], Regions, Camera]]:
-    """Rows of the views that each picture has, its levels, the views as regions, and its camera."""
+    """Rows of the views that each image has, its levels, the views as regions, and its camera."""
     for image in images:
         rows = np.flatnonzero(candidates.frame == image.frame.index)
         camera = image.frame.camera
@@ -258,7 +259,7 @@ def sign_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def distractor_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
-    """Right of the camera and above it of things that are no signs, (n, 2) metres, where each is seen first."""
+    """Right of the camera and above it of objects that are no signs, (n, 2) metres, where each is first visible."""
     frames = {frame["index"]: frame for frame in truth["frames"]}
     rows = []
     for thing in truth.get("distractors", ()):
@@ -284,7 +285,7 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
 
 def _candidates(images: Iterable[Image]) -> Iterator[Segmentation]:
-    """The pictures with all candidates that a run of preset `default` ranks."""
+    """The images with all candidates that a run of preset `default` ranks."""
     segmented = segment(iter(images), SegmentSettings(), GateSettings())
     settings = CandidateSettings()
     return propose(segmented, settings=replace(settings, most=settings.most_compared))
@@ -293,7 +294,7 @@ def _candidates(images: Iterable[Image]) -> Iterator[Segmentation]:
 def _views(item: Segmentation, true_faces: TrueFaces) -> CandidateSamples:
     rgb, camera, regions = item.image.rgb, item.frame.camera, item.regions
     if rgb is None or camera is None:
-        raise InputError("learning: wanted pictures with calibration, found one without")
+        raise InputError("learning: wanted images with calibration, found one without")
     prefilter_values = prefilter_features(pyramid(rgb), regions, camera)
     return labelled(regions, prefilter_values, np.full(len(regions), item.frame.index), true_faces)
 
@@ -304,7 +305,7 @@ def labelled(
     frame: NDArray[np.integer[Any]],
     true_faces: TrueFaces,
 ) -> CandidateSamples:
-    """Regions (n,) of some pictures, `frame` (n,), labelled by the faces shown there."""
+    """Regions (n,) of some images, `frame` (n,), labelled by the faces there."""
     n = len(regions)
     overlap, nearest = np.zeros(n, np.float32), np.full(n, -1, np.int32)
     label = np.full(n, OFF, np.int8)
@@ -326,11 +327,11 @@ def labelled(
 def face_labels(
     box: NDArray[np.floating[Any]], faces: NDArray[np.floating[Any]], is_example: NDArray[np.bool_]
 ) -> NDArray[np.int8]:
-    """What each box (n, 4) teaches the judge, (n,): `ON` a face (m, 4), `OFF` all, or `NEITHER`.
+    """Label (n,) of each box (n, 4): `ON` a face (m, 4), `OFF` all, or `NEITHER`.
 
     A face is its whole panel. Where a tight box is on it, a looser one is no example, and what shows only a part of it
-    or a second face as well is none: a judge that takes both for a face loses the plaque below a sign. Faces that do
-    not teach (m,) bool make no examples of the boxes near them.
+    or a second face as well is none: a classifier that accepts both loses the plaque below a sign. Faces that
+    are no example (m,) bool make none of the boxes near them.
     """
     overlap = iou_matrix(box, faces)
     shared = intersection_areas(box, faces)
@@ -355,7 +356,7 @@ def face_labels(
 def face_weights(candidates: CandidateSamples) -> NDArray[np.float64]:
     """Weights (n,) that give each view of a face the same, however many boxes are on it; 1 off the faces.
 
-    Narrow and torn faces (mile posts, crossbucks) have few boxes, and would hardly be taught otherwise.
+    Narrow and torn faces (mile posts, crossbucks) have few boxes, and would hardly be learned otherwise.
     """
     on = candidates.label == ON
     weight = np.ones(len(candidates.label))

@@ -1,6 +1,6 @@
-"""Real pictures with boxed signs as examples for the judge of one view and the names of faces.
+"""Real images with boxed signs as samples for the box classifier and the names of faces.
 
-The pictures stand alone: no drive, no calibration. A field of view of a common camera is assumed, so that angles of
+The images stand alone: no drive, no calibration. A field of view of a common camera is assumed, so that angles of
 sizes and places are of the right order.
 """
 
@@ -19,11 +19,11 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Frame, Image
 
 FOCAL_FRACTION = 0.9
-"""Focal length of the unknown cameras as a share of the picture's longer side."""
+"""Focal length of the unknown cameras as a fraction of the image's longer side."""
 
 
 def read_scenes(folder: Path) -> list[dict[str, Any]]:
-    """The list `scenes/scenes.json` of a folder of real pictures; raises InputError where it is none."""
+    """The list `scenes/scenes.json` of a folder of real images; raises InputError where it is none."""
     path = folder / "scenes" / "scenes.json"
     try:
         return list(json.loads(path.read_text(encoding="utf-8")))
@@ -42,13 +42,13 @@ def scene_sources(scenes: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]
 
 
 def scene_images(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
-    """The pictures of some scenes, numbered from 0."""
+    """The images of some scenes, numbered from 0."""
     for index, scene in enumerate(scenes):
         path = folder / "scenes" / scene["file"]
         rgb = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
         if rgb is None:
             raise InputError(
-                f"{path}: wanted a picture, found none that can be read; correct --real"
+                f"{path}: wanted an image, found none that can be read; correct --real"
             )
         height, width = rgb.shape[:2]
         focal = FOCAL_FRACTION * max(width, height)
@@ -62,7 +62,7 @@ def scene_images(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
 def scene_drive(
     images: Iterable[Image], source: str, scenes: list[dict[str, Any]]
 ) -> TrainingDrive:
-    """The scenes of one source as a drive without places or clear faces, from their pictures in the same order.
+    """The scenes of one source as a drive without places or clear faces, from their images in the same order.
 
     Only complete scenes show what is no sign.
     """

@@ -12,11 +12,12 @@ from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
-    OutlineSettings,
+    PanelOutlineSettings,
     PanelSettings,
     RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
+from wayside.schemas.settings.report import RegionOutlineSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.tree import REPORT, Settings
 
@@ -31,13 +32,15 @@ __all__ = [
     "LocateSettings",
     "ModelSettings",
     "MotionSettings",
-    "OutlineSettings",
+    "PanelOutlineSettings",
     "PanelSettings",
     "ReadSettings",
+    "RegionOutlineSettings",
     "RegistrationSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",
+    "SiftSettings",
     "TrackSettings",
     "setting",
 ]

@@ -131,7 +131,7 @@ class RegistrationSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class OutlineSettings:
+class PanelOutlineSettings:
     """The outer outline of a face in registered views; lengths in samples of the template."""
 
     depth_ratio: float = _expert(

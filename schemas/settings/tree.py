@@ -12,11 +12,12 @@ from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
-    OutlineSettings,
+    PanelOutlineSettings,
     PanelSettings,
     RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
+from wayside.schemas.settings.report import RegionOutlineSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
 
@@ -28,13 +29,15 @@ class Settings:
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    region_outline: RegionOutlineSettings = field(default_factory=RegionOutlineSettings)
+    sift: SiftSettings = field(default_factory=SiftSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
     panel: PanelSettings = field(default_factory=PanelSettings)
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    outline: OutlineSettings = field(default_factory=OutlineSettings)
+    panel_outline: PanelOutlineSettings = field(default_factory=PanelOutlineSettings)
     local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)

@@ -9,19 +9,19 @@ from wayside.schemas.models import ConvolutionModel
 from wayside.stages.kernels import require_array
 
 TOGETHER = 32
-"""Patches evaluated at once: what they need between two layers stays in the processor's cache."""
+"""Patches evaluated at once: the samples between two layers stay in the processor's cache."""
 
 
 def convolution_output(
     model: ConvolutionModel, patches: NDArray[np.float32], values: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """What the network says of each patch, shape (n,).
+    """Output of the network for each patch, shape (n,).
 
     Parameters
     ----------
     model
-        Each layer of filters (3 x 3, borders padded with zeros) is followed by max(0, x), and by the largest of each 2
-        x 2 samples where `halved`; then one hidden layer over all samples and the features, and one output.
+        Each layer of filters (3 x 3, borders padded with zeros) is followed by max(0, x), and by 2 x 2 maximum pooling
+        where `pooled`; then one hidden layer over all samples and the features, and one output.
     patches
         (n, side, side, channels) float32.
     values

@@ -14,14 +14,14 @@ from wayside.schemas.models import GaussianModel
 def require_gaussian_model(
     model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]
 ) -> None:
-    """Refuse a model that has no class, an unknown name or space, or another number of dimensions than its space.
+    """Refuse a model with no class, an unknown name or space, or another number of dimensions than its space.
 
     Parameters
     ----------
     model
-        The model to look at.
+        The model.
     names
-        Names that a class may bear.
+        Names that a class may have.
     spaces
         Spaces that the model may be in, with their dimensions.
 
@@ -54,16 +54,16 @@ def nearest_class(
 ) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
     """Class of each value (n, d): the nearest among those whose threshold holds, else the nearest of all.
 
-    Several classes of a model may bear one name, such as a triangle on its base and one on its point.
+    Several classes of a model may have one name, such as a triangle on its base and one on its point.
 
     Parameters
     ----------
     values
         Coordinates in the model's space; rows that are not finite belong to no class.
     model
-        Classes with thresholds, as `require_gaussian_model` wants them.
+        Classes with thresholds, as `require_gaussian_model` demands.
     names
-        The names that a class may bear; the code of a class is its position here.
+        The names that a class may have; the code of a class is its position here.
 
     Returns
     -------
@@ -76,11 +76,11 @@ def nearest_class(
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     if len(known) == 0:
         return code, distance, accepted
-    gaps = model.distances(values[known])
-    holds = gaps <= np.array([one.threshold for one in model.classes])
+    distances = model.distances(values[known])
+    holds = distances <= np.array([one.threshold for one in model.classes])
     any_holds = np.asarray(holds.any(axis=1))
-    best = np.where(holds | ~any_holds[:, None], gaps, np.inf).argmin(axis=1)
+    best = np.where(holds | ~any_holds[:, None], distances, np.inf).argmin(axis=1)
     code[known] = codes[best]
-    distance[known] = gaps[np.arange(len(known)), best]
+    distance[known] = distances[np.arange(len(known)), best]
     accepted[known] = any_holds
     return code, distance, accepted

@@ -8,12 +8,9 @@ from numpy.typing import NDArray
 from wayside.schemas.models import NetworkModel
 from wayside.stages.kernels import require_array
 
-FARTHEST = 6.0
-"""Standard deviations from the mean beyond which a feature says no more: the network has not seen such."""
-
 
 def log_probabilities(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Logarithm of the chance of each class for each row of `values` (n, features): (n, classes).
+    """Logarithm of the probability of each class for each row of `values` (n, features): (n, classes).
 
     Raises
     ------
@@ -26,7 +23,7 @@ def log_probabilities(model: NetworkModel, values: NDArray[np.float32]) -> NDArr
 
 
 def network_outputs(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What the network says of each row of `values` (n, features), before it is made a chance: (n, classes).
+    """Output of the network for each row of `values` (n, features), before the softmax: (n, classes).
 
     Raises
     ------
@@ -34,6 +31,6 @@ def network_outputs(model: NetworkModel, values: NDArray[np.float32]) -> NDArray
         If the values are of another type or number of columns than the model's.
     """
     require_array(values, "values", np.float32, (None, len(model.features)))
-    scaled = np.clip((values - model.mean) / model.scale, -FARTHEST, FARTHEST)
+    scaled = np.clip((values - model.mean) / model.scale, -model.feature_limit, model.feature_limit)
     hidden = np.maximum(scaled @ model.hidden + model.hidden_bias, np.float32(0))
     return np.asarray(hidden @ model.output + model.output_bias, np.float32)

@@ -157,7 +157,7 @@ _BIN_COSINE = np.cos(np.pi * (np.arange(1, HOG_BINS)) / HOG_BINS).astype(np.floa
 
 @compiled
 def _draw(
-    full: Any, half: Any, quarter: Any, x0: Any, y0: Any, x1: Any, y1: Any, shown: Any
+    full: Any, half: Any, quarter: Any, x0: Any, y0: Any, x1: Any, y1: Any, pixels: Any
 ) -> None:
     """Sample the patch (32, 32, 3), linear between pixels, from the size that is nearest above its own."""
     longest = max(x1 - x0, y1 - y0) / INNER
@@ -193,31 +193,31 @@ def _draw(
             w11 = at[j, 2] * b
             w00 = (256 - at[j, 2]) * (256 - b)
             w10 = (256 - at[j, 2]) * b
-            shown[i, j, 0] = (
+            pixels[i, j, 0] = (
                 w00 * above[c0, 0] + w01 * above[c1, 0] + w10 * below[c0, 0] + w11 * below[c1, 0]
             ) >> 16
-            shown[i, j, 1] = (
+            pixels[i, j, 1] = (
                 w00 * above[c0, 1] + w01 * above[c1, 1] + w10 * below[c0, 1] + w11 * below[c1, 1]
             ) >> 16
-            shown[i, j, 2] = (
+            pixels[i, j, 2] = (
                 w00 * above[c0, 2] + w01 * above[c1, 2] + w10 * below[c0, 2] + w11 * below[c1, 2]
             ) >> 16
 
 
 @compiled
-def _draw_all(full: Any, half: Any, quarter: Any, box: Any, shown: Any) -> None:
+def _draw_all(full: Any, half: Any, quarter: Any, box: Any, pixels: Any) -> None:
     for n in range(box.shape[0]):
-        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], shown[n])
+        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], pixels[n])
 
 
 @compiled
-def _logarithms(shown: Any, log: Any, patch: Any) -> None:
+def _logarithms(pixels: Any, log: Any, patch: Any) -> None:
     """Colours of the patch (3, 32, 32) as logarithms."""
     for i in range(SIDE):
         for j in range(SIDE):
-            red = np.int32(shown[i, j, 0])
-            green = np.int32(shown[i, j, 1])
-            blue = np.int32(shown[i, j, 2])
+            red = np.int32(pixels[i, j, 0])
+            green = np.int32(pixels[i, j, 1])
+            blue = np.int32(pixels[i, j, 2])
             patch[0, i, j] = log[(red + green + blue) // 3]
             patch[1, i, j] = log[red] - log[green]
             patch[2, i, j] = log[blue] - log[green]
@@ -364,14 +364,14 @@ def _features(
     cosine: Any,
     result: Any,
 ) -> None:
-    shown = np.empty((SIDE, SIDE, 3), np.uint8)
+    pixels = np.empty((SIDE, SIDE, 3), np.uint8)
     patch = np.empty((3, SIDE, SIDE), np.float32)
     gradients = CELLS * CELLS * 3
     spread = gradients + HOG_CELLS * HOG_CELLS * HOG_BINS + 1
     for n in range(box.shape[0]):
         row = result[n]
-        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], shown)
-        _logarithms(shown, log, patch)
+        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], pixels)
+        _logarithms(pixels, log, patch)
         _spread(patch, row, spread)
         _cells(patch, row, row[spread])
         _gradients(patch, row, gradients, sine, cosine)

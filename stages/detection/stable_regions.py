@@ -62,7 +62,7 @@ def find_stable_regions(
     smallest, largest : (width, height) in pixels
         Boxes outside are not reported.
     capacity : int
-        Most rows; the first ones met (from the top level down) are kept.
+        Most rows; the first ones (from the top level down) are kept.
 
     Returns
     -------

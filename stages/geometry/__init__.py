@@ -3,6 +3,7 @@
 from wayside.stages.geometry.bound import point_bound, step_bound
 from wayside.stages.geometry.boxes import (
     box_areas,
+    covered_fractions,
     intersection_areas,
     iou_matrix,
     non_maximum_suppression,
@@ -34,6 +35,7 @@ __all__ = [
     "Schedule",
     "box_areas",
     "cholesky_solve",
+    "covered_fractions",
     "cross_matrices",
     "cross_matrix",
     "distort_points",

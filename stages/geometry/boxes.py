@@ -35,6 +35,13 @@ def iou_matrix(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> ND
     return np.asarray(shared / np.maximum(union, 1e-9))
 
 
+def covered_fractions(
+    a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]
+) -> NDArray[np.float64]:
+    """Fraction of the area of each box a (n, 4) that lies in each box b (m, 4): (n, m); 0 where a has no area."""
+    return np.asarray(intersection_areas(a, b) / np.maximum(box_areas(a)[:, None], 1e-9))
+
+
 def non_maximum_suppression(box: NDArray[np.float32], max_iou: float) -> NDArray[np.int64]:
     """Rows of the boxes (n, 4) float32, given best first, that no better kept box overlaps by more than `max_iou`.
 

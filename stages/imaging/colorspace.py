@@ -1,4 +1,4 @@
-"""Spaces in which mean colours are judged."""
+"""Colour spaces of the Gaussian classes and of the features."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 SPACES = ("rgb", "log_chromaticity")
 
 DARK_LEVEL = 4.0
-"""Added to every channel before a logarithm, about the noise of a dark pixel: ratios of near-black stay tame."""
+"""Added to every channel before a logarithm, about the noise of a dark pixel: keeps ratios of near-black colours small.
+The models were learned with it."""
 
 
 def to_space(rgb: NDArray[Any], space: str) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Bytes of a picture message to pixels, one decode a picture."""
+"""Bytes of an image message to pixels, decoded once."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ _END_OF_JPEG, _START_OF_SCAN = b"\xff\xd9", b"\xff\xda"
 def decode(frames: Iterator[Frame]) -> Iterator[Image]:
     """Decode the pixels of every used frame; pass the others on without.
 
-    A picture that cannot be decoded, or only in part, comes out with status `undecodable`; one whose size is not the
+    An image that cannot be decoded, or only in part, comes out with status `undecodable`; one whose size is not the
     camera's with `wrong_size`, since no point of it could be placed. Orientation tags are ignored. OpenCV's own threads
     are left as the process has set them.
 
     Parameters
     ----------
     frames
-        Frames in any state; used ones hold a compressed picture or raw rows.
+        Frames in any state; used ones hold a compressed image or raw rows.
 
     Yields
     ------
-    One picture a frame, in order: `rgb` (height, width, 3) uint8, C-contiguous, and `grey` (height, width) uint8;
+    One image a frame, in order: `rgb` (height, width, 3) uint8, C-contiguous, and `grey` (height, width) uint8;
     both None where the frame is not used.
     """
     for frame in frames:
@@ -100,7 +100,7 @@ def _raw_pixels(frame: Frame, data: NDArray[np.uint8]) -> NDArray[np.uint8] | No
 
 
 def _is_cut_short(data: NDArray[np.uint8]) -> bool:
-    """Whether a JPEG has no end after its last scan: a decoder fills the rest with grey and says nothing."""
+    """Whether a JPEG has no end after its last scan: a decoder fills the rest with grey without an error."""
     if data[:2].tobytes() != b"\xff\xd8" or data[-2:].tobytes() == _END_OF_JPEG:
         return False
     content = data.tobytes()  # padding or other bytes may follow the end

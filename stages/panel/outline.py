@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
-from wayside.schemas.settings import OutlineSettings
+from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import (
     STEP,
@@ -74,7 +74,7 @@ class OutlineCandidate(NamedTuple):
 
 
 def fit_face_outline(
-    views: NDArray[np.float32], box: Array, model: LinearModel, settings: OutlineSettings
+    views: NDArray[np.float32], box: Array, model: LinearModel, settings: PanelOutlineSettings
 ) -> FaceOutline | None:
     """Find the outer outline of the face that registered views show.
 
@@ -120,7 +120,7 @@ def fit_face_outline(
 
 
 def outline_candidates(
-    views: NDArray[np.float32], gradients: Gradients, box: Array, settings: OutlineSettings
+    views: NDArray[np.float32], gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[OutlineCandidate]:
     """Outlines parallel to the strongest of the best shapes, with their features."""
     candidates = []
@@ -178,7 +178,7 @@ def _peaks(values: Array) -> list[int]:
     return (np.flatnonzero((inner >= values[:-2]) & (inner > values[2:])) + 1).tolist()
 
 
-def _shoulders(values: Array, settings: OutlineSettings) -> list[int]:
+def _shoulders(values: Array, settings: PanelOutlineSettings) -> list[int]:
     """Where a falling flank is least steep: a faint edge beside a strong one."""
     derivative = np.diff(values)
     before, here, after = derivative[:-2], derivative[1:-1], derivative[2:]

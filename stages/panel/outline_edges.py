@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import OutlineSettings
+from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.panel.outline_shapes import Segments
 
@@ -41,7 +41,11 @@ def gradients_of(views: NDArray[np.float32]) -> Gradients:
 
 
 def edge_profiles(
-    gradients: Gradients, segments: Segments, low: float, high: float, settings: OutlineSettings
+    gradients: Gradients,
+    segments: Segments,
+    low: float,
+    high: float,
+    settings: PanelOutlineSettings,
 ) -> Array:
     """Strength of the edge along each segment at offsets low, low + STEP, ... (k, m), 0 to 1, mean over the views.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.schemas.settings import OutlineSettings
+from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import STEP, Gradients, edge_profiles, strongest_box
 from wayside.stages.panel.outline_shapes import (
@@ -49,7 +49,7 @@ class Outline(NamedTuple):
 
 
 def strongest_outlines(
-    gradients: Gradients, box: Array, settings: OutlineSettings
+    gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
     starts = [(shape, start) for shape in OUTLINE_SHAPES for start in _starts(shape, box, settings)]
@@ -76,7 +76,7 @@ def _by_strength(outlines: list[Outline]) -> list[Outline]:
     return sorted(outlines, key=lambda outline: -outline.strength)
 
 
-def _starts(shape: str, box: Array, settings: OutlineSettings) -> list[Array]:
+def _starts(shape: str, box: Array, settings: PanelOutlineSettings) -> list[Array]:
     """Boxes of the shape's own proportion about the box, and it itself."""
     if shape not in ASPECT:
         return [box]
@@ -94,7 +94,7 @@ def _strongest(
     box: Array,
     inward: float,
     outward: float,
-    settings: OutlineSettings,
+    settings: PanelOutlineSettings,
 ) -> Outline:
     """The strongest outline of a shape within fractions of a box's smaller side."""
     side = float(box_size(box).min())
@@ -108,7 +108,7 @@ def _strongest(
     return Outline(shape, box + change, 0.0, strength)
 
 
-def align_sides(gradients: Gradients, outline: Outline, settings: OutlineSettings) -> Outline:
+def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSettings) -> Outline:
     """The outline with all sides on the same one of several parallel lines (rim, border line).
 
     The profiles of all sides are alike: each side is shifted to where its profile correlates best with their mean.
@@ -136,7 +136,7 @@ def refine_outline(
     outline: Outline,
     search: float,
     side_sigma: float | None,
-    settings: OutlineSettings,
+    settings: PanelOutlineSettings,
 ) -> Outline:
     """Least squares (Cauchy weights) of the box's sides and rotation on the nearest edge of each segment.
 
@@ -169,7 +169,7 @@ def refine_outline(
     return Outline(shape, x[:4], float(x[4]), strength)
 
 
-def rim_correction(gradients: Gradients, outline: Outline, settings: OutlineSettings) -> Array:
+def rim_correction(gradients: Gradients, outline: Outline, settings: PanelOutlineSettings) -> Array:
     """Change (4,) of a box for a rim too narrow to have an edge of its own: it widens the outer flank of the edge."""
     segments = segments_of(outline.shape, outline.box, outline.rotation)
     reach = settings.flank
@@ -183,7 +183,9 @@ def rim_correction(gradients: Gradients, outline: Outline, settings: OutlineSett
     return np.asarray(limited * growth(segments))
 
 
-def nearest_edges(profiles: Array, search: float, settings: OutlineSettings) -> tuple[Array, Array]:
+def nearest_edges(
+    profiles: Array, search: float, settings: PanelOutlineSettings
+) -> tuple[Array, Array]:
     """Offset (k,) of each segment's edge, interpolated, and its weight; 0 and 0 where there is none."""
     centre = (profiles.shape[1] - 1) // 2
     inner = profiles[:, 1:-1]
@@ -201,7 +203,7 @@ def nearest_edges(profiles: Array, search: float, settings: OutlineSettings) -> 
 
 
 def _priors(
-    shape: str, x: Array, start: Array, side_sigma: float | None, settings: OutlineSettings
+    shape: str, x: Array, start: Array, side_sigma: float | None, settings: PanelOutlineSettings
 ) -> tuple[Array, Array]:
     """Normal matrix (5, 5) and right side (5,) of the priors of a box, in units of the scatter of an edge."""
     sides = 1 / (side_sigma or settings.side_sigma) ** 2
@@ -223,7 +225,7 @@ def _least_squares(
     weight: Array,
     normal: Array,
     right: Array,
-    settings: OutlineSettings,
+    settings: PanelOutlineSettings,
 ) -> Array:
     change: Array = np.zeros(5)
     for _ in range(_STEPS):

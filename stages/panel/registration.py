@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
-from wayside.schemas.settings import OutlineSettings, PanelSettings, RegistrationSettings
+from wayside.schemas.settings import PanelOutlineSettings, PanelSettings, RegistrationSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.image_alignment import Alignment, align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
@@ -30,7 +30,7 @@ class PanelMethod:
     outline_model: LinearModel
     panel: PanelSettings
     registration: RegistrationSettings
-    outline: OutlineSettings
+    outline: PanelOutlineSettings
 
 
 class RegisteredViews(NamedTuple):
@@ -40,7 +40,7 @@ class RegisteredViews(NamedTuple):
     step: float
     views: list[tuple[RectifiedView, Alignment]]
 
-    def stacked(self, settings: OutlineSettings) -> NDArray[np.float32]:
+    def stacked(self, settings: PanelOutlineSettings) -> NDArray[np.float32]:
         """The views (n, rows, columns, 3) that show the outline, resampled into the template."""
         farthest = settings.depth_ratio * self.views[0][0].depth
         near = [view for view in self.views if view[0].depth <= farthest]

@@ -14,7 +14,7 @@ from wayside.stages.imaging import SPACES, to_space
 
 
 def classify_color(
-    segmentations: Iterator[Segmentation], model: GaussianModel, gate: bool
+    segmentations: Iterator[Segmentation], *, model: GaussianModel, gate: bool
 ) -> Iterator[Detections]:
     """Give every region the colour class of its mean colour by Mahalanobis distance (report eq. 3.1).
 
@@ -23,16 +23,16 @@ def classify_color(
     Parameters
     ----------
     segmentations
-        Pictures with their regions.
+        Images with their regions.
     model
         Mean, covariance and threshold of each colour, in the space it names ("rgb" as in the report).
     gate
         Whether a region beyond every threshold gets the verdict `color` (the report's chain). Otherwise all stay open
-        and class and distance are features for a later judge.
+        and only get class and distance.
 
     Yields
     ------
-    One item a picture, in order; all regions are candidates.
+    One item an image, in order; all regions are candidates.
 
     Raises
     ------

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
-
-from wayside.stages.report.outline import resample_outline
 
 SPACES = ("fourier6", "fourier6_oriented")
 
@@ -43,13 +39,13 @@ def fourier_descriptors(sequences: NDArray[np.complex128]) -> NDArray[np.float64
 
 
 def oriented_descriptors(sequences: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """The six descriptors and four features that tell a diamond from a square: (n, samples) to (n, 10).
+    """The six descriptors and four features that distinguish a diamond from a square: (n, samples) to (n, 10).
 
     6. Fourfold orientation Re(Z_-3 Z_1^3) / |Z_1|^4: free of scale and start point, but a rotation by t turns its phase
        by 4t, so that a square on its side (-1/9) and one on its corner (+1/9) differ by sign.
     7. |Z_-7| / |Z_1|: the first upper term of an octagon, none in a circle.
     8. Logarithm of width over height of the box around the outline.
-    9. Share of that box inside the outline: rectangle 1, octagon .83, circle .79, diamond and triangle .5.
+    9. Fraction of that box inside the outline: rectangle 1, octagon .83, circle .79, diamond and triangle .5.
     """
     terms = outline_terms(sequences)
     first = np.abs(terms[:, 1])
@@ -73,26 +69,3 @@ def sequence_features(sequences: NDArray[np.complex128], space: str) -> NDArray[
     if space == "fourier6":
         return fourier_descriptors(sequences)
     return oriented_descriptors(sequences)
-
-
-def shape_features(outline: NDArray[Any], space: str) -> NDArray[np.float64]:
-    """Features of one outline in the space of a shape model.
-
-    Parameters
-    ----------
-    outline
-        Boundary points in order, shape (n, 2), n >= 3, as `region_outline` gives them.
-    space
-        "fourier6": the report's six descriptors, free of scale, rotation and start point.
-        "fourier6_oriented": those and four that know which way is up (`oriented_descriptors`).
-
-    Returns
-    -------
-    Shape (6,) or (10,); not finite where the outline has no length or no area.
-
-    Raises
-    ------
-    ValueError
-        If the space is unknown or the outline is not (n, 2) with n >= 3.
-    """
-    return np.asarray(sequence_features(resample_outline(outline)[None], space)[0])

@@ -10,7 +10,7 @@ import numpy as np
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import TrackSettings
+from wayside.schemas.settings import SiftSettings, TrackSettings
 from wayside.stages.mapping import (
     Fit,
     Gates,
@@ -30,14 +30,14 @@ REPORT_SCORE = 1.0
 
 
 def match_by_descriptors(
-    moved: Iterator[PosedDetections], settings: TrackSettings
+    moved: Iterator[PosedDetections], settings: TrackSettings, sift: SiftSettings
 ) -> Iterator[TrackedFrame]:
     """Chain candidates from frame to frame by their key points; each chain is placed by its two nearest views.
 
     Frames come out in order, each once, when no open chain holds them, at most `settings.longest` used frames late;
     what a chain saw earlier than that is left `unmatched`.
     """
-    yield from through_window(moved, _Matcher(settings))
+    yield from through_window(moved, _Matcher(settings, sift))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,8 @@ class _Chain:
 class _Matcher:
     """Open chains, and the frames that they hold."""
 
-    def __init__(self, settings: TrackSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: TrackSettings, sift: SiftSettings) -> None:
+        self._settings, self._sift = settings, sift
         self._gates = Gates(gap_px=settings.gap_px)
         self._path = TravelledPath(2 * settings.longest)
         self._held: list[Held] = []
@@ -68,7 +68,9 @@ class _Matcher:
         going: dict[int, _Chain] = {}
         if self._features is not None:
             before, previous = self._held[-1], self._features
-            pairs = match_points(previous.sign_descriptors, features.sign_descriptors)
+            pairs = match_points(
+                previous.sign_descriptors, features.sign_descriptors, self._sift.ratio
+            )
             local_before, local_now = _faces(before), _faces(one)
             for a, b in vote_regions(pairs, previous.sign_rows, features.sign_rows):
                 old, new = local_before.get(int(a)), local_now.get(int(b))

@@ -11,47 +11,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.kernels import compiled, require_array, require_image
 
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
 
-LONGEST_OUTLINE = 20_000
-"""Regions with a longer outline, in pixel edges, get none: no face is so ragged."""
-
-LONGEST_SIDE = 64
-"""A larger box is looked at in steps, so that the longer side has at most twice as many samples."""
-
-MARGIN = 0.15
-"""A box is enlarged by this share of its longer side, at least 2 px, to see the surroundings."""
-
 _NAN = complex(np.nan, np.nan)
-_OPEN, _PATCH = (
-    np.uint8(1),
-    np.uint8(2),
-)  # values of a mask: inside, inside and part of a patch found
+_OPEN, _PATCH = np.uint8(1), np.uint8(2)
+"""Values of a mask: inside; inside and part of a patch that was found."""
 
 
-def region_outline(
-    rgb: NDArray[np.uint8], box: NDArray[Any], mean_rgb: NDArray[Any]
-) -> NDArray[np.float64] | None:
-    """Outline of what stands in a box: the largest patch nearer to its colour than to its surroundings.
+def region_sequences(
+    rgb: NDArray[np.uint8],
+    boxes: NDArray[Any],
+    mean_rgb: NDArray[Any],
+    settings: RegionOutlineSettings,
+) -> NDArray[np.complex128]:
+    """Resampled outlines of the objects in boxes: the largest patch nearer to its colour than to its surroundings.
 
-    The surroundings are the mean colours of the four strips between the box and the box enlarged by `MARGIN`.
+    The surroundings are the mean colours of the four strips between a box and the enlarged box. Holes are filled.
 
     Parameters
     ----------
     rgb
-        The picture, (height, width, 3) uint8, C-contiguous.
-    box
-        [x0, y0, x1, y1] of the region, pixels, half open; rounded to whole pixels, cut at the picture.
+        The image, (height, width, 3) uint8, C-contiguous.
+    boxes
+        (n, 4) [x0, y0, x1, y1], pixels, half open; rounded to whole pixels, cut at the image.
     mean_rgb
-        Mean colour of the region, shape (3,); of its main patch where it has legends or a border.
+        Mean colours of the regions, (n, 3); of the main patch where a region has legends or a border.
+    settings
+        Enlargement of the boxes, samples of large boxes, longest outline.
 
     Returns
     -------
-    Outline (n, 2), n >= 4, u and v in picture pixels; holes are filled. None where no pixel is nearer to the colour, or
-    the box misses the picture.
+    (n, SAMPLES) complex u + iv in image pixels, clockwise as seen; nan where no pixel is nearer to the colour, or the
+    box misses the image.
 
     Raises
     ------
@@ -59,85 +54,28 @@ def region_outline(
         If an array is of another type, shape or layout.
     """
     require_image(rgb)
-    boxes, colors = _box_rows(np.asarray(box)[None]), _color_rows(np.asarray(mean_rgb)[None], 1)
-    points = np.empty((LONGEST_OUTLINE, 2))
-    n = _outline_in_box(rgb, boxes[0], colors[0], points)
-    return points[:n].copy() if n else None
+    rows = _box_rows(boxes)
+    sequences = np.full((len(rows), SAMPLES), _NAN)
+    points = np.empty((settings.longest_edges, 2))
+    colors, margin = _color_rows(mean_rgb, len(rows)), settings.margin
+    _outlines_in_boxes(rgb, rows, colors, margin, settings.longest_side_px, points, sequences)
+    return sequences
 
 
-def trace_region(labels: NDArray[np.uint8], box: NDArray[Any]) -> NDArray[np.float64] | None:
-    """Outline of the connected region (4 neighbours) that fills a box of a label image exactly.
-
-    No two regions fill the same box: where both touched all four sides they would have to cross.
-
-    Parameters
-    ----------
-    labels
-        Label image, (height, width) uint8, C-contiguous.
-    box
-        [x0, y0, x1, y1] of the region, pixels, half open.
-
-    Returns
-    -------
-    Outline (n, 2), n >= 4, u and v in pixels of the label image. None where no region has this box.
-
-    Raises
-    ------
-    ValueError
-        If the label image is of another type or layout.
-    """
-    require_array(labels, "labels", np.uint8, (None, None))
-    points = np.empty((LONGEST_OUTLINE, 2))
-    n = _trace_box(labels, _box_rows(np.asarray(box)[None])[0], points)
-    return points[:n].copy() if n else None
-
-
-def region_sequences(
-    rgb: NDArray[np.uint8], boxes: NDArray[Any], mean_rgb: NDArray[Any]
+def traced_sequences(
+    labels: NDArray[np.uint8], boxes: NDArray[Any], settings: RegionOutlineSettings
 ) -> NDArray[np.complex128]:
-    """`region_outline` of n boxes (n, 4) with colours (n, 3), resampled: (n, SAMPLES), nan where there is none."""
-    require_image(rgb)
-    rows = _box_rows(boxes)
-    sequences = np.full((len(rows), SAMPLES), _NAN)
-    _outlines_in_boxes(rgb, rows, _color_rows(mean_rgb, len(rows)), sequences)
-    return sequences
+    """Resampled outlines (n, SAMPLES) of the connected regions (4 neighbours) that fill boxes (n, 4) exactly.
 
-
-def traced_sequences(labels: NDArray[np.uint8], boxes: NDArray[Any]) -> NDArray[np.complex128]:
-    """`trace_region` of n boxes (n, 4), resampled: (n, SAMPLES), nan where there is none."""
+    u + iv in pixels of the label image (height, width) uint8, clockwise as seen; nan where no region has this box. No
+    two regions fill the same box: where both touched all four sides they would have to cross. Raises ValueError where
+    an array is of another type, shape or layout.
+    """
     require_array(labels, "labels", np.uint8, (None, None))
     rows = _box_rows(boxes)
     sequences = np.full((len(rows), SAMPLES), _NAN)
-    _trace_boxes(labels, rows, sequences)
+    _trace_boxes(labels, rows, np.empty((settings.longest_edges, 2)), sequences)
     return sequences
-
-
-def resample_outline(outline: NDArray[Any], samples: int = SAMPLES) -> NDArray[np.complex128]:
-    """The closed outline as complex numbers u + iv at equal steps of arc length.
-
-    Parameters
-    ----------
-    outline
-        Corners or boundary points in order, shape (n, 2), u right and v down, n >= 3; the last joins the first.
-    samples
-        How many points come out.
-
-    Returns
-    -------
-    Shape (samples,), clockwise as seen, whatever the order of the input. All nan for an outline of no length.
-
-    Raises
-    ------
-    ValueError
-        If the outline is not (n, 2) with n >= 3.
-    """
-    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
-        raise ValueError(
-            f"outline: wanted (n, 2) points with n >= 3, found {outline.shape}; skip smaller ones"
-        )
-    sequence = np.full(samples, _NAN)
-    _resample(np.ascontiguousarray(outline, np.float64), sequence)
-    return sequence
 
 
 def _box_rows(boxes: NDArray[Any]) -> NDArray[np.int64]:
@@ -164,25 +102,25 @@ def _resample(outline: NDArray[np.float64], sequence: NDArray[np.complex128]) ->
         twice_area += outline[i, 0] * outline[j, 1] - outline[j, 0] * outline[i, 1]
     if length <= 0.0:
         return
-    way = 1 if twice_area >= 0 else -1
+    sense = 1 if twice_area >= 0 else -1
     here = 0
-    there = (way + n) % n
+    there = (sense + n) % n
     side = np.hypot(outline[there, 0] - outline[here, 0], outline[there, 1] - outline[here, 1])
     behind = 0.0
     passed = 1
     for s in range(sequence.size):
-        want = s * length / sequence.size
-        while behind + side < want and passed < n:
+        target = s * length / sequence.size
+        while behind + side < target and passed < n:
             behind += side
             here = there
-            there = (there + way + n) % n
+            there = (there + sense + n) % n
             passed += 1
             side = np.hypot(
                 outline[there, 0] - outline[here, 0], outline[there, 1] - outline[here, 1]
             )
-        share = (want - behind) / side if side > 0 else 0.0
-        u = outline[here, 0] + share * (outline[there, 0] - outline[here, 0])
-        v = outline[here, 1] + share * (outline[there, 1] - outline[here, 1])
+        fraction = (target - behind) / side if side > 0 else 0.0
+        u = outline[here, 0] + fraction * (outline[there, 0] - outline[here, 0])
+        v = outline[here, 1] + fraction * (outline[there, 1] - outline[here, 1])
         sequence[s] = complex(u, v)
 
 
@@ -196,7 +134,7 @@ def _trace(
 ) -> int:
     """Trace the region of pixel (x, y), whose upper edge is a border, until it closes; the number of points.
 
-    Corner (x, y) is the upper left one of pixel (x, y); the region lies to the right of the way. 0 where the region's
+    Corner (x, y) is the upper left one of pixel (x, y); the region lies to the right. 0 where the region's
     outline does not have exactly this box or is too long.
     """
     height, width = labels.shape
@@ -214,7 +152,7 @@ def _trace(
         top, bottom = min(top, at_y), max(bottom, at_y)
         if left < box[0] or top < box[1] or right > box[2] or bottom > box[3]:
             return 0
-        # The pixels ahead of corner (at_x, at_y): to the left and to the right of the way.
+        # The pixels ahead of corner (at_x, at_y): to the left and to the right.
         left_x, left_y = at_x + (dx + dy - 1) // 2, at_y + (dy - dx - 1) // 2
         right_x, right_y = at_x + (dx - dy - 1) // 2, at_y + (dy + dx - 1) // 2
         on_right = 0 <= right_x < width and 0 <= right_y < height
@@ -233,7 +171,7 @@ def _trace(
 def _trace_box(
     labels: NDArray[np.uint8], box: NDArray[np.int64], points: NDArray[np.float64]
 ) -> int:
-    """Trace the regions met in the first row of the box until one fills it; the number of points, 0 if none does."""
+    """Trace the regions in the first row of the box until one fills it; the number of points, 0 if none does."""
     height, width = labels.shape
     if box[0] < 0 or box[1] < 0 or box[2] > width or box[3] > height:
         return 0
@@ -253,9 +191,11 @@ def _trace_box(
 
 @compiled
 def _trace_boxes(
-    labels: NDArray[np.uint8], boxes: NDArray[np.int64], sequences: NDArray[np.complex128]
+    labels: NDArray[np.uint8],
+    boxes: NDArray[np.int64],
+    points: NDArray[np.float64],
+    sequences: NDArray[np.complex128],
 ) -> None:
-    points = np.empty((LONGEST_OUTLINE, 2))
     for i in range(boxes.shape[0]):
         n = _trace_box(labels, boxes[i], points)
         if n > 0:
@@ -267,11 +207,13 @@ def _outlines_in_boxes(
     rgb: NDArray[np.uint8],
     boxes: NDArray[np.int64],
     colors: NDArray[np.float32],
+    margin: float,
+    longest_side: int,
+    points: NDArray[np.float64],
     sequences: NDArray[np.complex128],
 ) -> None:
-    points = np.empty((LONGEST_OUTLINE, 2))
     for i in range(boxes.shape[0]):
-        n = _outline_in_box(rgb, boxes[i], colors[i], points)
+        n = _outline_in_box(rgb, boxes[i], colors[i], margin, longest_side, points)
         if n > 0:
             _resample(points[:n], sequences[i])
 
@@ -281,17 +223,19 @@ def _outline_in_box(
     rgb: NDArray[np.uint8],
     box: NDArray[np.int64],
     color: NDArray[np.float32],
+    margin: float,
+    longest_side: int,
     points: NDArray[np.float64],
 ) -> int:
-    """Outline of the largest patch of a box in picture pixels; the number of points, 0 if there is none."""
+    """Outline of the largest patch of a box in image pixels; the number of points, 0 if there is none."""
     height, width, _ = rgb.shape
-    margin = max(2, int(MARGIN * max(box[2] - box[0], box[3] - box[1]) + 0.5))
-    left, top = max(0, box[0] - margin), max(0, box[1] - margin)
-    right, bottom = min(width, box[2] + margin), min(height, box[3] + margin)
+    margin_px = max(2, int(margin * max(box[2] - box[0], box[3] - box[1]) + 0.5))
+    left, top = max(0, box[0] - margin_px), max(0, box[1] - margin_px)
+    right, bottom = min(width, box[2] + margin_px), min(height, box[3] + margin_px)
     x0, y0, x1, y1 = max(0, box[0]), max(0, box[1]), min(width, box[2]), min(height, box[3])
     if x1 <= x0 or y1 <= y0:
         return 0
-    step = (max(x1 - x0, y1 - y0) + LONGEST_SIDE - 1) // LONGEST_SIDE
+    step = (max(x1 - x0, y1 - y0) + longest_side - 1) // longest_side
     part = rgb[top:bottom:step, left:right:step]
     mask = np.zeros(part.shape[:2], np.uint8)
     bounds = (x0 - left, y0 - top, x1 - left, y1 - top)
@@ -332,7 +276,7 @@ def _nearer_to_inside(
         if strips[strip, 3] > 0:
             strips[strip, :3] /= strips[strip, 3]
         else:
-            strips[strip, :3] = np.float32(1e6)  # the box reaches the picture's border here
+            strips[strip, :3] = np.float32(1e6)  # the box reaches the image's border here
     for i in range(rows):
         for j in range(columns):
             red = np.float32(part[i, j, 0])
@@ -341,12 +285,12 @@ def _nearer_to_inside(
             own = (red - color[0]) ** 2 + (green - color[1]) ** 2 + (blue - color[2]) ** 2
             other = np.float32(np.inf)
             for strip in range(4):
-                gap = (
+                squared = (
                     (red - strips[strip, 0]) ** 2
                     + (green - strips[strip, 1]) ** 2
                     + (blue - strips[strip, 2]) ** 2
                 )
-                other = min(other, gap)
+                other = min(other, squared)
             mask[i, j] = _OPEN if own < other else 0
 
 

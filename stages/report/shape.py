@@ -17,6 +17,7 @@ from wayside.schemas.detections import (
     verdict_code,
 )
 from wayside.schemas.models import GaussianModel
+from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
 from wayside.stages.report.fourier import (
     SPACES,
@@ -25,20 +26,21 @@ from wayside.stages.report.fourier import (
 )
 from wayside.stages.report.outline import SAMPLES, region_sequences, traced_sequences
 
-MOST_OUTLINES = 200
-"""Candidates of one picture whose outline is looked at without the gate; a picture has thousands of regions."""
-
 _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 
 
 def classify_shape(
-    detections: Iterator[Detections], model: GaussianModel, gate: bool
+    detections: Iterator[Detections],
+    *,
+    model: GaussianModel,
+    settings: RegionOutlineSettings,
+    gate: bool,
 ) -> Iterator[Detections]:
     """Give the open candidates the shape class of their outline by Mahalanobis distance.
 
     The outline of a region of pass one or two is that of its own pixels; of other sources, of the pixels in its box
-    that are nearer to its mean colour than to its surroundings. Without the gate at most `MOST_OUTLINES` candidates of
-    a picture are looked at, those nearest to a colour class; the rest keeps shape -1.
+    that are nearer to its mean colour than to its surroundings. Without the gate at most `settings.most` candidates of
+    an image are classified, those nearest to a colour class; the others keep shape -1.
 
     Parameters
     ----------
@@ -46,12 +48,14 @@ def classify_shape(
         Candidates with colour distances.
     model
         Mean, covariance and threshold of each shape, in the space it names ("fourier6": the report's descriptors).
+    settings
+        Number of candidates, limits of outlines.
     gate
-        Whether all are looked at and one without an accepted shape gets the verdict `shape`.
+        Whether all are classified and one without an accepted shape gets the verdict `shape`.
 
     Yields
     ------
-    One item a picture, in order.
+    One item an image, in order.
 
     Raises
     ------
@@ -61,8 +65,10 @@ def classify_shape(
     require_gaussian_model(model, SHAPES, {space: shape_dimensions(space) for space in SPACES})
     for one in detections:
         candidates = one.candidates
-        rows = candidates.open_rows() if gate else _nearest_in_color(candidates)
-        features = sequence_features(_outlines(one.segmentation, candidates, rows), model.space)
+        rows = candidates.open_rows() if gate else _nearest_in_color(candidates)[: settings.most]
+        features = sequence_features(
+            _outlines(one.segmentation, candidates, rows, settings), model.space
+        )
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
         verdict = candidates.verdict.copy()
@@ -79,11 +85,14 @@ def _nearest_in_color(candidates: Candidates) -> NDArray[np.int64]:
     """Open rows, nearest colour first; rows in order among equals, those without a colour last."""
     rows = candidates.open_rows()
     order = np.argsort(candidates.color_distance[rows], kind="stable")
-    return rows[order[:MOST_OUTLINES]]
+    return rows[order]
 
 
 def _outlines(
-    segmentation: Segmentation, candidates: Candidates, rows: NDArray[np.int64]
+    segmentation: Segmentation,
+    candidates: Candidates,
+    rows: NDArray[np.int64],
+    settings: RegionOutlineSettings,
 ) -> NDArray[np.complex128]:
     """Resampled outline of each row, (n, samples); nan where there is none."""
     sequences = np.full((len(rows), SAMPLES), complex(np.nan, np.nan))
@@ -94,10 +103,10 @@ def _outlines(
         shift = np.array([0, top, 0, top], np.float32)
         for source, labels in zip(_PASSES, segmentation.labels, strict=True):
             own = regions.source == source
-            sequences[own] = traced_sequences(labels, regions.box[own] - shift)
+            sequences[own] = traced_sequences(labels, regions.box[own] - shift, settings)
             by_color &= ~own
     if segmentation.image.rgb is not None:
         sequences[by_color] = region_sequences(
-            segmentation.image.rgb, regions.box[by_color], regions.rgb[by_color]
+            segmentation.image.rgb, regions.box[by_color], regions.rgb[by_color], settings
         )
     return sequences

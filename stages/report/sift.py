@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Candidates, Detections, Features
-
-MARGIN_PX = 3
-"""A face's own corners lie on its border."""
+from wayside.schemas.settings import SiftSettings
 
 
-def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
+def extract_sift(images: Iterator[Detections], *, settings: SiftSettings) -> Iterator[Detections]:
     """Find SIFT points on the open candidates of each image; other key points stay as they are."""
     sift = cv2.SIFT.create()
     for item in images:
         if item.image.grey is None:
             yield item
             continue
-        points, descriptors, rows = sign_features(item.image.grey, item.candidates, sift)
+        points, descriptors, rows = sign_features(
+            item.image.grey, item.candidates, settings.margin_px, sift
+        )
         features = replace(
             item.features, sign_points=points, sign_descriptors=descriptors, sign_rows=rows
         )
@@ -33,12 +33,12 @@ def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
 
 
 def sign_features(
-    grey: NDArray[np.uint8], candidates: Candidates, sift: cv2.SIFT
+    grey: NDArray[np.uint8], candidates: Candidates, margin_px: int, sift: cv2.SIFT
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """SIFT points on open candidates: points (m, 2) in recorded pixels, descriptors (m, 128), candidate rows (m,).
 
-    Each point belongs to one candidate only, the smallest around it: regions of both passes lie on the same face, and a
-    point that stood in the list twice would be its own rival in the ratio test.
+    Each point belongs to one candidate only, the smallest whose box contains it: regions of both passes overlap the
+    same face, and a point listed twice would fail the ratio test against itself.
     """
     none, rows = Features.empty(), candidates.open_rows()
     found, described = sift.detectAndCompute(grey, None) if len(rows) else ((), None)
@@ -46,7 +46,7 @@ def sign_features(
         return (none.sign_points, none.sign_descriptors, none.sign_rows)
     points = np.asarray(cv2.KeyPoint.convert(found), np.float32).reshape(-1, 2)
     box = candidates.regions.box[rows]
-    low, high = box[:, :2] - MARGIN_PX, box[:, 2:] - 1 + MARGIN_PX
+    low, high = box[:, :2] - margin_px, box[:, 2:] - 1 + margin_px
     around = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2)
     size = (box[:, 2:] - box[:, :2]).prod(axis=1)
     owner = np.where(around, size, np.inf).argmin(axis=1)

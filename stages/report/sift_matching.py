@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 
 def match_points(
-    first: NDArray[np.float32], second: NDArray[np.float32], ratio: float = 0.8
+    first: NDArray[np.float32], second: NDArray[np.float32], ratio: float
 ) -> NDArray[np.int64]:
-    """Pairs (k, 2) of descriptors that are each other's nearest and clearly nearer than the next (Lowe's ratio test).
+    """Pairs (k, 2) of descriptors that are each other's nearest and clearly nearer than the second (Lowe's ratio test).
 
     Parameters
     ----------
     first, second
         Descriptors (n, d) and (m, d).
     ratio
-        Largest distance to the nearest as a share of that to the next.
+        Largest distance to the nearest over that to the second nearest.
     """
     if len(first) < 1 or len(second) < 2:
         return np.zeros((0, 2), np.int64)
@@ -42,7 +42,7 @@ def vote_regions(
     pairs
         Matched points (n, 2).
     first_region, second_region
-        Region of each point of either picture.
+        Region of each point of either image.
     """
     if len(pairs) == 0:
         return np.zeros((0, 2), np.int64)

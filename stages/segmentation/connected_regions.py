@@ -1,7 +1,7 @@
 """Connected regions of a label image by run-length union-find, with area, box and mean colour.
 
 Each row becomes runs of one label; runs that overlap a run of the same label in the row above are joined (4
-neighbours). The loops over pixels and over pairs of runs have no branches: a picture of a road has some 10^6 runs, and
+neighbours). The loops over pixels and over pairs of runs have no branches: an image of a road has some 10^6 runs, and
 their number, not arithmetic, is what this costs.
 """
 
@@ -20,7 +20,7 @@ WIDEST = 65535
 
 @dataclass(frozen=True, slots=True)
 class RegionWork:
-    """Arrays for pictures of up to height x width pixels, kept from picture to picture; never shared between threads.
+    """Arrays for images of up to height x width pixels, kept from image to image; never shared between threads.
 
     end, label, parent, area: one entry a run; first: the first run of each row and one past the last.
     """
@@ -35,7 +35,7 @@ class RegionWork:
 
     @staticmethod
     def of(height: int, width: int) -> RegionWork:
-        """Make the arrays for one size of picture."""
+        """Make the arrays for one size of image."""
         runs = (height + 1) * width + 1
         return RegionWork(
             height,
@@ -48,7 +48,7 @@ class RegionWork:
         )
 
     def holds(self, height: int, width: int) -> bool:
-        """Whether a picture of this size fits."""
+        """Whether an image of this size fits."""
         return height <= self.height and width <= self.width
 
 
@@ -81,7 +81,7 @@ def connected_regions(
     labels
         Label image, (height, width) uint8, C-contiguous.
     rgb
-        The picture, (height, width, 3) uint8, C-contiguous.
+        The image, (height, width, 3) uint8, C-contiguous.
     smallest_px, largest_px
         The size gate (report chapter 3.1); at least 1.
     work
@@ -90,7 +90,7 @@ def connected_regions(
     Raises
     ------
     ValueError
-        If an array is of another type, shape or layout, the picture is wider than 65535 px, or the gate is below 1 px.
+        If an array is of another type, shape or layout, the image is wider than 65535 px, or the gate is below 1 px.
     """
     require_array(labels, "labels", np.uint8, (None, None))
     height, width = labels.shape

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wayside.stages.kernels import compiled_exact, require_array, require_image
 
 MOST_CENTERS = 16
-"""Labels share their number with squared distances in four bits."""
+"""Labels take the low four bits of a number whose others are a squared distance."""
 
 DIFFERENCES = 443
 """Rounded distances between colours: 0 to 442 = round(255 sqrt 3)."""
@@ -46,54 +46,30 @@ def packed_centers(centers: NDArray[Any]) -> NDArray[np.float32]:
     return packed
 
 
-def label_colors(
-    rgb: NDArray[np.uint8], centers: NDArray[Any]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-    """Nearest centre of each pixel and the rounded distance to it: the difference image (report chapter 2.3).
+def label_both_passes(
+    rgb: NDArray[np.uint8], centers: NDArray[Any], difference_class: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Nearest centre of each pixel, and the class of its rounded distance to it: the label images of both passes.
+
+    The distance is the difference image of the report (chapter 2.3).
 
     Parameters
     ----------
     rgb
-        Picture, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given.
+        Image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given.
     centers
         Whole-numbered colours, (k, 3), k from 1 to 16.
-
-    Returns
-    -------
-    Labels and differences, each (height, width); the lower label on a tie.
-
-    Raises
-    ------
-    ValueError
-        If the picture or the centres are not as said.
-    """
-    require_image(rgb)
-    labels = np.empty(rgb.shape[:2], np.uint8)
-    differences = np.empty(rgb.shape[:2], np.uint16)
-    _label_and_distance(rgb, packed_centers(centers), labels, differences)
-    return labels, differences
-
-
-def label_both_passes(
-    rgb: NDArray[np.uint8], centers: NDArray[Any], difference_class: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Label images of both passes in one sweep.
-
-    Parameters
-    ----------
-    rgb, centers
-        As for `label_colors`.
     difference_class
         Class of pass two of each rounded distance, shape (443,).
 
     Returns
     -------
-    Labels of pass one and of pass two, each (height, width) uint8.
+    Labels of pass one (the lower one on a tie) and of pass two, each (height, width) uint8.
 
     Raises
     ------
     ValueError
-        If an array is not as said.
+        If an array is of another type, shape or layout.
     """
     require_image(rgb)
     require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
@@ -157,24 +133,6 @@ def _pack(
     for x in range(n):
         red, green, blue = planes[0, x], planes[1, x], planes[2, x]
         best[x] += np.float32(16) * (red * red + green * green + blue * blue)
-
-
-@compiled_exact
-def _label_and_distance(
-    rgb: NDArray[np.uint8],
-    packed: NDArray[np.float32],
-    labels: NDArray[np.uint8],
-    differences: NDArray[np.uint16],
-) -> None:
-    width = rgb.shape[1]
-    planes = np.empty((3, width), np.float32)
-    best = np.empty(width, np.float32)
-    for y in range(rgb.shape[0]):
-        _pack(rgb[y], packed, planes, best)
-        for x in range(width):
-            code = np.int32(best[x])
-            labels[y, x] = code & 15
-            differences[y, x] = np.int32(np.sqrt(np.float32(code >> 4)) + np.float32(0.5))
 
 
 @compiled_exact

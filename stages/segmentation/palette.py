@@ -1,9 +1,9 @@
 """K-means on a histogram of colours: the palette of pass one (report chapter 2.1).
 
 Every n-th pixel falls into one of 64^3 bins that keep count and colour sums, so that a bin stands at its true mean.
-Weighted Lloyd steps on the few thousand bins in use cost next to nothing; one step on the sample in full colours
+Weighted Lloyd steps on the few thousand bins in use cost little; one step on the sample in full colours
 follows, then the centres are rounded, which makes all later arithmetic exact. The start is k-means++ from a fixed seed:
-the same picture has the same palette, whatever came before it.
+the same image has the same palette, whatever came before it.
 """
 
 from __future__ import annotations
@@ -14,21 +14,9 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.settings import SegmentSettings
 from wayside.stages.kernels import compiled, require_image
 from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels
-
-SAMPLE = 80_000
-"""Pixels that the palette is made from, at least, where the picture has them."""
-
-STARTS = 2
-"""Seeds tried; the one that ends at the smallest sum of squared distances is taken."""
-
-TRIALS = 4
-"""Draws for each centre of a start."""
-
-LLOYD_STEPS = 20
-SETTLED = 0.5
-"""Lloyd steps end when no centre moves further than this, in colour levels."""
 
 
 def _bin_table() -> NDArray[np.int32]:
@@ -37,40 +25,44 @@ def _bin_table() -> NDArray[np.int32]:
 
 @dataclass(frozen=True, slots=True)
 class PaletteWork:
-    """Arrays that a caller keeps from picture to picture; never shared between threads."""
+    """Arrays that a caller keeps from image to image; never shared between threads."""
 
     bins: NDArray[np.int32] = field(default_factory=_bin_table, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class ColorBins:
-    """A sample of a picture: its pixels (n, 3) uint8 and its bins, `mean` (3, m) float32 and `weight` (m,) float32."""
+    """A sample of an image: its pixels (n, 3) uint8 and its bins, `mean` (3, m) float32 and `weight` (m,) float32."""
 
     pixels: NDArray[np.uint8]
     mean: NDArray[np.float32]
     weight: NDArray[np.float32]
 
 
-def sample_colors(rgb: NDArray[np.uint8], work: PaletteWork | None = None) -> ColorBins:
-    """Colours of a regular sample of about `SAMPLE` pixels, as pixels and as 6-bit bins.
+def sample_colors(
+    rgb: NDArray[np.uint8], at_least: int, work: PaletteWork | None = None
+) -> ColorBins:
+    """Colours of a regular sample of `at_least` so many pixels, where there are, as pixels and as 6-bit bins.
 
     Parameters
     ----------
     rgb
-        Picture or whole rows of one, (height, width, 3) uint8, C-contiguous, not empty.
+        Image or whole rows of one, (height, width, 3) uint8, C-contiguous, not empty.
+    at_least
+        Pixels.
     work
         Kept arrays; made anew where None.
 
     Raises
     ------
     ValueError
-        If the picture is of another type or layout, or empty.
+        If the image is of another type or layout, or empty.
     """
     require_image(rgb)
     height, width = rgb.shape[:2]
     if height * width == 0:
         raise ValueError(f"rgb: wanted at least one pixel, found {width} x {height}")
-    step = max(1, min(isqrt(height * width // SAMPLE), height, width))
+    step = max(1, min(isqrt(height * width // at_least), height, width))
     first = step // 2
     count = len(range(first, height, step)) * len(range(first, width, step))
     pixels = np.empty((count, 3), np.uint8)
@@ -83,30 +75,31 @@ def sample_colors(rgb: NDArray[np.uint8], work: PaletteWork | None = None) -> Co
     return ColorBins(pixels, mean, weight)
 
 
-def palette(sample: ColorBins, clusters: int, seed: int = 1) -> NDArray[np.uint8]:
+def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
     """K-means of the sampled colours: whole-numbered centres, darkest first, shape (clusters, 3).
 
     Parameters
     ----------
     sample
-        Colours of the picture.
-    clusters
-        k, 2 to 16; centres repeat where there are fewer colours.
-    seed
-        Of k-means++; the following numbers seed the further starts.
+        Colours of the image.
+    settings
+        k (centres repeat where there are fewer colours), starts and Lloyd steps.
 
     Raises
     ------
     ValueError
         If k is not from 2 to 16.
     """
+    clusters = settings.clusters
     if not 2 <= clusters <= MOST_CENTERS:
         raise ValueError(f"clusters: wanted 2 to {MOST_CENTERS}, found {clusters}; set another k")
     best, least = np.zeros((clusters, 3), np.float32), np.inf
-    for start in range(seed, seed + STARTS):
+    for seed in range(settings.seed, settings.seed + settings.starts):
         centers = np.empty((clusters, 3), np.float32)
-        _spread_start(sample.mean, sample.weight, start, centers)
-        inertia = _lloyd(sample.mean, sample.weight, centers, LLOYD_STEPS, SETTLED)
+        _spread_start(sample.mean, sample.weight, seed, settings.trials, centers)
+        inertia = _lloyd(
+            sample.mean, sample.weight, centers, settings.lloyd_steps, settings.settled
+        )
         if inertia < least:
             best, least = centers, inertia
     polished = mean_of_labels(sample.pixels, np.rint(best))
@@ -159,50 +152,54 @@ def _empty_bins(
     """Means and weights of the bins in use, which are left at zero again."""
     for k in range(weight.size):
         i = touched[k]
-        share = np.float32(1) / np.float32(bins[i, 3])
+        inverse = np.float32(1) / np.float32(bins[i, 3])
         for c in range(3):
-            mean[c, k] = bins[i, c] * share
+            mean[c, k] = bins[i, c] * inverse
         weight[k] = bins[i, 3]
         bins[i] = 0
 
 
 @compiled
 def _spread_start(
-    mean: NDArray[np.float32], weight: NDArray[np.float32], seed: int, centers: NDArray[np.float32]
+    mean: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    seed: int,
+    trials: int,
+    centers: NDArray[np.float32],
 ) -> None:
-    """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins: of `TRIALS` draws the one that explains most.
+    """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins: the best of some `trials` for each centre.
 
     The generator (xorshift64) is its own, so that every machine draws the same.
     """
     n = weight.size
-    gap = np.ones(n, np.float32)
-    trial_gap, best_gap = np.empty(n, np.float32), np.empty(n, np.float32)
+    squared = np.ones(n, np.float32)
+    trial_squared, best_squared = np.empty(n, np.float32), np.empty(n, np.float32)
     cost = weight.copy()
     state = np.uint64(seed * 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
     for j in range(centers.shape[0]):
         total = np.cumsum(cost)
         least = np.inf
-        for _ in range(TRIALS if j > 0 else 1):
+        for _ in range(trials if j > 0 else 1):
             state ^= state << np.uint64(13)
             state ^= state >> np.uint64(7)
             state ^= state << np.uint64(17)
-            want = np.float64(state >> np.uint64(11)) / 9007199254740992.0 * total[-1]
-            drawn = min(np.searchsorted(total, want), n - 1)
+            target = np.float64(state >> np.uint64(11)) / 9007199254740992.0 * total[-1]
+            drawn = min(np.searchsorted(total, target), n - 1)
             red, green, blue = mean[0, drawn], mean[1, drawn], mean[2, drawn]
             for i in range(n):
                 r, g, b = mean[0, i] - red, mean[1, i] - green, mean[2, i] - blue
                 d = r * r + g * g + b * b
-                trial_gap[i] = d if j == 0 or d < gap[i] else gap[i]
+                trial_squared[i] = d if j == 0 or d < squared[i] else squared[i]
             left = np.float64(0)
             for i in range(n):
-                left += weight[i] * trial_gap[i]
+                left += weight[i] * trial_squared[i]
             if left < least:
                 least = left
                 centers[j] = mean[:, drawn]
-                trial_gap, best_gap = best_gap, trial_gap
-        gap, best_gap = best_gap, gap
+                trial_squared, best_squared = best_squared, trial_squared
+        squared, best_squared = best_squared, squared
         for i in range(n):
-            cost[i] = weight[i] * gap[i]
+            cost[i] = weight[i] * squared[i]
 
 
 @compiled
@@ -252,12 +249,12 @@ def _lloyd(
         moved = 0.0
         for j in range(k):
             if sums[j, 3] > 0:
-                gap = 0.0
+                step_squared = 0.0
                 for c in range(3):
                     value = sums[j, c] / sums[j, 3]
-                    gap += (value - centers[j, c]) ** 2
+                    step_squared += (value - centers[j, c]) ** 2
                     centers[j, c] = value
-                moved = max(moved, gap)
+                moved = max(moved, step_squared)
             else:
                 worst = np.argmax(weight * squared)
                 if squared[worst] > 0:

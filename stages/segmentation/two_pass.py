@@ -26,20 +26,11 @@ from wayside.stages.segmentation.label_images import (
 from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
 from wayside.stages.segmentation.palette import PaletteWork, palette, sample_colors
 
-_HIGHEST_M = ((2.2, 12.0), (6.5, 35.0))
-"""Tops of faces above the camera and the range down to which they are wanted: roadside panels, overhead panels."""
-
-_LOWEST_M = (1.1, 12.0)
-"""Lower edges below the camera and the range down to which they are wanted."""
-
-_PITCH_MARGIN = radians(2.0)
-"""The camera's own pitch, brakes and hills turn the horizon by about this much."""
-
 
 def segment(
-    pictures: Iterator[Image], settings: SegmentSettings, gate: GateSettings
+    images: Iterator[Image], settings: SegmentSettings, gate: GateSettings
 ) -> Iterator[Segmentation]:
-    """Divide every picture into connected regions of one colour class and of one difference class.
+    """Divide every image into connected regions of one colour class and of one difference class.
 
     Pass one is K-means on colour; the difference image holds each pixel's distance to the colour it was given; pass two
     is K-means on that (exact, in one dimension). Regions of both label images that pass the size gate make the table:
@@ -47,14 +38,14 @@ def segment(
 
     Parameters
     ----------
-    pictures
-        Pictures in any state; those without pixels go on with empty tables.
+    images
+        Images in any state; those without pixels go on with empty tables.
     settings, gate
-        Numbers of clusters, part of the picture, size limits.
+        Numbers of clusters, part of the image, size limits.
 
     Yields
     ------
-    One item a picture, in order. Boxes are in pixels of the full picture, labels cover `rows` only.
+    One item an image, in order. Boxes are in pixels of the full image, labels cover `rows` only.
 
     Raises
     ------
@@ -63,42 +54,48 @@ def segment(
     """
     _check(settings, gate)
     palette_work, region_work = PaletteWork(), RegionWork.of(0, 0)
-    for picture in pictures:
-        if picture.rgb is None or picture.rgb.size == 0:
-            yield unsegmented(picture)
+    for image in images:
+        if image.rgb is None or image.rgb.size == 0:
+            yield unsegmented(image)
             continue
-        height, width = picture.rgb.shape[:2]
-        rows = (0, height) if settings.whole_picture else band_of(picture.frame.camera, height)
+        height, width = image.rgb.shape[:2]
+        rows = (
+            (0, height) if settings.whole_picture else band_of(image.frame.camera, height, settings)
+        )
         if not region_work.holds(rows[1] - rows[0], width):
             region_work = RegionWork.of(rows[1] - rows[0], width)
-        yield _segment_rows(picture, picture.rgb, rows, settings, gate, palette_work, region_work)
+        yield _segment_rows(image, image.rgb, rows, settings, gate, palette_work, region_work)
 
 
-def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
-    """First and one past the last picture row in which the face of a sign can stand.
+def band_of(camera: Camera | None, height: int, settings: SegmentSettings) -> tuple[int, int]:
+    """First and one past the last image row in which the face of a sign can stand.
 
     Signs stand beside or over the road up to a known height, and the nearest view that is needed is some 12 m away:
     that bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
-    take `_PITCH_MARGIN`. Lens distortion moves these rows by a few pixels at most and is left out.
+    take the pitch margin. Lens distortion moves these rows by a few pixels at most and is left out.
 
     Parameters
     ----------
     camera
-        The calibration; without one the band is the whole picture.
+        The calibration; without one the band is the whole image.
     height
-        Rows of the picture.
+        Rows of the image.
+    settings
+        Heights of faces and the ranges down to which they are wanted.
     """
     if camera is None:
         return 0, height
-    above = max(atan2(up, ahead) for up, ahead in _HIGHEST_M) + _PITCH_MARGIN
-    below = atan2(*_LOWEST_M) + _PITCH_MARGIN
+    s, margin = settings, radians(settings.pitch_margin_deg)
+    roadside = atan2(s.roadside_top_m, s.roadside_range_m)
+    above = max(roadside, atan2(s.overhead_top_m, s.overhead_range_m)) + margin
+    below = atan2(s.lowest_edge_m, s.roadside_range_m) + margin
     first = max(0, floor(camera.cy - camera.fy * tan(above)))
     last = min(height, ceil(camera.cy + camera.fy * tan(below)) + 1)
     return (first, last) if first < last else (0, height)
 
 
 def _segment_rows(
-    picture: Image,
+    image: Image,
     rgb: NDArray[np.uint8],
     rows: tuple[int, int],
     settings: SegmentSettings,
@@ -107,18 +104,18 @@ def _segment_rows(
     region_work: RegionWork,
 ) -> Segmentation:
     band = rgb[rows[0] : rows[1]]
-    sample = sample_colors(band, palette_work)
-    centers = palette(sample, settings.clusters)
+    sample = sample_colors(band, settings.sample_px, palette_work)
+    centers = palette(sample, settings)
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
     passes = [
-        connected_regions(image, band, gate.smallest_px, gate.largest_px, region_work)
-        for image in labels
+        connected_regions(label_image, band, gate.smallest_px, gate.largest_px, region_work)
+        for label_image in labels
     ]
     return Segmentation(
-        picture,
+        image,
         _table(passes, rows[0]),
         sum(one.total for one in passes),
         centers.astype(np.float32),
@@ -143,10 +140,10 @@ def _table(passes: list[ConnectedRegions], first_row: int) -> Regions:
     )
 
 
-def unsegmented(picture: Image) -> Segmentation:
+def unsegmented(image: Image) -> Segmentation:
     """An image without regions, as one that is not used."""
     return Segmentation(
-        picture,
+        image,
         Regions.empty(),
         0,
         np.zeros((0, 3), np.float32),

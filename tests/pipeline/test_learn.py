@@ -107,7 +107,7 @@ def write_drive(folder, name, seed):
 
 @pytest.fixture(scope="module", autouse=True)
 def few_trees():
-    """Two dozen trees tell flat faces from noise as well as hundreds."""
+    """Two dozen trees separate flat faces from noise as well as hundreds."""
     with pytest.MonkeyPatch.context() as patch:
         for module, name in ((prefilter, "TREES"), (detector, "TREES")):
             patch.setattr(module, name, replace(getattr(module, name), trees=24))
@@ -142,7 +142,7 @@ def test_the_script_writes_every_model_with_its_provenance(learned):
     ]
     for name in files:
         provenance = model_from_json((learned / "models" / name).read_text()).provenance
-        assert "learn_a (6 pictures" in provenance
+        assert "learn_a (6 images" in provenance
         assert "measured" not in provenance
 
 
@@ -163,16 +163,16 @@ def test_the_colours_learned_are_those_painted(learned):
 
 
 @pytest.mark.slow
-def test_the_judge_has_a_gate_and_held_out_figures(learned):
+def test_the_box_classifier_has_a_prefilter_and_held_out_figures(learned):
     model = model_from_json((learned / "models" / "judge.json").read_text())
     assert isinstance(model, TreeModel)
     assert model.prefilter is not None
     assert model.patch_cnn is not None
-    assert "with the closer look, held out by drive" in model.provenance
+    assert "with the patch CNN, held out by drive" in model.provenance
 
 
 @pytest.mark.slow
-def test_the_ranking_states_how_many_faces_it_keeps_where_it_was_not_taught(learned):
+def test_the_ranking_states_how_many_faces_it_keeps_out_of_fold(learned):
     model = model_from_json((learned / "models" / "ranking.json").read_text())
     assert model.features == REGION_FEATURES
     assert "held out by drive, 36 of the 36 wanted faces" in model.provenance

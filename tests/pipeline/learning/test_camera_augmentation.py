@@ -23,7 +23,7 @@ def images(rgb, count=40):
 
 
 def test_some_pictures_are_altered_and_the_others_stay_as_they_are(scene):
-    shown = list(through_other_cameras(images(scene), seed=1, share=0.5))
+    shown = list(through_other_cameras(images(scene), seed=1, fraction=0.5))
     same = [np.array_equal(image.rgb, scene) for image in shown]
     assert 8 <= sum(same) <= 32
     assert [image.frame.index for image in shown] == list(range(40))
@@ -38,7 +38,7 @@ def test_the_same_seed_shows_the_same_pictures_a_second_time(scene):
 
 
 def test_grey_is_that_of_the_altered_picture(scene):
-    for image in through_other_cameras(images(scene, 8), seed=2, share=1.0):
+    for image in through_other_cameras(images(scene, 8), seed=2, fraction=1.0):
         assert np.array_equal(image.grey, cv2.cvtColor(image.rgb, cv2.COLOR_RGB2GRAY))
 
 
@@ -56,5 +56,5 @@ def test_pictures_that_are_not_used_pass_untouched(scene):
         replace(p, rgb=None, grey=None, frame=replace(p.frame, status=THINNED))
         for p in images(scene, 2)
     ]
-    shown = list(through_other_cameras(iter(unused), seed=1, share=1.0))
+    shown = list(through_other_cameras(iter(unused), seed=1, fraction=1.0))
     assert all(a is b for a, b in zip(shown, unused, strict=True))

@@ -13,7 +13,6 @@ from wayside.pipeline.learning.landmarks import (
     LandmarkSamples,
     label_of,
     learn_landmark_classifier,
-    overlap,
     panels_by_frame,
 )
 from wayside.schemas.errors import InputError
@@ -64,12 +63,6 @@ def test_what_is_followed_as_a_back_is_one_where_a_panel_is_seen_from_behind():
     assert label_of(behind, panels_by_frame(truth())) == NOTHING
     away = SeenAt(AWAY, AWAY, AWAY, back=True)
     assert label_of(away, panels_by_frame(truth(side="back"))) == NOTHING
-
-
-def test_overlap_is_intersection_over_union():
-    view = Observation(0, 0, 0.0, 0.0, (0, 0, 2, 2), 0.0)
-    assert overlap(view, (1, 0, 3, 2)) == pytest.approx(1 / 3)
-    assert overlap(view, (2, 0, 3, 2)) == 0
 
 
 @pytest.fixture(autouse=True)

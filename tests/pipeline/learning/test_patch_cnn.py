@@ -28,7 +28,7 @@ needs_torch = pytest.mark.skipif(
 )
 
 
-def looked(count, seed=0, real=False, name="drive"):
+def samples(count, seed=0, real=False, name="drive"):
     """Half of the boxes show a red square, the others nothing."""
     random = np.random.default_rng(seed)
     patches = random.integers(80, 140, (count, SIDE, SIDE, 3)).astype(np.uint8)
@@ -48,7 +48,7 @@ def looked(count, seed=0, real=False, name="drive"):
 
 
 def test_a_face_of_few_boxes_is_shown_more_often_than_they_are():
-    one = looked(8)
+    one = samples(8)
     one.face[:] = [0, -1, 1, -1, 1, -1, 1, -1]
     faces, others = sampling_probabilities([one])
     assert faces.sum() == pytest.approx(1)
@@ -57,7 +57,7 @@ def test_a_face_of_few_boxes_is_shown_more_often_than_they_are():
 
 
 def test_boxes_of_real_pictures_have_their_share_and_what_is_neither_has_none():
-    rendered, real = looked(40), looked(8, real=True)
+    rendered, real = samples(40), samples(8, real=True)
     real.label[1] = NEITHER
     for probability in sampling_probabilities([rendered, real]):
         assert probability[40:].sum() == pytest.approx(REAL_FRACTION)
@@ -75,7 +75,7 @@ def test_log_odds_of_scores_are_those_they_were_drawn_by():
 
 
 def test_without_any_face_nothing_is_learned():
-    nothing = looked(8)
+    nothing = samples(8)
     nothing.label[:] = OFF
     with pytest.raises(InputError, match="wanted boxes on faces"):
         sampling_probabilities([nothing])
@@ -84,7 +84,7 @@ def test_without_any_face_nothing_is_learned():
 def test_without_pytorch_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(UsageError, match=r"wanted PyTorch, found none; install it with pip"):
-        fit_patch_cnn([looked(8)], -3.0, seed=1)
+        fit_patch_cnn([samples(8)], -3.0, seed=1)
 
 
 @needs_torch
@@ -114,7 +114,7 @@ def test_what_is_kept_says_what_pytorch_says():
 def test_patches_are_shown_to_pytorch_as_they_are_to_the_judge():
     import torch
 
-    patches = looked(6).patches
+    patches = samples(6).patches
     colors, bright = _relative(torch, torch.from_numpy(patches).permute(0, 3, 1, 2).float())
     wanted, brightness = relative_colors(patches)
     assert np.abs(colors.permute(0, 2, 3, 1).numpy() - wanted).max() < 1e-4
@@ -124,11 +124,11 @@ def test_patches_are_shown_to_pytorch_as_they_are_to_the_judge():
 @needs_torch
 @pytest.mark.slow
 def test_it_learns_what_a_face_looks_like_and_the_same_each_time():
-    taught = [looked(2000, 1), looked(200, 2, real=True)]
-    model = fit_patch_cnn(taught, -3.0, seed=1)
-    new = looked(200, 3)
+    training = [samples(2000, 1), samples(200, 2, real=True)]
+    model = fit_patch_cnn(training, -3.0, seed=1)
+    new = samples(200, 3)
     assert ((cnn_log_odds(model, new) > 0) == (new.label == ON)).mean() > 0.97
     assert (
-        cnn_log_odds(fit_patch_cnn(taught, -3.0, seed=1), new).tobytes()
+        cnn_log_odds(fit_patch_cnn(training, -3.0, seed=1), new).tobytes()
         == cnn_log_odds(model, new).tobytes()
     )

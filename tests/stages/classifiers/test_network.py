@@ -6,8 +6,8 @@ from hypothesis.extra.numpy import arrays
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json, model_to_json
-from wayside.schemas.models import NetworkModel
-from wayside.stages.classifiers.network import FARTHEST, log_probabilities
+from wayside.schemas.models import FEATURE_LIMIT, NetworkModel
+from wayside.stages.classifiers.network import log_probabilities
 
 
 def network(seed=0, features=4, hidden=3, classes=3):
@@ -54,8 +54,8 @@ def test_the_chances_are_those_of_the_definition():
 
 def test_what_lies_far_outside_says_no_more_than_the_farthest_that_was_seen():
     model = network(3)
-    far = (model.mean + FARTHEST * model.scale)[None]
-    farther = (model.mean + 100 * FARTHEST * model.scale)[None]
+    far = (model.mean + FEATURE_LIMIT * model.scale)[None]
+    farther = (model.mean + 100 * FEATURE_LIMIT * model.scale)[None]
     assert log_probabilities(model, farther) == pytest.approx(
         log_probabilities(model, far), abs=1e-5
     )

@@ -3,7 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayside.stages.geometry.boxes import box_areas, iou_matrix, non_maximum_suppression
+from wayside.stages.geometry.boxes import (
+    box_areas,
+    covered_fractions,
+    iou_matrix,
+    non_maximum_suppression,
+)
 
 boxes = st.lists(
     st.tuples(st.floats(-50, 400), st.floats(-50, 300), st.floats(1, 300), st.floats(1, 300)),
@@ -52,6 +57,20 @@ def test_the_first_of_two_overlapping_boxes_stays():
 def test_overlap_is_one_for_equal_and_zero_for_separate_boxes():
     box = np.array([[0, 0, 4, 4], [10, 10, 12, 12]], np.float64)
     assert iou_matrix(box, box) == pytest.approx(np.eye(2))
+
+
+@settings(max_examples=80, deadline=None)
+@given(boxes)
+def test_a_covered_fraction_is_one_in_the_box_itself_and_never_more(rows):
+    box = as_boxes(rows).astype(np.float64)
+    covered = covered_fractions(box, box)
+    assert np.diag(covered) == pytest.approx(np.ones(len(box)))
+    assert ((covered >= 0) & (covered <= 1 + 1e-9)).all()
+
+
+def test_a_box_half_inside_another_is_covered_by_half():
+    box = np.array([[0, 0, 4, 4], [2, 0, 10, 8]], np.float64)
+    assert covered_fractions(box, box) == pytest.approx(np.array([[1, 0.5], [0.125, 1]]))
 
 
 def test_a_box_without_sides_has_no_area():

@@ -1,11 +1,12 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.models import TreeModel
-from wayside.schemas.settings import TrackSettings
+from wayside.schemas.settings import SiftSettings, TrackSettings
 from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.association import Sightings
 from wayside.stages.mapping.hypotheses import fit_views
@@ -154,7 +155,7 @@ def test_the_input_is_left_as_it_was(panel, drive):
     assert all((f.detections.candidates.verdict == 0).all() for f in frames)
 
 
-@pytest.mark.parametrize("follow", [track, match_by_descriptors])
+@pytest.mark.parametrize("follow", [track, partial(match_by_descriptors, sift=SiftSettings())])
 def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
     taken = 0
 

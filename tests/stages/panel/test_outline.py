@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import OutlineSettings
+from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.panel.outline import fit_face_outline
 from wayside.stages.panel.outline_edges import STEP, edge_profiles, gradients_of, strip_colors
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
@@ -88,7 +88,7 @@ def test_the_profile_peaks_where_the_edge_stands():
     middle, half = np.array([60.0, 54.0]), np.array([30.3, 22.6])
     edges = gradients_of(views_of("rectangle", middle, half, rim=0))
     segments = segments_of("rectangle", around(middle, half - 2.0))
-    profiles = edge_profiles(edges, segments, -1.0, 5.0, OutlineSettings())
+    profiles = edge_profiles(edges, segments, -1.0, 5.0, PanelOutlineSettings())
     assert np.abs(np.median(profiles.argmax(axis=1)) * STEP - 1.0 - 2.0) <= 0.25
 
 
@@ -112,7 +112,9 @@ def test_strips_take_the_colour_that_is_there():
 def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, outline_model):
     middle, half = np.array([60.3, 54.7]), np.array(half)
     start = around(middle + 1.0, half * 0.92)
-    face = fit_face_outline(views_of(shape, middle, half), start, outline_model, OutlineSettings())
+    face = fit_face_outline(
+        views_of(shape, middle, half), start, outline_model, PanelOutlineSettings()
+    )
     assert face is not None
     assert face.shape == shape or {face.shape, shape} == {"octagon", "circle"}
     np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
@@ -125,7 +127,7 @@ def test_a_rotated_panel_keeps_its_size(outline_model):
         views_of("rectangle", middle, half, rotation),
         around(middle, half * 0.95),
         outline_model,
-        OutlineSettings(),
+        PanelOutlineSettings(),
     )
     assert face is not None
     assert np.degrees(face.rotation) == pytest.approx(4.0, abs=1.2)  # drawn to upright
@@ -135,7 +137,7 @@ def test_a_rotated_panel_keeps_its_size(outline_model):
 def test_no_face_has_an_outline_on_an_even_wall(outline_model):
     views = np.full((2, ROWS, COLUMNS, 3), 120, np.float32)
     face = fit_face_outline(
-        views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model, OutlineSettings()
+        views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model, PanelOutlineSettings()
     )
     assert face is None or face.strength < 0.1
 

@@ -40,7 +40,7 @@ def segmented(rgb):
 
 
 def classify(rgb, gate=True, **how):
-    (judged,) = classify_color(iter([segmented(rgb)]), model(**how), gate)
+    (judged,) = classify_color(iter([segmented(rgb)]), model=model(**how), gate=gate)
     return judged.candidates
 
 
@@ -96,4 +96,4 @@ def test_models_that_do_not_fit_are_refused():
         (GaussianModel("rgb", (), ""), "at least one class"),
     ):
         with pytest.raises(InputError, match=message):
-            next(classify_color(iter([segmented([(1, 2, 3)])]), bad, True))
+            next(classify_color(iter([segmented([(1, 2, 3)])]), model=bad, gate=True))

@@ -5,8 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayside.stages.report.fourier import SPACES, shape_dimensions, shape_features
-from wayside.stages.report.outline import resample_outline
+from wayside.stages.report.fourier import SPACES, sequence_features, shape_dimensions
+from wayside.stages.report.outline import SAMPLES, _resample
+
+
+def shape_features(outline, space):
+    """Features of one outline given by its corners."""
+    sequence = np.full(SAMPLES, complex(np.nan, np.nan))
+    _resample(np.asarray(outline, np.float64), sequence)
+    return sequence_features(sequence[None], space)[0]
 
 
 def polygon(corners, turn=0.0, radius=20.0):
@@ -95,8 +102,6 @@ def test_an_outline_without_length_has_no_finite_features_and_no_warning(space):
     assert not np.isfinite(features).any()
 
 
-def test_unknown_spaces_and_lines_are_refused():
+def test_unknown_spaces_are_refused():
     with pytest.raises(ValueError, match="shape space: wanted one of"):
         shape_features(HOUSE, "moments")
-    with pytest.raises(ValueError, match="n >= 3"):
-        resample_outline(HOUSE[:2])

@@ -8,14 +8,38 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
+from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.report.outline import (
     SAMPLES,
-    region_outline,
+    _outline_in_box,
+    _resample,
+    _trace_box,
     region_sequences,
-    resample_outline,
-    trace_region,
     traced_sequences,
 )
+
+SETTINGS = RegionOutlineSettings()
+
+
+def region_outline(rgb, box, mean_rgb):
+    """The outline (n, 2) before it is resampled; None where there is none."""
+    points = np.empty((SETTINGS.longest_edges, 2))
+    color = np.asarray(mean_rgb, np.float32)
+    n = _outline_in_box(rgb, box, color, SETTINGS.margin, SETTINGS.longest_side_px, points)
+    return points[:n] if n else None
+
+
+def trace_region(labels, box):
+    """The outline (n, 2) before it is resampled; None where there is none."""
+    points = np.empty((SETTINGS.longest_edges, 2))
+    n = _trace_box(labels, box, points)
+    return points[:n].copy() if n else None
+
+
+def resample_outline(outline, samples=SAMPLES):
+    sequence = np.full(samples, complex(np.nan, np.nan))
+    _resample(outline, sequence)
+    return sequence
 
 
 def box_of(slices):
@@ -135,7 +159,7 @@ def test_many_outlines_at_once_are_those_one_by_one():
     rgb = face(DIAMOND, noise=5)
     boxes = np.array([[50, 30, 111, 91], [500, 0, 520, 10], [60, 40, 90, 80]])
     colors = np.array([[200, 170, 40]] * 3)
-    sequences = region_sequences(rgb, boxes, colors)
+    sequences = region_sequences(rgb, boxes, colors, SETTINGS)
     assert sequences.shape == (3, SAMPLES)
     assert np.isnan(sequences[1]).all()
     for i in (0, 2):
@@ -143,13 +167,15 @@ def test_many_outlines_at_once_are_those_one_by_one():
         np.testing.assert_array_equal(sequences[i], resample_outline(outline))
     labels = (rgb[..., 2] < 70).astype(np.uint8)
     parts, _ = ndimage.label(labels)
-    traced = traced_sequences(labels, np.array([box_of(s) for s in ndimage.find_objects(parts)]))
+    traced = traced_sequences(
+        labels, np.array([box_of(s) for s in ndimage.find_objects(parts)]), SETTINGS
+    )
     assert np.isfinite(traced).all()
 
 
 def test_no_rows_give_no_outlines():
     rgb = face(DIAMOND)
-    assert region_sequences(rgb, np.zeros((0, 4)), np.zeros((0, 3))).shape == (0, SAMPLES)
+    assert region_sequences(rgb, np.zeros((0, 4)), np.zeros((0, 3)), SETTINGS).shape == (0, SAMPLES)
 
 
 def test_resampled_points_lie_at_equal_steps_on_the_outline():
@@ -159,10 +185,10 @@ def test_resampled_points_lie_at_equal_steps_on_the_outline():
 
 
 def test_other_layouts_are_refused():
-    rgb = face(DIAMOND)
+    rgb, box = face(DIAMOND), np.array([[1, 1, 9, 9]])
     with pytest.raises(ValueError, match="C-contiguous"):
-        region_outline(rgb[:, ::2], np.array([1, 1, 9, 9]), np.zeros(3))
+        region_sequences(rgb[:, ::2], box, np.zeros((1, 3)), SETTINGS)
     with pytest.raises(ValueError, match="labels: wanted"):
-        trace_region(rgb, np.array([1, 1, 9, 9]))
+        traced_sequences(rgb, box, SETTINGS)
     with pytest.raises(ValueError, match="mean_rgb: wanted"):
-        region_outline(rgb, np.array([1, 1, 9, 9]), np.zeros(4))
+        region_sequences(rgb, box, np.zeros((1, 4)), SETTINGS)

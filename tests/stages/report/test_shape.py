@@ -10,10 +10,20 @@ from wayside.schemas.detections import SHAPES, SOURCES, VERDICTS, Candidates, De
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.report.fourier import shape_dimensions, shape_features
-from wayside.stages.report.shape import MOST_OUTLINES, classify_shape
+from wayside.schemas.settings import GateSettings, RegionOutlineSettings, SegmentSettings
+from wayside.stages.report.fourier import sequence_features, shape_dimensions
+from wayside.stages.report.outline import SAMPLES, _resample
+from wayside.stages.report.shape import classify_shape
 from wayside.stages.segmentation.two_pass import segment
+
+SETTINGS = RegionOutlineSettings()
+
+
+def shape_features(outline, space):
+    """Features of one outline given by its corners."""
+    sequence = np.full(SAMPLES, complex(np.nan, np.nan))
+    _resample(np.asarray(outline, np.float64), sequence)
+    return sequence_features(sequence[None], space)[0]
 
 
 def polygon(corners, turn=0.0):
@@ -76,7 +86,7 @@ def judged(picture, boxes, source):
 
 
 def classify(item, gate=True, **how):
-    (result,) = classify_shape(iter([item]), model(**how), gate)
+    (result,) = classify_shape(iter([item]), model=model(**how), settings=SETTINGS, gate=gate)
     return result.candidates
 
 
@@ -113,13 +123,13 @@ def test_candidates_that_stopped_before_are_left_alone():
 
 def test_the_gate_looks_at_all_candidates():
     picture, boxes = drawn(["diamond"])
-    item = judged(picture, np.repeat(boxes, MOST_OUTLINES + 30, axis=0), "level")
+    item = judged(picture, np.repeat(boxes, SETTINGS.most + 30, axis=0), "level")
     assert (classify(item).shape == SHAPES.index("diamond")).all()
 
 
 def test_without_the_gate_only_the_nearest_in_colour_are_looked_at():
     picture, boxes = drawn(["diamond"])
-    item = judged(picture, np.repeat(boxes, MOST_OUTLINES + 30, axis=0), "level")
+    item = judged(picture, np.repeat(boxes, SETTINGS.most + 30, axis=0), "level")
     backwards = item.candidates.color_distance[::-1].copy()
     candidates = classify(
         replace(item, candidates=replace(item.candidates, color_distance=backwards)), gate=False
@@ -144,4 +154,8 @@ def test_frames_without_pixels_or_regions_pass():
 def test_models_of_unknown_shapes_are_refused():
     one = GaussianClass("heart", np.zeros(6), np.eye(6), 1.0, "", 1)
     with pytest.raises(InputError, match="'heart'"):
-        next(classify_shape(iter([]), GaussianModel("fourier6", (one,), ""), True))
+        next(
+            classify_shape(
+                iter([]), model=GaussianModel("fourier6", (one,), ""), settings=SETTINGS, gate=True
+            )
+        )

@@ -3,6 +3,7 @@ import numpy as np
 
 from wayside.schemas.detections import Candidates, Detections, Regions, Segmentation, verdict_code
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
+from wayside.schemas.settings import SiftSettings
 from wayside.stages.report.sift import extract_sift
 
 CAMERA = Camera(640, 480, 560.0, 560.0, 320.0, 240.0, (-0.15, 0.08, 0.0, 0.0005, -0.02))
@@ -34,7 +35,7 @@ def judged(grey, boxes=(), verdicts=(), scores=(), camera=CAMERA, status=USED):
 
 
 def look_of(item):
-    (look,) = extract_sift(iter([item]))
+    (look,) = extract_sift(iter([item]), settings=SiftSettings())
     return look
 
 

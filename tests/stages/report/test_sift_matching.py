@@ -17,14 +17,14 @@ def test_matches_are_those_of_a_brute_force_matcher_with_ratio_test():
         for a, b in forward
         if a.distance < 0.8 * b.distance and back[a.trainIdx] == a.queryIdx
     ]
-    assert [tuple(pair) for pair in match_points(first, second)] == wanted
+    assert [tuple(pair) for pair in match_points(first, second, 0.8)] == wanted
     assert len(wanted) == 40
 
 
 def test_too_few_descriptors_match_nothing():
     none, one = np.zeros((0, 128), np.float32), np.ones((1, 128), np.float32)
-    assert match_points(none, one).shape == (0, 2)
-    assert match_points(one, one).shape == (0, 2)
+    assert match_points(none, one, 0.8).shape == (0, 2)
+    assert match_points(one, one, 0.8).shape == (0, 2)
 
 
 def test_the_majority_of_points_decides_on_regions():

@@ -10,9 +10,16 @@ from wayside.stages.segmentation.label_images import (
     DIFFERENCES,
     difference_histogram,
     label_both_passes,
-    label_colors,
     mean_of_labels,
 )
+
+
+def label_colors(rgb, centers):
+    """Labels and rounded distances: these by two tables, one for their low byte, one for their high byte."""
+    values = np.arange(DIFFERENCES)
+    labels, low = label_both_passes(rgb, centers, (values & 255).astype(np.uint8))
+    _, high = label_both_passes(rgb, centers, (values >> 8).astype(np.uint8))
+    return labels, low.astype(int) + 256 * high.astype(int)
 
 
 def plain(rgb, centers):

@@ -4,8 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.stages.segmentation.label_images import label_colors
+from wayside.schemas.settings import SegmentSettings
 from wayside.stages.segmentation.palette import PaletteWork, palette, sample_colors
+
+SAMPLE = SegmentSettings().sample_px
+
+
+def k(clusters):
+    """Settings of so many clusters."""
+    return SegmentSettings(clusters=clusters)
 
 
 def scene(height=240, width=320, seed=0):
@@ -23,7 +30,8 @@ def scene(height=240, width=320, seed=0):
 
 
 def inertia(rgb, centers):
-    return (label_colors(rgb, centers)[1].astype(float) ** 2).mean()
+    squared = ((rgb[:, :, None].astype(float) - centers) ** 2).sum(axis=-1)
+    return squared.min(axis=-1).mean()
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -34,7 +42,7 @@ def test_the_palette_explains_a_picture_nearly_as_well_as_full_kmeans(seed):
     reference = cv2.kmeans(
         rgb.reshape(-1, 3).astype(np.float32), 16, None, criteria, 3, cv2.KMEANS_PP_CENTERS
     )[2]
-    ours = palette(sample_colors(rgb), 16)
+    ours = palette(sample_colors(rgb, SAMPLE), k(16))
     assert inertia(rgb, ours) <= 1.2 * inertia(rgb, np.clip(np.rint(reference), 0, 255))
 
 
@@ -42,34 +50,34 @@ def test_a_picture_of_few_colours_gets_exactly_these():
     wanted = np.array([[10, 10, 10], [200, 30, 40], [30, 160, 60], [250, 250, 250]], np.uint8)
     rgb = wanted[np.random.default_rng(2).integers(0, 4, (90, 130))]
     np.testing.assert_array_equal(
-        np.unique(palette(sample_colors(rgb), 8), axis=0), np.unique(wanted, axis=0)
+        np.unique(palette(sample_colors(rgb, SAMPLE), k(8)), axis=0), np.unique(wanted, axis=0)
     )
 
 
 @pytest.mark.parametrize("clusters", range(2, 17))
 def test_every_k_gives_that_many_centres_darkest_first(clusters):
-    centers = palette(sample_colors(scene()), clusters)
+    centers = palette(sample_colors(scene(), SAMPLE), k(clusters))
     assert centers.shape == (clusters, 3)
     assert (np.diff(centers.sum(axis=1, dtype=int)) >= 0).all()
 
 
 def test_more_clusters_leave_less_unexplained():
     rgb = scene()
-    sample = sample_colors(rgb)
-    assert inertia(rgb, palette(sample, 16)) < inertia(rgb, palette(sample, 4))
+    sample = sample_colors(rgb, SAMPLE)
+    assert inertia(rgb, palette(sample, k(16))) < inertia(rgb, palette(sample, k(4)))
 
 
 def test_kept_arrays_do_not_carry_anything_from_one_picture_to_the_next():
     work = PaletteWork()
-    alone = palette(sample_colors(scene(seed=5)), 16)
-    sample_colors(scene(seed=6), work)
-    np.testing.assert_array_equal(palette(sample_colors(scene(seed=5), work), 16), alone)
+    alone = palette(sample_colors(scene(seed=5), SAMPLE), k(16))
+    sample_colors(scene(seed=6), SAMPLE, work)
+    np.testing.assert_array_equal(palette(sample_colors(scene(seed=5), SAMPLE, work), k(16)), alone)
     assert not work.bins.any()
 
 
 def test_bins_stand_at_the_mean_of_the_sample():
     rgb = scene()
-    sample = sample_colors(rgb)
+    sample = sample_colors(rgb, SAMPLE)
     np.testing.assert_allclose(
         (sample.mean * sample.weight).sum(axis=1) / sample.weight.sum(),
         sample.pixels.mean(axis=0),
@@ -80,13 +88,13 @@ def test_bins_stand_at_the_mean_of_the_sample():
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 1), (3, 5)])
 def test_tiny_pictures_have_a_palette(size):
     rgb = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    assert palette(sample_colors(rgb), 16).shape == (16, 3)
+    assert palette(sample_colors(rgb, SAMPLE), k(16)).shape == (16, 3)
 
 
 def test_an_empty_picture_or_a_k_out_of_range_is_refused():
     with pytest.raises(ValueError, match="at least one pixel"):
-        sample_colors(np.zeros((0, 5, 3), np.uint8))
-    sample = sample_colors(scene())
+        sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE)
+    sample = sample_colors(scene(), SAMPLE)
     for clusters in (1, 17):
         with pytest.raises(ValueError, match="clusters: wanted 2 to 16"):
-            palette(sample, clusters)
+            palette(sample, k(clusters))
