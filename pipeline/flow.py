@@ -89,7 +89,7 @@ class Flow:
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order: motion, tracks, landmarks."""
         stage, s, m = self.stage, self.settings, self.models
-        posed = stage("motion", estimate_motion(detections, settings=s.motion))
+        posed = stage("motion", estimate_motion(detections, settings=s.motion, ties=s.ties))
         tracked = stage("track", self._tracked(posed))
         located = stage("location", classify_location(tracked, model=m.location, settings=s.locate))
         return stage("assemble", assemble(located))

@@ -226,7 +226,7 @@ def _tracked(
         seen_by = replace(models, judge=judge, face_box=box, back=back)
         flow = Flow(settings, seen_by, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
-        moved = estimate_motion(flow.detect(frames), settings.motion)
+        moved = estimate_motion(flow.detect(frames), settings.motion, settings.ties)
         yield Tracked(moved, judge, back, truth)
 
 

@@ -16,7 +16,7 @@ from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import MotionSettings, TrackSettings
+from wayside.schemas.settings import MotionSettings, TieSettings, TrackSettings
 from wayside.stages.geometry import point_bound, rays_of_ideal, step_bound
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import track
@@ -90,7 +90,7 @@ def simulate(survey: Survey) -> SimulationResult:
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
     found: dict[int, tuple[Array, Array, float, int]] = {}
-    for settled in track(drive.moved(MotionSettings()), settings):
+    for settled in track(drive.posed(MotionSettings(), TieSettings()), settings):
         for place in settled.places:
             if place.verdict != "sign":
                 continue

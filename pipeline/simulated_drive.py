@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MotionSettings
+from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry import (
@@ -137,12 +137,12 @@ class SimulatedDrive:
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
-    def moved(self, settings: MotionSettings) -> Iterator[PosedDetections]:
-        """Every frame with its candidates and the motion that the project's own numerics find."""
-        drive = VisualOdometry(settings, measure=self._measure)
+    def posed(self, settings: MotionSettings, ties: TieSettings) -> Iterator[PosedDetections]:
+        """Every frame with its candidates and the motion that the odometry of `wayside run` estimates."""
+        odometry = VisualOdometry(settings, ties, estimate=self._estimate)
         for index, pose in enumerate(self.poses):
             frame = self._frame(index)
-            motion = drive.advance(self._view(index), frame)
+            motion = odometry.advance(self._keypoint_image(index), frame)
             seen = self._observe(index, pose)
             self.seen.append(seen)
             image = Image(frame, None, None)
@@ -248,22 +248,23 @@ class SimulatedDrive:
             pose=prior, spacing_m=s.spacing_m,
         )  # fmt: skip
 
-    def _view(self, index: int) -> KeypointImage:
-        """A view whose corners are true projections and whose descriptors are the numbers of the points."""
+    def _keypoint_image(self, index: int) -> KeypointImage:
+        """An image whose corners are true projections and whose descriptors are the numbers of the points."""
         rows = self.visible(index)
         uv = self.project(index, self._points[rows])
         codes = np.append(rows, index).astype(np.int64)[:, None].view(np.uint8)
         return KeypointImage(self.camera, _NO_PIXELS, uv.astype(np.float32), codes, uv)
 
-    def _measure(
+    def _estimate(
         self,
         before: KeypointImage,
         now: KeypointImage,
         expected: MotionPrior,
-        vehicle: Mount,
+        mount: Mount,
         fewest: int,
+        settings: TieSettings,
     ) -> RelativePose | None:
-        """Ties of two pictures with their errors; the motion that fits them."""
+        """Relative pose of two images from simulated ties; parameters as of `estimate_relative_pose`."""
         (*old, first), (*new, second) = (v.descriptors.view(np.int64)[:, 0] for v in (before, now))
         shared = self.common(int(first), int(second))
         if len(shared) < max(fewest, 8):
@@ -279,17 +280,19 @@ class SimulatedDrive:
         gross = self._rng.random(len(rows)) < self.survey.outliers
         current[gross] += self._rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
-        coarse, _ = fit_coarse_motion(*rays, expected.prior, expected.search, now.focal_px)
+        coarse, _ = fit_coarse_motion(
+            *rays, expected.prior, expected.search, now.focal_px, settings
+        )
         growth = self._depths(int(first), shared) / self._depths(int(second), shared)
         warp = np.column_stack([growth, np.zeros(len(rows)), growth])
-        sigma = np.zeros(len(rows))  # nothing here slides
+        sigma = np.zeros(len(rows))  # no patch slides along an edge
         tied = RegisteredTies(
             previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
         )
-        step = fit_relative_pose(
-            before, now, tied, (coarse.rotation, coarse.direction), expected.prior
+        pose = fit_relative_pose(
+            before, now, tied, (coarse.rotation, coarse.direction), expected.prior, settings
         )
-        return step if step.inlier.sum() >= fewest else None
+        return pose if pose.inliers >= fewest else None
 
     def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
         """Depth (n,) of points that could be ties in a picture."""

@@ -19,11 +19,13 @@ from wayside.pipeline.earth import Earth, align_level, origin_of
 from wayside.pipeline.path_notes import notes_on
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import FrenetOffset, frenet_offset
 from wayside.stages.georeference import Chain, Seen, Trajectory, smooth
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import STEP_SIGMA
-from wayside.stages.odometry import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
+
+_EXPECTED = MotionSettings()
 
 BEFORE, AFTER = 3, 20
 """Used frames around the best view of a sign among which the camera passes it."""
@@ -211,7 +213,7 @@ def _times(path: Sequence[PathPoint]) -> Array:
 def _poses_seen(path: Sequence[PathPoint]) -> Seen:
     """The log's own poses."""
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    sigma = np.array([max(_or(g.sigma_m, POSE_SIGMA_M), LEAST_M) for _, g in given])
+    sigma = np.array([max(_or(g.sigma_m, _EXPECTED.pose_sigma_m), LEAST_M) for _, g in given])
     return Seen(
         np.array([row for row, _ in given]),
         np.stack([g.pose.centre for _, g in given]),
@@ -220,7 +222,9 @@ def _poses_seen(path: Sequence[PathPoint]) -> Seen:
         FIX_MEMORY_S,
         np.zeros(3),
         np.stack([g.pose.rotation for _, g in given]),
-        np.array([max(_or(g.sigma_rad, POSE_SIGMA_RAD), LEAST_RAD) for _, g in given]),
+        np.array(
+            [max(_or(g.sigma_rad, radians(_EXPECTED.pose_sigma_deg)), LEAST_RAD) for _, g in given]
+        ),
         np.full(3, ANY_TURN),
         np.inf,
     )
@@ -240,7 +244,7 @@ def _hold_by_fixes(
     fixes = [fix for _, fix in fixed]
     origin = origin_of(fixes)
     place = origin.local(fixes)
-    unknown = (FIX_SIGMA_M, FIX_SIGMA_M, FIX_UP * FIX_SIGMA_M)
+    unknown = (_EXPECTED.fix_sigma_m, _EXPECTED.fix_sigma_m, FIX_UP * _EXPECTED.fix_sigma_m)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
     arm = np.array(antenna_m)

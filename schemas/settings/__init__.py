@@ -11,6 +11,7 @@ from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+from wayside.schemas.settings.ties import TieSettings
 from wayside.schemas.settings.tree import REPORT, Settings
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "RunSettings",
     "SegmentSettings",
     "Settings",
+    "TieSettings",
     "TrackSettings",
     "setting",
 ]

@@ -11,6 +11,7 @@ from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,7 @@ class Settings:
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
+    ties: TieSettings = field(default_factory=TieSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)

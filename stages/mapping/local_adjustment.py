@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings
+from wayside.schemas.settings import AdjustmentSettings, TieSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.bundle_adjustment import adjust_window
@@ -26,8 +26,6 @@ from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepCons
 from wayside.stages.mapping.tie_tracks import link_tracks, spread_tracks
 from wayside.stages.mapping.window import Held
 from wayside.stages.odometry import (
-    CORRELATION_REACH_PX,
-    REGISTERED_SIGMA_PX,
     correlated_point_covariance,
     correlated_sigma_px,
 )
@@ -48,6 +46,7 @@ ROBUST_SHARE = 0.85
 ANCHOR_SIGMA_PX = 0.01
 """A track is the very point that its first corner shows: its neighbours would do as well."""
 NEAREST_M, FARTHEST_M = 1.0, 2000.0
+_TIES = TieSettings()
 
 
 class Sighted(NamedTuple):
@@ -235,7 +234,7 @@ def track_starts(tied: _Tied, track: NDArray[np.int64]) -> tuple[Array, NDArray[
 def registered_sigma_px(tied: _Tied) -> Array:
     """Scatter (n,) of the registered place by the noise of both pictures, the earlier one's as large as it grows."""
     growth = (tied.warp[:, 0] ** 2 + tied.warp[:, 2] ** 2) / 2
-    return np.asarray(REGISTERED_SIGMA_PX * np.sqrt(1 + growth))
+    return np.asarray(_TIES.sigma_px * np.sqrt(1 + growth))
 
 
 def tie_rows(tied: _Tied, point: NDArray[np.int64], sigma: Array) -> ResidualBlocks:
@@ -257,11 +256,12 @@ def shared_errors(tied: _Tied, gain: Array) -> Array:
     gain (n, 2, 3): how an error of each tie moves the place, m / px. The share of the way that the ties were weighted
     by as if each erred by itself is part of that error, so it is taken out again.
     """
-    shared = correlated_sigma_px(tied.way)[:, None, None] * gain
+    shared = correlated_sigma_px(tied.way, _TIES)[:, None, None] * gain
     alone = (WAY_SHARE * tied.way)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
     return (
-        correlated_point_covariance(tied.place, tied.step, shared, CORRELATION_REACH_PX) - counted
+        correlated_point_covariance(tied.place, tied.step, shared, _TIES.correlation_reach_px)
+        - counted
     )
 
 
