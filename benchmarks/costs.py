@@ -22,7 +22,7 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
+from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.mapping import Held
 from wayside.stages.mapping import local_adjustment as bundle

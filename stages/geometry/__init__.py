@@ -1,6 +1,5 @@
 """Rotations, lens distortion, midpoints of rays, offsets from a path, linear algebra and Levenberg-Marquardt."""
 
-from wayside.stages.geometry.bound import point_bound, step_bound
 from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
 from wayside.stages.geometry.linear_algebra import (
     cholesky_solve,
@@ -38,10 +37,8 @@ __all__ = [
     "midpoint",
     "minimiser",
     "pair_residual",
-    "point_bound",
     "rays_of_ideal",
     "rotation_from_vector",
-    "step_bound",
     "tangent_basis",
     "to_rays",
     "vector_from_rotation",

@@ -8,11 +8,11 @@ from wayside.stages.odometry.patch_registration import register_patches
 SHIFT = np.array([3.3, -2.4])
 
 
-@pytest.fixture(scope="module")
 def register(far, near, corners, starts, warps):
     return register_patches(far, near, corners, starts, warps, 2, TieSettings())
 
 
+@pytest.fixture(scope="module")
 def far():
     noise = np.random.default_rng(0).random((400, 500)).astype(np.float32)
     blurred = cv2.GaussianBlur(noise, (0, 0), 2.0)

@@ -6,7 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.simulate import (
+from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
+from wayside.pipeline.simulation.simulate import (
     check,
     focal_of_view,
     format_simulation,
@@ -14,7 +15,6 @@ from wayside.pipeline.simulate import (
     reaches,
     simulate,
 )
-from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import MotionSettings, TieSettings
 

@@ -1,7 +1,7 @@
-"""A drive made of geometry alone: where the camera went, what stands along the road, and what each picture would show.
+"""A simulated drive: poses of the camera, signs and points along the road, and their projections with noise.
 
-World: x right, y down, z ahead at the start, metres. The camera follows an arc over hills; ties and panels are
-projected with noise. What comes out are the items that the tracker takes, so that the project's own stages do the rest.
+World: x right, y down, z ahead at the start, metres. The camera follows an arc over hills. The drive yields the items
+that the tracker takes, so that the stages of `wayside run` do the rest.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ HILL_M = 400.0
 """Length of a hill, foot to foot."""
 LEAST_DEPTH_M, TIE_REACH_M, SIGN_REACH_M = 4.0, 120.0, 150.0
 POINTS_A_METRE = 14
-"""Points that could be ties, on the road and beside it."""
+"""Points that can be ties, on the road and beside it."""
 SMALLEST_PX = 8.0
-"""A panel that is less tall in the picture is not seen."""
+"""A panel of smaller height in the image is not seen."""
 GROSS_TIE_PX, GROSS_SIGN_PX = 6.0, 5.0
 """Scatter of outliers."""
 DRIFT_WAVES = 24
@@ -47,14 +47,14 @@ SURE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What is driven and how well it is seen; lengths in metres, angles in degrees, noise in pixels a coordinate.
+    """A survey and its errors; lengths in metres, angles in degrees, noise in pixels a coordinate.
 
-    noise_px, noise_share: of a panel's centre in each picture, and what its height there adds; face_share: offset
-    common to all views of a panel, as a share of its size; tie_px: of a tie in each picture; tie_drift_px,
-    tie_drift_share, tie_drift_reach_px: error that a tie shares with the ties around it, what its way through the
-    picture adds, and how far it reaches; trigger_m: scatter of the spacing;
-    jitter_deg: of the pitch (half as much roll, a quarter yaw); outliers: share of gross errors among ties and panels;
-    pose_m, pose_deg: scatter of given poses (None: the spacing is all that is given).
+    noise_px, noise_share: of a panel's centre in each image, and an addition as a fraction of its height; face_share:
+    offset common to all views of a panel, as a fraction of its size; tie_px: of a tie in each image; tie_drift_px,
+    tie_drift_share, tie_drift_reach_px: error that a tie shares with the ties around it, an addition as a fraction of
+    its displacement, and the reach of the correlation; trigger_m: scatter of the spacing; jitter_deg: of the pitch
+    (half as much roll, a quarter yaw); outliers: fraction of gross errors among ties and panels; pose_m, pose_deg:
+    scatter of given poses (None: only the spacing is given).
     """
 
     spacing_m: float = 8.0
@@ -95,15 +95,17 @@ class Survey:
         return Camera(self.width, self.height, self.focal_px, self.focal_px, *middle)
 
     def drift_of(self, camera: Camera, step: Pose, previous: Array, current: Array) -> Array:
-        """Scatter (n,) of the shared error of ties at ideal pixels (n, 2) of both pictures."""
+        """Scatter (n,) of the shared error of ties at ideal pixels (n, 2) of both images."""
         far = rays_of_ideal(camera, previous) @ step.rotation[:2] + step.rotation[2]
-        way = current - ideal_of_rays(camera, far[:, :2] / far[:, 2:])
-        return np.asarray(self.tie_drift_px + self.tie_drift_share * np.linalg.norm(way, axis=1))
+        displacement = current - ideal_of_rays(camera, far[:, :2] / far[:, 2:])
+        return np.asarray(
+            self.tie_drift_px + self.tie_drift_share * np.linalg.norm(displacement, axis=1)
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class PanelObservations:
-    """Panels in one picture: which (k,), and the same number of boxes (k, 4) and centres (k, 2), px."""
+    """Panels in one image: which (k,), and the same number of boxes (k, 4) and centres (k, 2), px."""
 
     sign: NDArray[np.int64]
     box: Array
@@ -149,7 +151,7 @@ class SimulatedDrive:
             yield PosedDetections(Detections(unsegmented(image), _table(seen)), motion)
 
     def visible(self, index: int) -> NDArray[np.int64]:
-        """Points that could be ties in a picture, ascending."""
+        """Points that could be ties in a image, ascending."""
         if index in self._visible:
             return self._visible[index]
         station = self.station[index]
@@ -160,13 +162,13 @@ class SimulatedDrive:
         return rows
 
     def common(self, before: int, now: int) -> NDArray[np.int64]:
-        """Points that tie two pictures: the first so many that both show, in a fixed order without meaning."""
+        """Points that tie two images: the first so many that both show, in a fixed order without meaning."""
         shared = np.intersect1d(self.visible(before), self.visible(now), assume_unique=True)
         order = np.argsort((shared * 2654435761) % 2**32, kind="stable")
         return np.sort(shared[order[: self.survey.ties]])
 
     def project(self, index: int, points: Array) -> Array:
-        """Pixels (n, 2) of points of the world in a picture."""
+        """Pixels (n, 2) of points of the world in a image."""
         local = self.poses[index].to_camera(points)
         return np.asarray(local[:, :2] / local[:, 2:] * self.camera.fx + self._middle)
 
@@ -175,7 +177,7 @@ class SimulatedDrive:
         return self._points[rows]
 
     def depth(self, sign: int, frames: NDArray[np.int64]) -> Array:
-        """Distance of a sign ahead of the camera in some pictures, (n,)."""
+        """Distance of a sign ahead of the camera in some images, (n,)."""
         return np.array([self.poses[f].to_camera(self.signs[sign])[2] for f in frames])
 
     @property
@@ -295,7 +297,7 @@ class SimulatedDrive:
         return pose if pose.inliers >= fewest else None
 
     def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
-        """Depth (n,) of points that could be ties in a picture."""
+        """Depth (n,) of points that could be ties in a image."""
         return np.asarray(self.poses[index].to_camera(self._points[points])[:, 2])
 
     def _drift(self, uv: Array) -> Array:
