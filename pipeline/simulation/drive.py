@@ -200,8 +200,8 @@ class SimulatedDrive:
         heading = station / self.survey.curve_radius_m
         wave = 2 * np.pi / HILL_M
         slope = self.survey.hill_m / 2 * wave * np.cos(wave * station)
-        nought = np.zeros_like(station)
-        right = np.column_stack([np.cos(heading), nought, -np.sin(heading)])
+        zero = np.zeros_like(station)
+        right = np.column_stack([np.cos(heading), zero, -np.sin(heading)])
         ahead = np.column_stack([np.sin(heading), -slope, np.cos(heading)])
         ahead /= np.linalg.norm(ahead, axis=1)[:, None]
         return right, np.cross(ahead, right), ahead

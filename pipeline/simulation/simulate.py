@@ -105,7 +105,7 @@ def simulate(survey: Survey) -> SimulationResult:
     wanted = int((shown >= settings.fewest_views).sum())
     if not found:
         raise UsageError(
-            f"no sign was seen in {settings.fewest_views} pictures and placed: shorten --spacing, or widen the view "
+            f"no sign was seen in {settings.fewest_views} images and located: shorten --spacing, or widen the view "
             "by a shorter focal length"
         )
     bounds = _bounds(drive, sorted(found)[:: -(-len(found) // BOUNDED)])
@@ -195,7 +195,7 @@ def format_simulation(one: SimulationResult) -> str:
     s = one.survey
     given = "poses given" if s.pose_m is not None else "spacing given"
     lines = [
-        f"pictures every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px "
+        f"images every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px "
         f"({view_of_focal(s):.0f} degrees); signs {abs(s.lateral_m):.1f} m beside the camera, "
         f"seen last from {np.median(one.nearest):.1f} m",
         f"placed {len(one.error)} of {one.wanted} signs",
