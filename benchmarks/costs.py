@@ -22,8 +22,8 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
-from wayside.schemas.settings import LocalAdjustmentSettings, MotionSettings
+from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
+from wayside.schemas.settings import LocalAdjustmentSettings, MotionSettings, TieSettings
 from wayside.stages.mapping import Held
 from wayside.stages.mapping import local_adjustment as bundle
 
@@ -72,7 +72,7 @@ def main() -> int:
 def window_ms(frames: int, ties: int, times: int = 50) -> float:
     """Processor time of one place adjusted with so many frames and ties a step, milliseconds, median."""
     drive = SimulatedDrive(Survey(ties=ties, signs=1))
-    moved = [m for m in drive.moved(MotionSettings()) if m.motion is not None]
+    moved = [m for m in drive.posed(MotionSettings(), TieSettings()) if m.motion is not None]
     seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
     last = int(seen[-1])
     first = last - frames + 1

@@ -41,11 +41,11 @@ from geometry_runs import (
 )
 
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.pipeline.simulate import UNKNOWN_LENGTH_M, bound_of_step, simulate
-from wayside.pipeline.simulated_drive import Survey
+from wayside.pipeline.simulation.bound import point_bound
+from wayside.pipeline.simulation.drive import Survey
+from wayside.pipeline.simulation.simulate import UNKNOWN_LENGTH_M, bound_of_step, simulate
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.geometry import point_bound
 
 CENTRE_PX, POSE_M, POSE_DEG = 0.2, 0.02, 0.04
 """For the bound: noise of a face's centre in a picture, and the scatter of the poses in the logs."""

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Fix, Pose
-from wayside.schemas.settings import GeoreferenceSettings, ReadSettings
+from wayside.schemas.settings import GeoreferenceSettings, MotionSettings, ReadSettings
 from wayside.stages.georeference import (
     AbsoluteMeasurements,
     Globe,
@@ -173,7 +173,7 @@ def on_earth(log: Path, *, poses: bool) -> tuple[Globe | None, Array]:
         path.append(
             PathPoint(frame.index, chained, given, frame.fix, frame.time_ns, covariance, "straight")
         )
-    (laid,) = georeference(iter(path), GeoreferenceSettings())
+    (laid,) = georeference(iter(path), GeoreferenceSettings(), MotionSettings())
     globe = laid.globe
     if globe is None:
         return None, np.zeros((0, 3))

@@ -1,4 +1,4 @@
-"""The command that plans a survey; registered by `wayside.pipeline.cli`. Heavy imports stand inside."""
+"""The command that plans a survey; registered by `wayside.pipeline.cli`. Heavy imports stand inside functions."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ SIMULATE_EPILOG = (
 
 
 def simulate(
-    spacing: Annotated[str, typer.Option(help="Distance between pictures: 26.4ft, 8m.")] = "26.4ft",
+    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")] = "26.4ft",
     focal_px: Annotated[
         float | None, typer.Option("--focal-px", help="Focal length, pixels.  [default: 1400]")
     ] = None,
     hfov: Annotated[
         float | None, typer.Option(help="Horizontal angle of view, degrees, instead.")
     ] = None,
-    picture: Annotated[str, typer.Option(help="Size of a picture, pixels.")] = "1600x1200",
+    picture: Annotated[str, typer.Option(help="Size of an image, pixels.")] = "1600x1200",
     noise_px: Annotated[
         float,
-        typer.Option("--noise-px", help="Error of a panel's centre in a picture, a coordinate."),
+        typer.Option("--noise-px", help="Error of a panel's centre in an image, a coordinate."),
     ] = 0.3,
-    range_min: Annotated[str, typer.Option(help="Signs are seen no nearer than this.")] = "0m",
+    range_min: Annotated[str, typer.Option(help="Signs are not seen nearer than this.")] = "0m",
     lateral: Annotated[
         str, typer.Option(help="Signs stand this far right of the camera.")
     ] = "3.5m",
@@ -36,33 +36,34 @@ def simulate(
     hill: Annotated[str, typer.Option(help="Height of hills, 400 m long.")] = "0m",
     jitter: Annotated[float, typer.Option(help="Scatter of the camera's pitch, degrees.")] = 0.1,
     trigger_sigma: Annotated[str, typer.Option(help="Scatter of the spacing.")] = "2cm",
-    drop_rate: Annotated[float, typer.Option(help="Share of pictures that are missing.")] = 0.0,
+    drop_rate: Annotated[float, typer.Option(help="Fraction of images that are missing.")] = 0.0,
     outliers: Annotated[
-        float, typer.Option(help="Share of gross errors, in ties and panels.")
+        float, typer.Option(help="Fraction of gross errors among ties and panels.")
     ] = 0.0,
     mount_yaw: Annotated[float, typer.Option(help="Camera turned right, degrees.")] = 0.0,
     mount_pitch: Annotated[float, typer.Option(help="Camera turned up, degrees.")] = 0.0,
     pose_sigma: Annotated[
         str | None,
-        typer.Option(help="Poses are given, with this error: 2cm. Else only the spacing is."),
+        typer.Option(help="Poses are given, with this error: 2cm. Without it only the spacing is."),
     ] = None,
     signs: Annotated[int, typer.Option(help="How many signs.")] = 200,
-    seed: Annotated[int, typer.Option(help="Another seed, another drive.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 1,
     target: Annotated[
         str | None,
         typer.Option(
-            help="Try spacings and focal lengths around these: which place 95 % of signs so well? 10cm."
+            help="Try spacings and focal lengths around these: which locate 95 % of signs within 10cm?"
         ),
     ] = None,
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
 ) -> None:
-    """Plan a survey: say how well signs would be placed, or which spacing and focal length it takes.
+    """Plan a survey: print how accurately signs would be located, or which spacing and focal length a target takes.
 
-    Drives without pictures: panels and ties are projected with the errors asked for, the stages of `wayside run` place
-    the panels, and the errors stand beside the stated sigmas and the Cramér-Rao bound.
+    Drives are simulated without images: panels and ties are projected with the given errors, the stages of `wayside
+    run` locate the panels, and the errors are compared with the stated sigmas and the Cramér-Rao bound.
     """
     from wayside.pipeline.lengths import parse_length
-    from wayside.pipeline.simulate import (
+    from wayside.pipeline.simulation.drive import Survey
+    from wayside.pipeline.simulation.simulate import (
         focal_of_view,
         format_simulation,
         format_sweep,
@@ -70,7 +71,6 @@ def simulate(
         sweep,
         write_simulation,
     )
-    from wayside.pipeline.simulated_drive import Survey
     from wayside.schemas.errors import UsageError
 
     width, height = _size(picture)

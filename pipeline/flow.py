@@ -101,7 +101,7 @@ class Flow:
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order: motion, tracks, landmarks."""
         stage, s, m = self.stage, self.settings, self.models
-        posed = stage("motion", estimate_motion(detections, settings=s.motion))
+        posed = stage("motion", estimate_motion(detections, settings=s.motion, ties=s.ties))
         tracked = stage("track", self._tracked(posed))
         located = stage(
             "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
@@ -112,7 +112,7 @@ class Flow:
     def georeference(self) -> DrivePath:
         """After the last frame: the path of the whole drive in its world frame and on the globe."""
         s, points = self.settings, iter(self.record.points)
-        laid = georeference(points, settings=s.georeference, antenna_m=s.motion.antenna_m)
+        laid = georeference(points, settings=s.georeference, motion=s.motion)
         (path,) = self.drive_stage("georeference", laid)
         return path
 

@@ -248,7 +248,7 @@ def _tracked(
         )
         flow = Flow(settings, flow_models, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
-        moved = estimate_motion(flow.detect(frames), settings.motion)
+        moved = estimate_motion(flow.detect(frames), settings.motion, settings.ties)
         yield PosedDrive(moved, classifier, back, truth, flow.panel_method())
 
 

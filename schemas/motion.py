@@ -1,4 +1,4 @@
-"""How the camera moved between images, and the tie points that say so."""
+"""Motion of the camera between images, and the tie points it was measured by."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from wayside.schemas.frame import Frame, Pose
 class Ties:
     """Tie points between the previous and the current frame: ideal (undistorted) pixels, shape (n, 2) each.
 
-    inlier (n,) bool: agrees with the adjusted motion. point (n, 3) float64: in the current camera frame, metres,
-    nan where it cannot be triangulated. rows (n, 2) int64: corners of both frames that the tie stems from (-1: none),
-    by which ties of several steps are one track; warp (n, 3): how the surroundings of `previous` lie in the current
-    frame (stretch along u, shear of u by v, stretch along v); sigma_px (n,): how far the patch may slide along its
-    edges. All None where they were not kept.
+    inlier (n,) bool: within the inlier distance of the measured motion. point (n, 3) float64: in the current camera
+    frame, metres, nan where it cannot be triangulated. rows (n, 2) int64: corners of both frames that were matched (-1:
+    none), by which ties of several steps form a track; warp (n, 3): affine map of the surroundings of `previous` to the
+    current frame (stretch along u, shear of u by v, stretch along v); sigma_px (n,): standard deviation of the
+    registration along the patch's worst direction. The last three are None where they were not kept.
     """
 
     previous: NDArray[np.float64]
@@ -34,11 +34,11 @@ class Ties:
 
 @dataclass(frozen=True, slots=True)
 class StepPrior:
-    """What was known of a step before looking.
+    """What is known of a step before its images are compared.
 
     rotation (3, 3), sigma_rotation in radians (inf: unknown); direction of travel (3,), sigma_direction (2,) as slopes
-    sideways and up, in the axes half way through the turn where `halfway`, else in the previous camera's; length_m of
-    the step and its sigma_m.
+    sideways and up, in the axes half way through the rotation where `halfway`, else in the previous camera's; length_m
+    of the step and its sigma_m.
     """
 
     rotation: NDArray[np.float64]
@@ -55,13 +55,13 @@ class Motion:
     """The step from the previous used frame to this one.
 
     step: pose of the current camera in the previous camera's frame (None at the first used frame); pose: of the
-    camera in the drive's own frame (origin at the first used camera, its axes), steps chained; covariance (6, 6)
+    camera in the drive's own frame (origin and axes of the first used camera), by chained steps; covariance (6, 6)
     of the step (rotation vector, rad, then translation, m) or None; source: "start", "straight", "odometry",
     "poses" or "fixes" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line and adjusted motion.
-    expected: the step by the prior alone, that the adjustment began from (None where there was no adjustment);
+    expected: the step by the prior alone (None where there was no measurement);
     history_px: RMS of eq. 7.5 per coordinate over all ties at the start of the adjustment and after each iteration.
-    length_ratio: length of the step over that of the step before by points common to both alone, and its scatter;
-    prior: what was known of the step before looking (None: nothing).
+    length_ratio: length of the step over that of the step before, by points common to both, and its scatter;
+    prior: what is known of the step before its images are compared (None: nothing).
     """
 
     pose: Pose

@@ -38,7 +38,7 @@ def compiled_within(function: Kernel) -> Kernel:
 
     Their machine code is part of each kernel that calls them and is cached there, so they have no cache of their own.
     """
-    return cast(Kernel, numba.njit(**_OPTIONS)(function))
+    return cast(Kernel, numba.njit(inline="always", **_OPTIONS)(function))
 
 
 def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:

@@ -19,6 +19,7 @@ from wayside.schemas.settings.panel import (
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import RegionOutlineSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+from wayside.schemas.settings.ties import TieSettings
 from wayside.schemas.settings.tree import REPORT, Settings
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "SegmentSettings",
     "Settings",
     "SiftSettings",
+    "TieSettings",
     "TrackSettings",
     "setting",
 ]

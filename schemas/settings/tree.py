@@ -19,6 +19,7 @@ from wayside.schemas.settings.panel import (
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import RegionOutlineSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,7 @@ class Settings:
     region_outline: RegionOutlineSettings = field(default_factory=RegionOutlineSettings)
     sift: SiftSettings = field(default_factory=SiftSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
+    ties: TieSettings = field(default_factory=TieSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)

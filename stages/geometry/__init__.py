@@ -1,6 +1,5 @@
 """Rotations, lens distortion, midpoints of rays, offsets from a path, linear algebra and Levenberg-Marquardt."""
 
-from wayside.stages.geometry.bound import point_bound, step_bound
 from wayside.stages.geometry.boxes import (
     box_areas,
     covered_fractions,
@@ -50,10 +49,8 @@ __all__ = [
     "minimiser",
     "non_maximum_suppression",
     "pair_residual",
-    "point_bound",
     "rays_of_ideal",
     "rotation_from_vector",
-    "step_bound",
     "tangent_basis",
     "to_rays",
     "vector_from_rotation",

@@ -1,4 +1,4 @@
-"""Where a point lies beside the travelled path."""
+"""Frenet coordinates of a point relative to the travelled path."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def frenet_offset(
     stations: NDArray[np.float64],
     ahead: NDArray[np.float64],
 ) -> FrenetOffset:
-    """Project a point on the chain of camera centres; before and past its ends the path goes on straight.
+    """Project a point onto the polyline of camera centres, which is extended straight beyond both ends.
 
     Parameters
     ----------
@@ -32,26 +32,26 @@ def frenet_offset(
     centres
         Camera centres in the order of travel, (n, 3), n at least 1.
     ups
-        The cameras' own up in the world, (n, 3).
+        Up axis of each camera in the world, (n, 3).
     stations
         Distance along the path at each centre, (n,), metres.
     ahead
-        Direction of travel where there is one camera only, (3,).
+        Direction of travel, used where there is only one camera, (3,).
     """
     if len(centres) == 1:
         starts, steps, lengths = centres, ahead[None], np.ones(1)
     else:
         starts, steps = centres[:-1], np.diff(centres, axis=0)
         lengths = np.maximum(np.linalg.norm(steps, axis=1), 1e-9)
-    share = ((point - starts) * steps).sum(axis=1) / lengths**2
+    fraction = ((point - starts) * steps).sum(axis=1) / lengths**2
     low, high = np.zeros(len(steps)), np.ones(len(steps))
     low[0], high[-1] = -np.inf, np.inf
-    share = np.clip(share, low, high)
-    foot = starts + share[:, None] * steps
+    fraction = np.clip(fraction, low, high)
+    foot = starts + fraction[:, None] * steps
     nearest = int(np.argmin(((point - foot) ** 2).sum(axis=1)))
     along = steps[nearest] / lengths[nearest]
     up = ups[nearest] - (ups[nearest] @ along) * along
     up /= np.linalg.norm(up)
-    gap = point - foot[nearest]
-    station = stations[nearest] + share[nearest] * lengths[nearest]
-    return FrenetOffset(float(station), float(gap @ np.cross(along, up)), float(gap @ up))
+    offset = point - foot[nearest]
+    station = stations[nearest] + fraction[nearest] * lengths[nearest]
+    return FrenetOffset(float(station), float(offset @ np.cross(along, up)), float(offset @ up))

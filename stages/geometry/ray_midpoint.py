@@ -1,4 +1,4 @@
-"""The report's point: the middle between two rays, and what it leaves of them in both pictures (chapter 7)."""
+"""Midpoint triangulation of two rays and its reprojection residuals in both images (report chapter 7)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from wayside.stages.kernels import Array, compiled, shaped
 
 SMALLEST_SINE = 1e-6
-"""Rays that meet at a smaller angle (as sine) count as parallel."""
+"""Rays whose angle has a smaller sine count as parallel (numerical guard)."""
 
 
 class Midpoints(NamedTuple):
     """Midpoints of ray pairs.
 
-    point (n, 3), nan where the rays are parallel; gap (n,): length of the shortest join, same unit; along (n, 2):
-    distance of its ends along the two rays (times the ray's length), not positive where the point lies behind.
+    point (n, 3), nan where the rays are parallel; gap (n,): length of the shortest segment between the rays, same unit;
+    along (n, 2): distances of its ends along the two rays, not positive where the point lies behind the camera.
     """
 
     point: Array
@@ -36,7 +36,7 @@ def midpoint(
     d0: NDArray[np.floating[Any]],
     d1: NDArray[np.floating[Any]],
 ) -> Midpoints:
-    """Middle of the shortest segment between two rays (report eqs. 7.1 to 7.4).
+    """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
 
     Parameters
     ----------
@@ -77,35 +77,35 @@ def pair_residual(
     Parameters
     ----------
     previous, current
-        Rays (n, 2) as (x/z, y/z) of both pictures.
+        Rays (n, 2) as (x/z, y/z) of both images.
     rotation, direction
         Current camera in the previous one's frame: axes (3, 3) and centre (3,), of any length.
     focal_px
-        fx, fy. The report's single f takes centred, undistorted pixels for granted.
+        fx, fy. The report's single f assumes square, undistorted pixels.
 
     Returns
     -------
     Array
-        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the best place
-        that is left, with its gap shared by both pictures.
+        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the nearest
+        valid position, with its residual divided between both images.
     """
     first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
-    ones, turn = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
-    rays = np.hstack([first, ones]), np.hstack([second, ones]) @ turn.T
+    ones, axes = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
+    rays = np.hstack([first, ones]), np.hstack([second, ones]) @ axes.T
     found = midpoint(np.zeros(3), direction, *rays)
-    local = (found.point - direction) @ turn
+    local = (found.point - direction) @ axes
     with np.errstate(divide="ignore", invalid="ignore"):
-        gaps = np.hstack(
+        residuals = np.hstack(
             [
                 found.point[:, :2] / found.point[:, 2:] - first,
                 local[:, :2] / local[:, 2:] - second,
             ]
         )
-        far = rays[0] @ turn
-        apart = far[:, :2] / far[:, 2:] - second
+        far = rays[0] @ axes
+        far_residual = far[:, :2] / far[:, 2:] - second
     near = found.ahead & (found.point[:, 2] > 0) & (local[:, 2] > 0)
-    squares = ((gaps * (*focal_px, *focal_px)) ** 2).sum(axis=1)
-    distant = 0.5 * ((apart * focal_px) ** 2).sum(axis=1)
+    squares = ((residuals * (*focal_px, *focal_px)) ** 2).sum(axis=1)
+    distant = 0.5 * ((far_residual * focal_px) ** 2).sum(axis=1)
     return np.asarray(np.where(near, squares, distant))
 
 

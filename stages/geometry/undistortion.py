@@ -1,4 +1,4 @@
-"""Points without lens distortion (report chapter 6: points are undistorted, never pictures).
+"""Undistortion of points (report chapter 6: points are undistorted, never images).
 
 Three kinds of coordinates: pixels as recorded (distorted), ideal pixels (same camera matrix, no distortion) and
 rays (x/z, y/z) of the camera frame.
@@ -29,7 +29,7 @@ def ideal_points(camera: Camera, points: NDArray[np.floating[Any]]) -> NDArray[n
 
 
 def distort_points(camera: Camera, ideal: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Recorded pixels (n, 2) of ideal pixels (n, 2): the way back, in closed form."""
+    """Recorded pixels (n, 2) of ideal pixels (n, 2): the inverse of `ideal_points`, in closed form."""
     pixels = _columns(ideal)
     if len(pixels) == 0 or not camera.distortion:
         return pixels
@@ -58,7 +58,7 @@ def to_rays(camera: Camera, points: NDArray[np.floating[Any]]) -> NDArray[np.flo
 
 def _undistort(pixels: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     arguments = (pixels[:, None], camera.matrix, np.array(camera.distortion))
-    # OpenCV 4 keeps the stop rule in a function of its own; version 5 takes it in undistortPoints.
+    # OpenCV 4 takes the termination criteria in a function of its own, version 5 in undistortPoints.
     if hasattr(cv2, "undistortPointsIter"):
         result = cv2.undistortPointsIter(*arguments, None, camera.matrix, _STOP)
     else:

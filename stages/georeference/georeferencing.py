@@ -13,7 +13,7 @@ from math import nan, pi, radians
 import numpy as np
 
 from wayside.schemas.frame import Pose
-from wayside.schemas.settings import GeoreferenceSettings
+from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.notes import notes_on
@@ -21,13 +21,12 @@ from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, dr
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import STEP_SIGMA
-from wayside.stages.odometry import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
 
 
 def georeference(
     points: Iterator[PathPoint],
     settings: GeoreferenceSettings,
-    antenna_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    motion: MotionSettings,
 ) -> Iterator[DrivePath]:
     """Choose the world frame of a drive and give every used camera its pose in it: one path for all points.
 
@@ -41,8 +40,8 @@ def georeference(
         Used frames in the order of travel.
     settings
         Scatter of what is measured, and of what is known beforehand.
-    antenna_m
-        Where the fixes' antenna is: right, down, ahead of the camera.
+    motion
+        Scatter of poses and fixes where the log does not say, and the antenna of the fixes.
 
     Raises
     ------
@@ -51,7 +50,7 @@ def georeference(
     """
     path = list(points)
     if any(p.given is not None for p in path):
-        yield _in_world_of_poses(path, settings, antenna_m)
+        yield _in_world_of_poses(path, settings, motion)
         return
     start = _drive_start(path, settings.heading_step_m) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
@@ -62,16 +61,16 @@ def georeference(
         return
     chain = _chain(path)
     tilt, roll = radians(settings.first_tilt_deg), radians(settings.roll_deg)
-    globe, notes = _on_globe(path, chain, _stacked(poses), antenna_m, tilt, roll, settings)
+    globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, settings, motion)
     scales = _scales(path, chain, globe.trajectory)
     yield drive_path(path, "enu", _poses(path, globe.trajectory), globe, scales, notes)
 
 
 def _in_world_of_poses(
-    path: Sequence[PathPoint], settings: GeoreferenceSettings, antenna_m: tuple[float, float, float]
+    path: Sequence[PathPoint], settings: GeoreferenceSettings, motion: MotionSettings
 ) -> DrivePath:
     """The path in the world of the log's poses; on the globe by a second adjustment, since that world drifts."""
-    chain, measured = _chain(path), _measured_poses(path, settings)
+    chain, measured = _chain(path), _measured_poses(path, settings, motion)
     inside = smooth(chain, measured, *_stacked(_follow_given(path)), settings)
     notes = notes_on([p.frame for p in path], chain, measured, inside, "poses", settings)
     globe = None
@@ -79,7 +78,7 @@ def _in_world_of_poses(
         start = inside.rotation, inside.centre
         drifting = _drifting_chain(path, chain, inside, settings)
         tilt = radians(settings.world_tilt_deg)
-        globe, more = _on_globe(path, drifting, start, antenna_m, tilt, np.inf, settings)
+        globe, more = _on_globe(path, drifting, start, tilt, np.inf, settings, motion)
         notes += more
     scales = _scales(path, chain, inside)
     return drive_path(path, "log", _poses(path, inside), globe, scales, notes)
@@ -140,12 +139,12 @@ def _times(path: Sequence[PathPoint]) -> Array:
 
 
 def _measured_poses(
-    path: Sequence[PathPoint], settings: GeoreferenceSettings
+    path: Sequence[PathPoint], settings: GeoreferenceSettings, motion: MotionSettings
 ) -> AbsoluteMeasurements:
     """The log's own poses."""
     s = settings
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    sigma = np.array([max(_or(g.sigma_m, POSE_SIGMA_M), s.pose_floor_m) for _, g in given])
+    sigma = np.array([max(_or(g.sigma_m, motion.pose_sigma_m), s.pose_floor_m) for _, g in given])
     return AbsoluteMeasurements(
         row=np.array([row for row, _ in given]),
         position=np.stack([g.pose.centre for _, g in given]),
@@ -155,7 +154,10 @@ def _measured_poses(
         lever_arm_m=np.zeros(3),
         rotation=np.stack([g.pose.rotation for _, g in given]),
         sigma_rad=np.array(
-            [max(_or(g.sigma_rad, POSE_SIGMA_RAD), s.pose_floor_rad) for _, g in given]
+            [
+                max(_or(g.sigma_rad, radians(motion.pose_sigma_deg)), s.pose_floor_rad)
+                for _, g in given
+            ]
         ),
         first_sigma_rad=np.full(3, pi),
         roll_sigma_rad=np.inf,
@@ -166,10 +168,10 @@ def _on_globe(
     path: Sequence[PathPoint],
     chain: RelativeMotionChain,
     start: tuple[Array, Array],
-    antenna_m: tuple[float, float, float],
     tilt_rad: float,
     roll_rad: float,
     settings: GeoreferenceSettings,
+    motion: MotionSettings,
 ) -> tuple[Globe, tuple[str, ...]]:
     """The path in east, north, up, bounded by the fixes, and notes on these.
 
@@ -181,10 +183,10 @@ def _on_globe(
     fixes = [fix for _, fix in fixed]
     origin = origin_of(fixes, s.origin_reach_deg)
     position = origin.local(fixes)
-    unknown = (FIX_SIGMA_M, FIX_SIGMA_M, s.up_factor * FIX_SIGMA_M)
+    unknown = (motion.fix_sigma_m, motion.fix_sigma_m, s.up_factor * motion.fix_sigma_m)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
-    lever_arm = np.array(antenna_m)
+    lever_arm = np.array(motion.antenna_m)
     rotation, centre = start
     span_s = np.array([f.span_s for f in fixes])
     sagitta = _acceleration(chain.time_s, centre)[rows] * span_s**2 / 8

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings
+from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.bundle_adjustment import adjust_window
@@ -27,11 +27,11 @@ from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepCons
 from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
 from wayside.stages.mapping.window import Held
 from wayside.stages.odometry import (
-    CORRELATION_REACH_PX,
-    REGISTERED_SIGMA_PX,
     correlated_point_covariance,
     correlated_sigma_px,
 )
+
+_TIES = TieSettings()
 
 
 class LandmarkRays(NamedTuple):
@@ -236,7 +236,7 @@ def track_starts(
 def registered_sigma_px(ties: _WindowTies) -> Array:
     """Scatter (n,) of the registered pixel by the noise of both images, that of the earlier one magnified."""
     growth = (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2
-    return np.asarray(REGISTERED_SIGMA_PX * np.sqrt(1 + growth))
+    return np.asarray(_TIES.sigma_px * np.sqrt(1 + growth))
 
 
 def tie_rows(
@@ -262,9 +262,10 @@ def shared_errors(ties: _WindowTies, gain: Array, displacement_sigma: float) -> 
     independent part is subtracted.
     """
     displacement = ties.displacement_px
-    shared = correlated_sigma_px(displacement)[:, None, None] * gain
+    shared = correlated_sigma_px(displacement, _TIES)[:, None, None] * gain
     alone = (displacement_sigma * displacement)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
     return (
-        correlated_point_covariance(ties.pixel, ties.step, shared, CORRELATION_REACH_PX) - counted
+        correlated_point_covariance(ties.pixel, ties.step, shared, _TIES.correlation_reach_px)
+        - counted
     )

@@ -1,4 +1,4 @@
-"""The step between two pictures to a pixel or so, from matched corners: where ties are looked for closely."""
+"""Coarse relative pose from matched corners, to about a pixel: it guides the search for ties."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from math import radians
 
 import numpy as np
 
+from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import rays_of_ideal, rotation_from_vector, vector_from_rotation
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import (
@@ -16,18 +17,6 @@ from wayside.stages.odometry.epipolar import (
 )
 from wayside.stages.odometry.tie_points import KeypointImage, match_corners
 
-FARTHEST_BITS, FARTHEST_RATIO = 64, 0.85
-"""Descriptor distance of a match in wide bands, and its share of the next best's."""
-OTHER_STARTS_DEG, CLEAR_SHARE = (-1.5, 1.5), 0.5
-"""Yaws off the prediction that are tried too where fewer of the matches agree with what was found from it."""
-SCALES_PX, SIGMA_PX = (20.0, 5.0, 1.5), 1.0
-"""Robust scales of the fit, one after the other, and the error of a corner."""
-YAWS_DEG, YAW_SCALES_PX, SAME_YAW_DEG, MOST_YAWS = np.arange(-2.4, 2.5, 0.4), (3.0, 1.5), 0.3, 3
-"""Yaws round the prediction from which near solutions are sought, with their robust scales; solutions that are one, and
-how many of the best are taken."""
-HELD_SIGMA = radians(0.1)
-"""Of the direction of travel where it is held."""
-
 
 def find_coarse_motion(
     before: KeypointImage,
@@ -35,39 +24,47 @@ def find_coarse_motion(
     prior: RelativePosePrior,
     predicted: Array,
     slack_px: float,
+    settings: TieSettings,
 ) -> tuple[EpipolarFit | None, int]:
-    """Rotation and direction from matched corners, and how many of them agree.
+    """Rotation and direction from matched corners, and the number of inliers; None with too few matches.
 
     Parameters
     ----------
     before, now
-        The two views.
+        The images.
     prior
-        What is known of the step.
+        What is known of the relative pose.
     predicted
-        Rotation (3, 3) to search around.
+        Rotation (3, 3) by which corners are predicted.
     slack_px
-        How far off the prediction matches are looked for.
+        Half width of the search band round the prediction.
+    settings
+        Matching and fits.
     """
-    previous, current = _matched_rays(before, now, prior, predicted, slack_px)
-    if len(previous) < 8:
+    previous, current = _matched_rays(before, now, prior, predicted, slack_px, settings)
+    if len(previous) < settings.fewest_coarse:
         return None, 0
-    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px)
+    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px, settings)
 
 
 def fit_coarse_motion(
-    previous: Array, current: Array, prior: RelativePosePrior, predicted: Array, focal_px: float
+    previous: Array,
+    current: Array,
+    prior: RelativePosePrior,
+    predicted: Array,
+    focal_px: float,
+    settings: TieSettings,
 ) -> tuple[EpipolarFit, int]:
-    """Rotation and direction from matched rays (n, 2), good to a pixel or so, and how many of them agree."""
-    best = _released(previous, current, predicted, prior, focal_px)
-    agreeing = _agreeing(previous, current, best, focal_px)
-    if agreeing < CLEAR_SHARE * len(previous):
-        for yaw_deg in OTHER_STARTS_DEG:
-            turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
-            fit = _released(previous, current, turn @ predicted, prior, focal_px)
+    """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
+    best = _released(previous, current, predicted, prior, focal_px, settings)
+    inliers = _inliers(previous, current, best, focal_px, settings)
+    if inliers < settings.coarse_inlier_ratio * len(previous):
+        for yaw_deg in (-settings.other_yaw_deg, settings.other_yaw_deg):
+            rotation = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0]))
+            fit = _released(previous, current, rotation @ predicted, prior, focal_px, settings)
             best = fit if fit.cost < best.cost else best
-        agreeing = _agreeing(previous, current, best, focal_px)
-    return best, agreeing
+        inliers = _inliers(previous, current, best, focal_px, settings)
+    return best, inliers
 
 
 def near_coarse_motions(
@@ -76,30 +73,39 @@ def near_coarse_motions(
     prior: RelativePosePrior,
     predicted: Array,
     slack_px: float,
+    settings: TieSettings,
 ) -> list[EpipolarFit]:
-    """The few motions that matched corners agree with best; parameters as of `find_coarse_motion`."""
-    matched = _matched_rays(before, now, prior, predicted, slack_px)
-    return fit_near_motions(*matched, prior, predicted, now.focal_px)
+    """Motions of lowest cost near the prediction; parameters as of `find_coarse_motion`."""
+    matched = _matched_rays(before, now, prior, predicted, slack_px, settings)
+    return fit_near_motions(*matched, prior, predicted, now.focal_px, settings)
 
 
 def fit_near_motions(
-    previous: Array, current: Array, prior: RelativePosePrior, predicted: Array, focal_px: float
+    previous: Array,
+    current: Array,
+    prior: RelativePosePrior,
+    predicted: Array,
+    focal_px: float,
+    settings: TieSettings,
 ) -> list[EpipolarFit]:
-    """The best few of the motions that matched rays (n, 2) agree with at all, the direction of travel held.
+    """The distinct local minima of lowest cost for matched rays (n, 2), with the direction of travel held.
 
-    A vehicle ahead that keeps our pace agrees with no turn at all, like far things on a straight road: on a curve in
-    haze that may be the best fit from afar, and what the roadside says another one near by.
+    A vehicle ahead at our own speed fits a motion without rotation, like far points on a straight road: on a curve in
+    haze that can be the global minimum, with the true rotation another minimum near the prediction.
     """
+    limit, step = settings.near_yaw_limit_deg, settings.near_yaw_step_deg
+    yaws = np.arange(-limit, limit + step / 4, step)
+    scales = settings.near_first_scale_px, settings.coarse_last_scale_px
     fits = []
-    for yaw_deg in YAWS_DEG:
-        turn = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0])) @ predicted
-        fits.append(_held(previous, current, turn, prior, focal_px, YAW_SCALES_PX))
+    for yaw_deg in yaws:
+        rotation = rotation_from_vector(np.array([0.0, radians(yaw_deg), 0.0])) @ predicted
+        fits.append(_held(previous, current, rotation, prior, focal_px, scales, settings))
     distinct: list[EpipolarFit] = []
     for fit in sorted(fits, key=lambda fit: fit.cost):
-        apart = [_turn_between(fit.rotation, known.rotation) for known in distinct]
-        if min(apart, default=np.inf) > radians(SAME_YAW_DEG):
+        apart = [_angle_between(fit.rotation, known.rotation) for known in distinct]
+        if min(apart, default=np.inf) > radians(settings.same_rotation_deg):
             distinct.append(fit)
-    return distinct[:MOST_YAWS]
+    return distinct[: settings.most_near]
 
 
 def _matched_rays(
@@ -108,37 +114,61 @@ def _matched_rays(
     prior: RelativePosePrior,
     predicted: Array,
     slack_px: float,
+    settings: TieSettings,
 ) -> tuple[Array, Array]:
     pairs = match_corners(
-        before, now, predicted, prior.direction, slack_px, FARTHEST_BITS, FARTHEST_RATIO
+        before,
+        now,
+        (predicted, prior.direction),
+        slack_px,
+        (settings.coarse_bits, settings.coarse_ratio),
+        settings,
     )
     previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
     return previous, rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
 
 
-def _turn_between(one: Array, other: Array) -> float:
+def _angle_between(one: Array, other: Array) -> float:
     return float(np.linalg.norm(vector_from_rotation(np.ascontiguousarray(one.T @ other))))
 
 
-def _agreeing(previous: Array, current: Array, fit: EpipolarFit, focal_px: float) -> int:
-    gaps = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
-    return int((np.abs(gaps) < 3 * SIGMA_PX).sum())
+def _inliers(
+    previous: Array, current: Array, fit: EpipolarFit, focal_px: float, settings: TieSettings
+) -> int:
+    distances = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
+    return int((np.abs(distances) < settings.coarse_inlier_px).sum())
 
 
 def _released(
-    previous: Array, current: Array, rotation: Array, prior: RelativePosePrior, focal_px: float
+    previous: Array,
+    current: Array,
+    rotation: Array,
+    prior: RelativePosePrior,
+    focal_px: float,
+    settings: TieSettings,
 ) -> EpipolarFit:
-    # Forward motion leaves a free direction and the yaw to imitate each other: hold the direction first.
-    fit = _held(previous, current, rotation, prior, focal_px, SCALES_PX)
+    # In forward motion, direction and yaw have similar effects: the direction is held first.
+    scales = (
+        settings.coarse_first_scale_px,
+        settings.coarse_second_scale_px,
+        settings.coarse_last_scale_px,
+    )
+    fit = _held(previous, current, rotation, prior, focal_px, scales, settings)
     return fit_epipolar(
         previous,
         current,
         (fit.rotation, fit.direction),
         prior,
         focal_px=focal_px,
-        sigma_px=SIGMA_PX,
-        scale_px=SCALES_PX[-1],
+        sigma_px=settings.coarse_sigma_px,
+        scale_px=settings.coarse_last_scale_px,
     )
+
+
+def with_held_direction(prior: RelativePosePrior, settings: TieSettings) -> RelativePosePrior:
+    """The prior with a standard deviation of the direction that holds it."""
+    sigma = np.minimum(prior.sigma_direction, radians(settings.held_direction_deg))
+    return prior._replace(sigma_direction=sigma)
 
 
 def _held(
@@ -148,9 +178,10 @@ def _held(
     prior: RelativePosePrior,
     focal_px: float,
     scales_px: tuple[float, ...],
+    settings: TieSettings,
 ) -> EpipolarFit:
-    """The fit with the direction of travel held, ever narrower."""
-    held = prior._replace(sigma_direction=np.minimum(prior.sigma_direction, HELD_SIGMA))
+    """Fits with the direction of travel held, one after the other with decreasing scales."""
+    held = with_held_direction(prior, settings)
     start = (rotation, prior.direction)
     for scale in scales_px:
         fit = fit_epipolar(
@@ -159,7 +190,7 @@ def _held(
             start,
             held,
             focal_px=focal_px,
-            sigma_px=SIGMA_PX,
+            sigma_px=settings.coarse_sigma_px,
             scale_px=scale,
         )
         start = (fit.rotation, fit.direction)

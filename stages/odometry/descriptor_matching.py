@@ -1,4 +1,4 @@
-"""Match binary descriptors of corners inside predicted bands."""
+"""Matches of binary descriptors of corners inside predicted bands."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from wayside.stages.kernels import Array, compiled, require_array
 
 CELL_PX = 32.0
-SAME_PLACE_PX = 6.0
-"""A corner is often found at several sizes: those beside the best match are no rivals of it."""
+"""Side of a cell of the index of corners; any value gives the same matches."""
 
 
 def match_in_bands(
@@ -20,6 +19,7 @@ def match_in_bands(
     *,
     farthest: int,
     ratio: float,
+    same_corner_px: float,
 ) -> NDArray[np.int64]:
     """Pairs of corners whose descriptors agree, one to one.
 
@@ -31,11 +31,13 @@ def match_in_bands(
     descriptors
         Of the first corners, (n, 32).
     points, others
-        Places (m, 2) px and descriptors (m, 32) of the second corners.
+        Positions (m, 2) px and descriptors (m, 32) of the second corners.
     farthest
         Largest Hamming distance of a match, bits.
     ratio
-        The best distance must lie below this share of the best one at any other place in the band.
+        The best distance must lie below this fraction of the second best in the band.
+    same_corner_px
+        Corners this near to the best one are no second best: a corner is often found at several scales.
 
     Returns
     -------
@@ -73,6 +75,7 @@ def match_in_bands(
         first,
         farthest,
         ratio,
+        same_corner_px,
         best,
         distance,
     )
@@ -80,7 +83,7 @@ def match_in_bands(
 
 
 def _one_to_one(best: NDArray[np.int64], distance: NDArray[np.int64]) -> NDArray[np.int64]:
-    # Of all first corners that chose the same second one, the closest keeps it.
+    # Of all first corners with the same best match, the one with the smallest distance keeps it.
     chosen = np.flatnonzero(best >= 0)
     order = chosen[np.lexsort((chosen, distance[chosen], best[chosen]))]
     _, leaders = np.unique(best[order], return_index=True)
@@ -90,7 +93,7 @@ def _one_to_one(best: NDArray[np.int64], distance: NDArray[np.int64]) -> NDArray
 
 @compiled
 def _bits(word: np.uint64) -> np.uint64:
-    # Population count in parallel halves; the compiler turns it into one instruction.
+    # Population count; the compiler turns it into one instruction.
     word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
     word = (word & np.uint64(0x3333333333333333)) + (
         (word >> np.uint64(2)) & np.uint64(0x3333333333333333)
@@ -111,6 +114,7 @@ def _match(
     first: NDArray[np.int64],
     farthest: int,
     ratio: float,
+    same_corner_px: float,
     best: NDArray[np.int64],
     distance: NDArray[np.int64],
 ) -> None:
@@ -146,13 +150,13 @@ def _match(
                     least, winner = bits, j
         if winner < 0 or least > farthest:
             continue
-        rival = 257
+        second = 257
         for k in range(count):
             j = candidates[k]
             apart = max(
                 abs(points[j, 0] - points[winner, 0]), abs(points[j, 1] - points[winner, 1])
             )
-            if apart > SAME_PLACE_PX and distances[k] < rival:
-                rival = distances[k]
-        if least < ratio * rival:
+            if apart > same_corner_px and distances[k] < second:
+                second = distances[k]
+        if least < ratio * second:
             best[i], distance[i] = winner, least

@@ -272,7 +272,7 @@ def _sampson(
         p = e[0, 0] * x + e[1, 0] * y + e[2, 0]
         q = e[0, 1] * x + e[1, 1] * y + e[2, 1]
         square = a * a + b * b + p * p + q * q
-        # At the focus of expansion every line passes: no distance can be told.
+        # All epipolar lines meet at the focus of expansion: the distance is undefined there.
         result[i] = focal_px * (x * a + y * b + c) / np.sqrt(max(square, 1e-12))
 
 

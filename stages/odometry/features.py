@@ -13,26 +13,20 @@ from wayside.schemas.detections import Detections, Features
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry import ideal_points
 
-LEVELS, LEVEL_SCALE = 3, 1.5
-"""Pyramid of the corners, from half size: a thing 20 m away grows 1.7 times over 8 m."""
-CONTRAST = 9
-"""Grey levels by which a corner stands out: low enough for the texture of roads and verges."""
-CELL_PX = 25
-"""Side of a cell at each level, so 50 px of the picture at the finest."""
-
 
 def extract_features(
     images: Iterator[Detections], settings: FeatureSettings
 ) -> Iterator[Detections]:
-    """Find corners for tie points and undistort the candidates' centres; the end of what one image shows by itself.
+    """Detect corners for tie points and undistort the candidates' centres: the last stage that uses one image alone.
 
-    Grey stays for the registration of points, colours for the measuring of panels; the label images go.
+    The grey image stays for the registration of ties, the colours for the measuring of panels; label images are
+    dropped.
     """
     for item in images:
         grey, camera, candidates = item.image.grey, item.frame.camera, item.candidates
         features = item.features
         if grey is not None:
-            corners, descriptors = tie_corners(grey, settings.corners_per_cell)
+            corners, descriptors = tie_corners(grey, settings)
             features = replace(features, corners=corners, descriptors=descriptors)
         if camera is not None:
             candidates = replace(candidates, ideal=ideal_points(camera, candidates.center))
@@ -41,29 +35,29 @@ def extract_features(
 
 
 def tie_corners(
-    grey: NDArray[np.uint8], per_cell: int
+    grey: NDArray[np.uint8], settings: FeatureSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Corners (n, 2) of a grey picture, recorded pixels, sorted by row, and descriptors (n, 32).
+    """Corners (n, 2) of a grey image, recorded pixels, sorted by row, and descriptors (n, 32).
 
-    FAST corners of a pyramid, the strongest of each cell, so that weak ones on road and verge stand beside strong
-    ones against the sky; upright ORB descriptors, as cameras on the road hardly roll. From half size: the blur of lens
-    and JPEG lies below that scale.
+    FAST corners of a pyramid (Rosten and Drummond 2006), the strongest of each cell, so that weak ones on road and
+    verge are kept beside strong ones against the sky; upright ORB descriptors (Rublee et al. 2011), as cameras on the
+    road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
     """
-    fast = cv2.FastFeatureDetector.create(CONTRAST)
+    fast = cv2.FastFeatureDetector.create(settings.corner_contrast)
     orb = cv2.ORB.create(100_000, nlevels=1)
     level = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     corners, descriptors = [_NONE.corners], [_NONE.descriptors]
-    for index in range(LEVELS):
+    for index in range(settings.pyramid_levels):
         if index > 0:
-            shrink = 1 / LEVEL_SCALE
+            shrink = 1 / settings.pyramid_scale
             level = cv2.resize(level, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
         found = fast.detect(level)
         if not found:
             continue
-        found, described = orb.compute(level, [found[i] for i in _strongest(found, per_cell)])
+        found, described = orb.compute(level, [found[i] for i in _strongest(found, settings)])
         if described is None:
             continue
-        # Pixel centres at integers: the middle of a block of pixels lies half a block less half a pixel off its start.
+        # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
         scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
         places = (np.asarray(cv2.KeyPoint.convert(found)) + 0.5) * scale - 0.5
         corners.append(places.astype(np.float32))
@@ -73,14 +67,14 @@ def tie_corners(
     return places[order], codes[order]
 
 
-def _strongest(found: Sequence[cv2.KeyPoint], per_cell: int) -> NDArray[np.int64]:
+def _strongest(found: Sequence[cv2.KeyPoint], settings: FeatureSettings) -> NDArray[np.int64]:
     places = np.asarray(cv2.KeyPoint.convert(found), np.float32)
     response = np.fromiter((point.response for point in found), np.float32, len(found))
-    cell = np.floor(places / CELL_PX).astype(np.int64)
+    cell = np.floor(places / settings.corner_cell_px).astype(np.int64)
     key = cell[:, 1] * 100_000 + cell[:, 0]
     order = np.lexsort((np.arange(len(found)), -response, key))
     rank = np.arange(len(order)) - np.searchsorted(key[order], key[order])
-    chosen: NDArray[np.int64] = np.sort(order[rank < per_cell])
+    chosen: NDArray[np.int64] = np.sort(order[rank < settings.corners_per_cell])
     return chosen
 
 

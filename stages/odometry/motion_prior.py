@@ -1,4 +1,4 @@
-"""What to expect of the step to the next picture: a straight line, odometry, poses or fixes."""
+"""What is expected of the step to the next image: by poses, odometry, the spacing on a straight line, or fixes."""
 
 from __future__ import annotations
 
@@ -10,32 +10,22 @@ import numpy as np
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Fix, Frame, Pose, PosePrior
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
 
-POSE_SIGMA_M, POSE_SIGMA_RAD = 0.03, radians(0.1)
-"""Of one pose, where the log does not say."""
-FIX_SIGMA_M, FIX_STEP_SHARE = 1.5, 0.2
-"""Of one fix, where the log does not say; and the noise of the way between two as a share of it: the error varies
-slowly, so most of it is common to both."""
 EARTH_M = 6_371_000.0
-POSE_SLACK_PX, TURN_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
-"""How far from the prediction corners are looked for: with a pose; with the turn of the step before; with nothing."""
-SHORTEST_M, FASTEST_MPS = 0.02, 150.0
-"""A step is no shorter, and nothing on a road that fast: fixes further apart jump, and say nothing of the way."""
-MOST_TRIGGERS, HARDEST_MPS2 = 5, 12.0
-"""Triggers that one step may have lost, with its own; more than tyres hold."""
-FEWEST_SPEEDS, MOST_SPEEDS, ALIKE_SPEED = 3, 5, 0.25
-"""Steps that say the usual speed, at least and at most, and how far off it a step may be."""
+"""Mean radius."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionPrior:
-    """A step before looking.
+    """What is expected of a step before its images are compared.
 
     prior: of rotation and direction; baseline_m with sigma_m; straight: rotation and direction to fall back on;
-    search: rotation (3, 3) round which corners are matched, slack_px far; source: "straight", "odometry", "poses"
-    or "fixes"; triggers: so many spacings make the baseline, by the times of the pictures.
+    search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
+    source: "straight", "odometry", "poses" or "fixes"; triggers: number of spacings in the baseline, by the times of
+    the images.
     """
 
     prior: RelativePosePrior
@@ -50,7 +40,7 @@ class MotionPrior:
 
 @dataclass(frozen=True, slots=True)
 class TravelDirection:
-    """Direction of travel (3,) of a camera fixed to a vehicle, half way through each turn; sigma (2,) in radians."""
+    """Direction of travel (3,) of a camera fixed to a vehicle, in the axes half way through a step; sigma (2,), rad."""
 
     direction: Array
     sigma: Array
@@ -59,55 +49,66 @@ class TravelDirection:
 def predict_motion(
     before: Frame,
     now: Frame,
-    law: TravelDirection,
-    last_turn: Array | None,
+    travel: TravelDirection,
+    last_rotation: Array | None,
+    settings: MotionSettings,
     *,
-    spacing_sigma_m: float,
     speeds: Sequence[float] = (),
 ) -> MotionPrior:
-    """The step between two frames by the best source there is: poses, then spacing, then fixes.
+    """Expected step between two frames by the best source: poses, then spacing, then fixes.
 
-    last_turn (3, 3): rotation of the step before, None where it is not known; speeds: those of the last few steps as
-    `trigger_speed` gives them, the newest last.
+    Parameters
+    ----------
+    before, now
+        The frames.
+    travel
+        Direction of travel of the mounted camera.
+    last_rotation
+        Rotation (3, 3) of the step before, None where it is not known.
+    settings
+        Sigmas, limits and search bands.
+    speeds
+        Those of the last few steps as `trigger_speed` gives them, the newest last.
 
     Raises
     ------
     InputError
-        Where none of them gives the distance.
+        Where no source gives the distance.
     """
     if before.pose is not None and now.pose is not None:
         step = now.pose.pose.relative_to(before.pose.pose)
-        if float(np.linalg.norm(step.centre)) > SHORTEST_M:
-            return _by_poses(before.pose, now.pose, step, law)
+        if float(np.linalg.norm(step.centre)) > settings.shortest_m:
+            return _by_poses(before.pose, now.pose, step, travel, settings)
     triggers = 1
     if now.spacing_m is not None:
-        triggers = triggers_between(trigger_speed(before, now), now.spacing_m, speeds)
-        baseline, sigma, source = triggers * now.spacing_m, spacing_sigma_m, "straight"
+        triggers = triggers_between(trigger_speed(before, now), now.spacing_m, speeds, settings)
+        baseline, sigma, source = triggers * now.spacing_m, settings.spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
-        baseline, sigma = _between_fixes(before.fix, now.fix, (now.time_ns - before.time_ns) * 1e-9)
+        seconds = (now.time_ns - before.time_ns) * 1e-9
+        baseline, sigma = _between_fixes(before.fix, now.fix, seconds, settings)
         source = "fixes"
     else:
         raise InputError(
-            f"frame {now.index}: wanted the distance from the picture before it, found no pose, spacing or fix; "
-            "give the distance between pictures (--spacing 26.4ft)"
+            f"frame {now.index}: wanted the distance from the image before it, found no pose, spacing or fix; "
+            "give the distance between images (--spacing 26.4ft)"
         )
-    prior = RelativePosePrior(np.eye(3), inf, law.direction, law.sigma, True)
+    prior = RelativePosePrior(np.eye(3), inf, travel.direction, travel.sigma, True)
     return MotionPrior(
         prior,
-        max(baseline, SHORTEST_M),
+        max(baseline, settings.shortest_m),
         sigma,
-        (np.eye(3), law.direction),
-        np.eye(3) if last_turn is None else np.linalg.matrix_power(last_turn, triggers),
-        FIRST_SLACK_PX if last_turn is None else TURN_SLACK_PX,
+        (np.eye(3), travel.direction),
+        np.eye(3) if last_rotation is None else np.linalg.matrix_power(last_rotation, triggers),
+        settings.first_slack_px if last_rotation is None else settings.rotation_slack_px,
         source,
         triggers,
     )
 
 
 def trigger_speed(before: Frame, now: Frame) -> float:
-    """Speed between two pictures if no trigger was lost, metres a second; nan where the log does not say when or where.
+    """Speed between two images if no trigger was lost, m/s; nan without times of the camera or a spacing.
 
-    Of times that the camera gave: those of the log follow what writes it.
+    Log times are not used: they depend on the recorder.
     """
     if before.header_time_ns is None or now.header_time_ns is None or now.spacing_m is None:
         return nan
@@ -115,42 +116,51 @@ def trigger_speed(before: Frame, now: Frame) -> float:
     return now.spacing_m / seconds if seconds > 0 else nan
 
 
-def triggers_between(speed: float, spacing_m: float, speeds: Sequence[float]) -> int:
-    """How many spacings apart two pictures are, by their speed if it were one, and those of the steps before.
+def triggers_between(
+    speed: float, spacing_m: float, speeds: Sequence[float], settings: MotionSettings
+) -> int:
+    """Number of spacings between two images, by the speed that one spacing implies and the speeds of earlier steps.
 
-    A camera that is triggered by the way of its vehicle takes a picture every spacing. Where one is lost, the next
-    comes so late that the vehicle would have had to brake harder than tyres hold: then as many were lost as keep its
-    usual speed. Nothing is known of the first few steps, or where the vehicle is slow enough to brake.
+    A camera that is triggered by distance takes an image every spacing. Where one is lost, the next comes so late that
+    the vehicle would have had to brake harder than tyres hold: then the number is that which keeps the usual speed. It
+    is 1 for the first few steps and for a vehicle slow enough to brake in time.
     """
     known = [one for one in speeds if isfinite(one)]
-    if len(known) < FEWEST_SPEEDS or not isfinite(speed):
+    if len(known) < settings.fewest_speeds or not isfinite(speed):
         return 1
     usual, last = float(np.median(known)), known[-1]
-    hardest = HARDEST_MPS2 * 0.5 * (spacing_m / speed + spacing_m / last)
-    triggers = min(max(round(usual / speed), 1), MOST_TRIGGERS)
+    hardest = settings.hardest_mps2 * 0.5 * (spacing_m / speed + spacing_m / last)
+    triggers = min(max(round(usual / speed), 1), settings.most_triggers)
     return (
         triggers
-        if last - speed > hardest and abs(triggers * speed / usual - 1) < ALIKE_SPEED
+        if last - speed > hardest and abs(triggers * speed / usual - 1) < settings.speed_tolerance
         else 1
     )
 
 
-def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: TravelDirection) -> MotionPrior:
-    sigma_m = sqrt(2.0) * max(_or(first.sigma_m, POSE_SIGMA_M), _or(second.sigma_m, POSE_SIGMA_M))
+def _by_poses(
+    first: PosePrior,
+    second: PosePrior,
+    step: Pose,
+    travel: TravelDirection,
+    settings: MotionSettings,
+) -> MotionPrior:
+    default_m, default_rad = settings.pose_sigma_m, radians(settings.pose_sigma_deg)
+    sigma_m = sqrt(2.0) * max(_or(first.sigma_m, default_m), _or(second.sigma_m, default_m))
     sigma_rad = sqrt(2.0) * max(
-        _or(first.sigma_rad, POSE_SIGMA_RAD), _or(second.sigma_rad, POSE_SIGMA_RAD)
+        _or(first.sigma_rad, default_rad), _or(second.sigma_rad, default_rad)
     )
     baseline = float(np.linalg.norm(step.centre))
     direction = step.centre / baseline
-    # The direction between two noisy positions is no better than the mount's: take both by their weights.
-    given, habit = (sigma_m / baseline) ** -2, law.sigma**-2
-    expected = halfway_direction(np.ascontiguousarray(step.rotation), law.direction)
-    slopes = (given * direction[:2] / direction[2] + habit * expected[:2] / expected[2]) / (
-        given + habit
+    # The direction between two noisy positions is no more accurate than the mount's: weighted mean of both.
+    given, mounted = (sigma_m / baseline) ** -2, travel.sigma**-2
+    expected = halfway_direction(np.ascontiguousarray(step.rotation), travel.direction)
+    slopes = (given * direction[:2] / direction[2] + mounted * expected[:2] / expected[2]) / (
+        given + mounted
     )
     both = np.array([slopes[0], slopes[1], 1.0])
     prior = RelativePosePrior(
-        step.rotation, sigma_rad, both / np.linalg.norm(both), (given + habit) ** -0.5, False
+        step.rotation, sigma_rad, both / np.linalg.norm(both), (given + mounted) ** -0.5, False
     )
     return MotionPrior(
         prior,
@@ -158,7 +168,7 @@ def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: TravelDirect
         sigma_m,
         (step.rotation, direction),
         step.rotation,
-        POSE_SLACK_PX,
+        settings.pose_slack_px,
         second.source,
     )
 
@@ -172,18 +182,20 @@ def fix_distance_m(first: Fix, second: Fix) -> float:
     return float(np.sqrt(north * north + east * east + up * up))
 
 
-def _between_fixes(first: Fix, second: Fix, gap_s: float) -> tuple[float, float]:
-    """Distance and its sigma, metres; where fixes jump, half of what a vehicle can go, give or take as much."""
-    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second)
-    reach = FASTEST_MPS * gap_s
+def _between_fixes(
+    first: Fix, second: Fix, seconds: float, settings: MotionSettings
+) -> tuple[float, float]:
+    """Distance and its sigma, metres; where fixes jump, both are half of the farthest that a vehicle can go."""
+    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second, settings)
+    reach = settings.fastest_mps * seconds
     if 0 < reach < baseline - 3 * sigma:
         return reach / 2, reach / 2
     return baseline, sigma
 
 
-def _fix_sigma_m(first: Fix, second: Fix) -> float:
+def _fix_sigma_m(first: Fix, second: Fix, settings: MotionSettings) -> float:
     known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
-    return FIX_STEP_SHARE * max(known, default=FIX_SIGMA_M)
+    return settings.fix_step_fraction * max(known, default=settings.fix_sigma_m)
 
 
 def _or(value: float | None, default: float) -> float:

@@ -1,8 +1,8 @@
-"""Sub-pixel registration of small patches between two pictures.
+"""Sub-pixel registration of small patches between two images.
 
-The patch of the farther view is the template; translation, scale, gain and bias are solved in the nearer one by
-inverse-compositional Gauss-Newton (Baker and Matthews, 2004): the template's gradients serve all iterations. Seven
-times as exact as the corners themselves.
+The patch of the farther view is the template; translation, scale, gain and bias in the nearer one are solved by
+inverse-compositional Gauss-Newton (Baker and Matthews, 2004): the template's gradients serve all iterations. The error
+is a seventh of that of the corners (measured).
 """
 
 from __future__ import annotations
@@ -12,25 +12,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled, require_array
 
 RADIUS = 7
 SIDE = 2 * RADIUS + 1
-ITERATIONS = 12
-CONVERGED_PX = 0.01
-FARTHEST_PX, SCALE_CHANGE = 3.0, 1.3
-"""A fit that goes further from where the search ended, or changes the scale by more, has lost its patch."""
+"""Array layout: a patch is (SIDE, SIDE) pixels."""
 FREEDOM = SIDE * SIDE - 5.0
-LEAST_TEXTURE, HOPELESS = 2.0, 0.3
-"""Grey levels a patch must vary by; correlation below which a fit is given up."""
+"""Pixels of a patch less the unknowns: two of position, scale, gain, bias."""
+
+
+class _Limits(NamedTuple):
+    """Settings of the registration, as of `TieSettings`."""
+
+    iterations: int
+    converged_px: float
+    farthest_px: float
+    scale_change: float
+    least_texture: float
+    abandoned_correlation: float
 
 
 class PatchRegistration(NamedTuple):
-    """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed.
+    """Registered patches: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) correlation, 0 if it failed.
 
-    sigma (n,): scatter of the point along its weakest direction, px of the far picture, by the noise that is left
-    between the patches: large along an edge, where nothing but its ends stops a patch from sliding.
+    sigma (n,): standard deviation of the point along its worst direction, px of the far image, by the residual noise
+    between the patches: large along an edge, where only its ends fix the position.
     """
 
     point: Array
@@ -45,29 +53,36 @@ def register_patches(
     corners: NDArray[np.int64],
     starts: Array,
     warps: Array,
-    *,
-    search_px: int = 2,
+    search_px: int,
+    settings: TieSettings,
 ) -> PatchRegistration:
-    """Find the 15 x 15 px patches round `corners` of the far picture in the near one.
+    """Register the 15 x 15 px patches round `corners` of the far image in the near one.
 
     Parameters
     ----------
     far, near
-        Grey pictures (height, width).
+        Grey images (height, width).
     corners
-        Middle of each patch, (n, 2) whole pixels.
+        Centre of each patch, (n, 2) whole pixels.
     starts
-        Where the patches are expected in the near picture, (n, 2) px.
+        Where the patches are expected in the near image, (n, 2) px.
     warps
-        How they are expected to look there, (n, 3): stretch along u, shear of u by v, stretch along v. A plate
-        seen nearer has (s, 0, s), the road about (s, k, s * s).
+        Their expected warp, (n, 3): stretch along u, shear of u by v, stretch along v. A plate seen from nearer has
+        (s, 0, s), the road about (s, k, s * s).
     search_px
         Whole pixels searched round the start before the fit.
+    settings
+        Limits of the fit.
 
     Returns
     -------
     Registered
-        zncc is 0 and the point nan where the patch leaves a picture, has no texture, or the fit runs away.
+        zncc is 0 and the point nan where the patch leaves an image, has no texture, or the fit exceeds its limits.
+
+    Raises
+    ------
+    ValueError
+        Where an array has another shape or type.
     """
     n = len(corners)
     require_array(far, "far", np.uint8, (None, None))
@@ -77,27 +92,35 @@ def register_patches(
     require_array(warps, "warps", np.float64, (n, 3))
     point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
     sigma = np.full(n, np.inf)
-    _register(far, near, corners, starts, warps, search_px, point, scale, zncc, sigma)
+    limits = _Limits(
+        settings.registration_iterations,
+        settings.converged_px,
+        settings.farthest_px,
+        settings.scale_change,
+        settings.least_texture,
+        settings.abandoned_correlation,
+    )
+    _register(far, near, corners, starts, warps, search_px, limits, point, scale, zncc, sigma)
     return PatchRegistration(point, scale, zncc, sigma)
 
 
 @compiled
 def _inside(
-    picture: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, margin: float
+    image: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, margin: float
 ) -> bool:
-    # Whether a warped patch and the pixel after it lie in the picture; False for nan too.
+    # Whether a warped patch and the pixel after it lie in the image; False for nan too.
     reach_u = RADIUS * scale * (abs(warp[0]) + abs(warp[1])) + margin
     reach_v = RADIUS * scale * abs(warp[2]) + margin
-    height, width = picture.shape
+    height, width = image.shape
     inside: bool = u - reach_u >= 0 and v - reach_v >= 0
     return inside and u + reach_u < width - 1 and v + reach_v < height - 1
 
 
 @compiled
 def _sample(
-    picture: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, patch: Array
+    image: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, patch: Array
 ) -> tuple[float, float]:
-    # Bilinear (SIDE, SIDE) patch round u, v; returns its mean and the root of the sum of squares about that.
+    # Bilinear (SIDE, SIDE) patch round u, v; returns its mean and the root of its sum of squares about the mean.
     total, squares = 0.0, 0.0
     step = scale * warp[0]
     for i in range(SIDE):
@@ -109,9 +132,9 @@ def _sample(
             x = start + step * j
             column = int(x)
             fx = x - column
-            a, b = float(picture[row, column]), float(picture[row + 1, column])
-            a += fx * (float(picture[row, column + 1]) - a)
-            b += fx * (float(picture[row + 1, column + 1]) - b)
+            a, b = float(image[row, column]), float(image[row + 1, column])
+            a += fx * (float(image[row, column + 1]) - a)
+            b += fx * (float(image[row + 1, column + 1]) - b)
             value = a + fy * (b - a)
             patch[i, j] = value
             total += value
@@ -156,7 +179,7 @@ def _coarse(
 
 
 @compiled
-def _cut(far: NDArray[np.uint8], u: int, v: int, template: Array) -> float:
+def _template(far: NDArray[np.uint8], u: int, v: int, template: Array) -> float:
     # The patch round a whole pixel less its mean; returns the sum of its squares.
     mean, square = 0.0, 0.0
     for i in range(SIDE):
@@ -172,46 +195,46 @@ def _cut(far: NDArray[np.uint8], u: int, v: int, template: Array) -> float:
 
 
 @compiled
-def _slopes(
-    far: NDArray[np.uint8], u: int, v: int, template: Array, square: float, slopes: Array
+def _derivatives(
+    far: NDArray[np.uint8], u: int, v: int, template: Array, square: float, jacobian: Array
 ) -> None:
-    # Gradients by position and scale, freed of what gain and bias explain: those then need no unknowns of their own.
+    # Derivatives by position and scale, made orthogonal to gain and bias, which then need no unknowns of their own.
     for i in range(SIDE):
         for j in range(SIDE):
             y, x = v + i - RADIUS, u + j - RADIUS
-            slopes[0, i, j] = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
-            slopes[1, i, j] = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
-            slopes[2, i, j] = slopes[0, i, j] * (j - RADIUS) + slopes[1, i, j] * (i - RADIUS)
+            jacobian[0, i, j] = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
+            jacobian[1, i, j] = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
+            jacobian[2, i, j] = jacobian[0, i, j] * (j - RADIUS) + jacobian[1, i, j] * (i - RADIUS)
     for k in range(3):
-        mean, share = 0.0, 0.0
+        mean, fraction = 0.0, 0.0
         for i in range(SIDE):
             for j in range(SIDE):
-                mean += slopes[k, i, j]
-                share += slopes[k, i, j] * template[i, j]
+                mean += jacobian[k, i, j]
+                fraction += jacobian[k, i, j] * template[i, j]
         mean /= SIDE * SIDE
-        share /= square
+        fraction /= square
         for i in range(SIDE):
             for j in range(SIDE):
-                slopes[k, i, j] -= mean + share * template[i, j]
+                jacobian[k, i, j] -= mean + fraction * template[i, j]
 
 
 @compiled
-def _inverse(slopes: Array, inverse: Array) -> bool:
-    # Inverse (3, 3) of the normal matrix of the slopes; False where they cannot be told apart.
+def _inverse(jacobian: Array, inverse: Array) -> bool:
+    # Inverse (3, 3) of the normal matrix of the Jacobian; False where it is singular.
     normal = np.empty((3, 3))
     for k in range(3):
         for m in range(k, 3):
             total = 0.0
             for i in range(SIDE):
                 for j in range(SIDE):
-                    total += slopes[k, i, j] * slopes[m, i, j]
+                    total += jacobian[k, i, j] * jacobian[m, i, j]
             normal[k, m] = total
     return invert_symmetric(normal, 0.0, 0.0, inverse) > 1e-9
 
 
 @compiled
-def _weakest(inverse: Array) -> float:
-    # Larger eigenvalue of the place's part.
+def _largest_variance(inverse: Array) -> float:
+    # Larger eigenvalue of the position's part (2, 2).
     half = 0.5 * (inverse[0, 0] - inverse[1, 1])
     middle = 0.5 * (inverse[0, 0] + inverse[1, 1])
     larger: float = middle + np.sqrt(half * half + inverse[0, 1] ** 2)
@@ -223,18 +246,19 @@ def _fit(
     near: NDArray[np.uint8],
     template: Array,
     square: float,
-    slopes: Array,
+    jacobian: Array,
     inverse: Array,
     warp: Array,
-    place: Array,
+    position: Array,
     patch: Array,
+    limits: _Limits,
 ) -> float:
-    # Gauss-Newton on place (u, v, scale), in place; returns the correlation, 0 where the patch leaves the picture.
+    # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
     zncc, norm_t = 0.0, float(np.sqrt(square))
-    for _ in range(ITERATIONS):
-        if not _inside(near, place[0], place[1], warp, place[2], 0.0):
+    for _ in range(limits.iterations):
+        if not _inside(near, position[0], position[1], warp, position[2], 0.0):
             return 0.0
-        mean, norm = _sample(near, place[0], place[1], warp, place[2], patch)
+        mean, norm = _sample(near, position[0], position[1], warp, position[2], patch)
         if norm <= 1e-6:
             return 0.0
         product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0
@@ -242,11 +266,11 @@ def _fit(
             for j in range(SIDE):
                 value = patch[i, j] - mean
                 product += value * template[i, j]
-                r0 += slopes[0, i, j] * value
-                r1 += slopes[1, i, j] * value
-                r2 += slopes[2, i, j] * value
+                r0 += jacobian[0, i, j] * value
+                r1 += jacobian[1, i, j] * value
+                r2 += jacobian[2, i, j] * value
         zncc = product / (norm * norm_t)
-        if zncc < HOPELESS:
+        if zncc < limits.abandoned_correlation:
             return zncc
         gain = product / square  # of the near patch against the template
         r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
@@ -254,11 +278,11 @@ def _fit(
         dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
         ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
         ds = min(0.2, max(-0.2, ds))
-        # The template moved by (du, dv, 1 + ds) fits the patch: compose the inverse of that with the warp so far.
-        place[2] /= 1.0 + ds
-        place[0] -= place[2] * (warp[0] * du + warp[1] * dv)
-        place[1] -= place[2] * warp[2] * dv
-        if abs(du) + abs(dv) + RADIUS * abs(ds) < CONVERGED_PX:
+        # The template warped by (du, dv, 1 + ds) fits the patch: compose its inverse with the current warp.
+        position[2] /= 1.0 + ds
+        position[0] -= position[2] * (warp[0] * du + warp[1] * dv)
+        position[1] -= position[2] * warp[2] * dv
+        if abs(du) + abs(dv) + RADIUS * abs(ds) < limits.converged_px:
             break
     return zncc
 
@@ -271,6 +295,7 @@ def _register(
     starts: Array,
     warps: Array,
     search: int,
+    limits: _Limits,
     points: Array,
     scales: Array,
     znccs: Array,
@@ -278,7 +303,7 @@ def _register(
 ) -> None:
     height, width = far.shape
     template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
-    slopes, inverse, place = np.empty((3, SIDE, SIDE)), np.empty((3, 3)), np.empty(3)
+    jacobian, inverse, position = np.empty((3, SIDE, SIDE)), np.empty((3, 3)), np.empty(3)
     edge = RADIUS + 1
     for n in range(corners.shape[0]):
         u, v = corners[n, 0], corners[n, 1]
@@ -286,18 +311,21 @@ def _register(
             continue
         if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
-        square = _cut(far, u, v, template)
-        if square < (LEAST_TEXTURE * SIDE) ** 2:
+        square = _template(far, u, v, template)
+        if square < (limits.least_texture * SIDE) ** 2:
             continue
-        _slopes(far, u, v, template, square, slopes)
-        if not _inverse(slopes, inverse):
+        _derivatives(far, u, v, template, square, jacobian)
+        if not _inverse(jacobian, inverse):
             continue
-        place[0], place[1] = _coarse(near, template, starts[n], warps[n], search)
-        place[2] = 1.0
-        zncc = _fit(near, template, square, slopes, inverse, warps[n], place, patch)
-        away = max(abs(place[0] - starts[n, 0]), abs(place[1] - starts[n, 1]))
-        if away > FARTHEST_PX + search or not 1 / SCALE_CHANGE < place[2] < SCALE_CHANGE:
+        position[0], position[1] = _coarse(near, template, starts[n], warps[n], search)
+        position[2] = 1.0
+        zncc = _fit(near, template, square, jacobian, inverse, warps[n], position, patch, limits)
+        shift = max(abs(position[0] - starts[n, 0]), abs(position[1] - starts[n, 1]))
+        if (
+            shift > limits.farthest_px + search
+            or not 1 / limits.scale_change < position[2] < limits.scale_change
+        ):
             continue
-        points[n, 0], points[n, 1] = place[0], place[1]
-        scales[n], znccs[n] = place[2], zncc
-        sigmas[n] = np.sqrt(_weakest(inverse) * square * (1.0 - zncc * zncc) / FREEDOM)
+        points[n, 0], points[n, 1] = position[0], position[1]
+        scales[n], znccs[n] = position[2], zncc
+        sigmas[n] = np.sqrt(_largest_variance(inverse) * square * (1.0 - zncc * zncc) / FREEDOM)

@@ -1,15 +1,21 @@
-"""The step between two pictures from their tie points: coarse by matches, then fine by registered ones."""
+"""Relative pose of two images by tie points: coarse from matched corners, then fine from registered ones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 
+from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.coarse_pose import HELD_SIGMA, find_coarse_motion, near_coarse_motions
+from wayside.stages.odometry.coarse_pose import (
+    find_coarse_motion,
+    near_coarse_motions,
+    with_held_direction,
+)
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
     RelativePosePrior,
@@ -20,7 +26,6 @@ from wayside.stages.odometry.epipolar import (
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.tie_points import (
-    REGISTERED_SIGMA_PX,
     GroundPlane,
     KeypointImage,
     RegisteredTies,
@@ -28,22 +33,10 @@ from wayside.stages.odometry.tie_points import (
     register_ties,
 )
 
-WIDE_SLACK_PX, ENOUGH_AGREEING = 160.0, 60
-"""Where fewer matches agree, corners are looked for once more, this far from a straight line."""
-AGAIN_RAD, ROUNDS = np.radians(0.1), 3
-"""Ties are chosen again while that moves the direction by more, so often at most."""
-STARTS_RAD = np.radians([-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9])
-"""Yaws off the prediction from which ties are looked for as well, where they quarrel."""
-FINE_SCALES_PX, INLIER_PX = (0.6, 0.24), 0.4
-"""Robust scales of the fit to registered ties, and the distance up to which a tie agrees."""
-CLEAR_SHARE, GROUPS, BEST_GROUPS, GROUP_PX, GROUP_SEED = 0.75, 60, 4, 20.0, 1
-"""Where fewer of the ties agree, so many groups of four, chosen at random, are asked and the best few followed; robust
-scale of a group; the seed is fixed, as one pair of pictures has one step."""
-
 
 @dataclass(frozen=True, slots=True)
 class RelativePose:
-    """A measured step: rotation and direction as in `numerics.epipolar`, the ties, which of them agree."""
+    """Rotation and direction as in `fit_epipolar`, the prior, the ties, their rays (n, 2), and the inliers (n,)."""
 
     rotation: Array
     direction: Array
@@ -54,89 +47,122 @@ class RelativePose:
     inlier: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
     @property
-    def clear(self) -> bool:
-        """Whether most of the ties agree."""
-        return bool(self.inlier.sum() >= CLEAR_SHARE * len(self.previous))
+    def inliers(self) -> int:
+        """Number of inliers."""
+        return int(self.inlier.sum())
 
 
 RelativePoseEstimator = Callable[
-    [KeypointImage, KeypointImage, MotionPrior, Mount, int], RelativePose | None
+    [KeypointImage, KeypointImage, MotionPrior, Mount, int, TieSettings], RelativePose | None
 ]
 
 
 def estimate_relative_pose(
-    before: KeypointImage, now: KeypointImage, expected: MotionPrior, vehicle: Mount, fewest: int
+    before: KeypointImage,
+    now: KeypointImage,
+    expected: MotionPrior,
+    mount: Mount,
+    fewest: int,
+    settings: TieSettings,
 ) -> RelativePose | None:
-    """Step between two pictures: coarse motion, then ties registered by it; None with fewer than `fewest` ties."""
-    prior, ground = expected.prior, vehicle.ground(expected.baseline_m)
-    coarse, agreeing = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
-    if agreeing < ENOUGH_AGREEING:
-        wide, more = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
-        if more > agreeing:
-            coarse, agreeing = wide, more
-    if coarse is None or agreeing < fewest:
+    """Relative pose of two images: coarse motion, then ties registered by it.
+
+    Parameters
+    ----------
+    before, now
+        The images.
+    expected
+        What is expected of the step.
+    mount
+        Of the camera, as learnt so far.
+    fewest
+        Fewest inliers.
+    settings
+        Matching, registration and fits.
+
+    Returns
+    -------
+    RelativePose
+        None with fewer than `fewest` inliers.
+    """
+    prior, ground = expected.prior, mount.ground(expected.baseline_m)
+    coarse, inliers = find_coarse_motion(
+        before, now, prior, expected.search, expected.slack_px, settings
+    )
+    if inliers < settings.enough_coarse:
+        wide, more = find_coarse_motion(
+            before, now, prior, expected.straight[0], settings.wide_slack_px, settings
+        )
+        if more > inliers:
+            coarse, inliers = wide, more
+    if coarse is None or inliers < fewest:
         return None
-    step = _refine(before, now, coarse.rotation, coarse.direction, prior, ground)
-    if not step.clear:
-        # Ties of a wrong turn are few and quarrel; of all that may have been, most ties agree with the right one.
-        starts = _other_starts(before, now, expected, step)
-        others = [_refine(before, now, *start, prior, ground) for start in starts]
-        step = max(step, *others, key=lambda one: int(one.inlier.sum()))
-    if vehicle.strays(step.rotation, step.direction):
-        law = vehicle.law
-        kept = expected.prior._replace(
-            direction=law.direction,
-            sigma_direction=np.array([HELD_SIGMA, HELD_SIGMA]),
+    pose = _refine(before, now, (coarse.rotation, coarse.direction), prior, ground, settings)
+    if pose.inliers < settings.inlier_ratio * len(pose.inlier):
+        # With a wrong rotation the inlier ratio is low. Of all starts, that with the most inliers is kept.
+        starts = _other_starts(before, now, expected, pose, settings)
+        others = [_refine(before, now, start, prior, ground, settings) for start in starts]
+        pose = max(pose, *others, key=lambda one: one.inliers)
+    if mount.strays(pose.rotation, pose.direction):
+        travel = mount.travel.direction
+        held = prior._replace(
+            direction=travel,
+            sigma_direction=np.full(2, radians(settings.held_direction_deg)),
             halfway=True,
         )
-        step = _refine(
-            before,
-            now,
-            step.rotation,
-            halfway_direction(step.rotation, law.direction),
-            kept,
-            ground,
-        )
-    return step if step.inlier.sum() >= fewest else None
+        start = pose.rotation, halfway_direction(pose.rotation, travel)
+        pose = _refine(before, now, start, held, ground, settings)
+    return pose if pose.inliers >= fewest else None
 
 
 def _other_starts(
-    before: KeypointImage, now: KeypointImage, expected: MotionPrior, step: RelativePose
+    before: KeypointImage,
+    now: KeypointImage,
+    expected: MotionPrior,
+    pose: RelativePose,
+    settings: TieSettings,
 ) -> list[tuple[Array, Array]]:
-    """Rotations and directions to start from: where the step is by now, near the prediction, far off it."""
+    """Rotations and directions to start from: the current pose, minima near the prediction, yaws off it."""
     prior = expected.prior
-    fits = near_coarse_motions(before, now, prior, expected.search, expected.slack_px)
-    wide, _ = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
+    fits = near_coarse_motions(before, now, prior, expected.search, expected.slack_px, settings)
+    wide, _ = find_coarse_motion(
+        before, now, prior, expected.straight[0], settings.wide_slack_px, settings
+    )
     fits += [] if wide is None else [wide]
-    starts = [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in fits)]
-    for yaw in STARTS_RAD:
-        turn = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
-        ahead = halfway_direction(turn, prior.direction) if prior.halfway else prior.direction
-        starts.append((turn, ahead))
+    starts = [(pose.rotation, pose.direction), *((fit.rotation, fit.direction) for fit in fits)]
+    steps = np.arange(-settings.start_yaws, settings.start_yaws + 1)
+    for yaw in np.radians(np.round(settings.start_yaw_step_deg * steps, 6)):
+        rotation = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
+        starts.append((rotation, _prior_direction(rotation, prior)))
     return starts
+
+
+def _prior_direction(rotation: Array, prior: RelativePosePrior) -> Array:
+    return halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
 
 
 def _refine(
     before: KeypointImage,
     now: KeypointImage,
-    rotation: Array,
-    direction: Array,
+    start: tuple[Array, Array],
     prior: RelativePosePrior,
     ground: GroundPlane | None,
+    settings: TieSettings,
 ) -> RelativePose:
-    # Ties chosen by a motion tend to confirm it: choose again while it still moves.
-    tied = register_ties(before, now, rotation, direction, ground)
-    step = fit_relative_pose(before, now, tied, (rotation, direction), prior)
-    for _ in range(ROUNDS - 1):
-        if np.abs(step.direction - direction).max() < AGAIN_RAD:
+    # Ties selected by a motion are biased towards it: they are selected again while it still changes.
+    tied = register_ties(before, now, *start, settings, ground)
+    pose = fit_relative_pose(before, now, tied, start, prior, settings)
+    for _ in range(settings.rounds - 1):
+        if np.abs(pose.direction - start[1]).max() < radians(settings.settled_deg):
             break
-        rotation, direction = step.rotation, step.direction
-        tied = register_ties(before, now, rotation, direction, ground, tied)
-        step = fit_relative_pose(before, now, tied, (rotation, direction), prior)
+        start = pose.rotation, pose.direction
+        tied = register_ties(before, now, *start, settings, ground, tied)
+        pose = fit_relative_pose(before, now, tied, start, prior, settings)
     if ground is None:
-        return step
-    tied = register_road(before, now, step.rotation, step.direction, ground, tied)
-    return fit_relative_pose(before, now, tied, (step.rotation, step.direction), prior)
+        return pose
+    start = pose.rotation, pose.direction
+    tied = register_road(before, now, *start, ground, tied, settings)
+    return fit_relative_pose(before, now, tied, start, prior, settings)
 
 
 def fit_relative_pose(
@@ -145,23 +171,25 @@ def fit_relative_pose(
     tied: RegisteredTies,
     start: tuple[Array, Array],
     prior: RelativePosePrior,
+    settings: TieSettings,
 ) -> RelativePose:
-    """Rotation and direction that fit registered ties best, from a start a few pixels away at most.
+    """Robust fit of rotation and direction to registered ties, from a start within a few pixels.
 
-    A vehicle ahead at our own pace stands still in the picture, like far things on a straight road: on a curve in haze
-    it may hold a third of the ties, and the fit follows it. So where many ties do not agree, small groups of them say
-    what else the step may have been, and the best fit is kept (RANSAC, Fischler and Bolles 1981).
+    A vehicle ahead at our own speed does not move in the image, like far points on a straight road: on a curve in haze
+    it can hold a third of the ties, and the fit follows it. So where the inlier ratio is low, small random groups of
+    ties give other starts, and the fit of lowest cost is kept (RANSAC, Fischler and Bolles 1981).
     """
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
     focal_px = now.focal_px
-    best = _fine_fit(previous, current, start, prior, focal_px)
-    inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < INLIER_PX
-    if len(previous) >= GROUPS and inlier.sum() < CLEAR_SHARE * len(previous):
-        groups = _grouped_starts(previous, current, start, prior, focal_px)
-        fits = [_fine_fit(previous, current, g[:2], prior, focal_px) for g in groups]
+    best = _fine_fit(previous, current, start, prior, focal_px, settings)
+    inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < settings.inlier_px
+    enough = len(previous) >= settings.groups
+    if enough and inlier.sum() < settings.inlier_ratio * len(previous):
+        groups = _grouped_starts(previous, current, start, prior, focal_px, settings)
+        fits = [_fine_fit(previous, current, g[:2], prior, focal_px, settings) for g in groups]
         best = min((best, *fits), key=lambda fit: fit.cost)
-        inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < INLIER_PX
+        inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < settings.inlier_px
     return RelativePose(best.rotation, best.direction, prior, tied, previous, current, inlier)
 
 
@@ -171,19 +199,29 @@ def _grouped_starts(
     start: tuple[Array, Array],
     prior: RelativePosePrior,
     focal_px: float,
+    settings: TieSettings,
 ) -> list[EpipolarFit]:
-    """The few best steps of those that groups of four ties say, by how all ties agree with them."""
-    held = prior._replace(sigma_direction=np.minimum(prior.sigma_direction, HELD_SIGMA))
-    ahead = halfway_direction(start[0], prior.direction) if prior.halfway else prior.direction
-    random = np.random.default_rng(GROUP_SEED)
+    """Fits to random groups of four ties: the few of lowest robust cost over all ties."""
+    held = with_held_direction(prior, settings)
+    start = start[0], _prior_direction(start[0], prior)
+    random = np.random.default_rng(settings.group_seed)
+    scale = settings.fine_first_scale_px
     fits, costs = [], []
-    for _ in range(GROUPS):
+    for _ in range(settings.groups):
         rows = random.choice(len(previous), 4, replace=False)
-        fit = _fitted(previous[rows], current[rows], (start[0], ahead), held, focal_px, GROUP_PX)
-        gaps = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
+        fit = fit_epipolar(
+            previous[rows],
+            current[rows],
+            start,
+            held,
+            focal_px=focal_px,
+            sigma_px=settings.sigma_px,
+            scale_px=settings.group_scale_px,
+        )
+        distances = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
         fits.append(fit)
-        costs.append(float(np.log1p((gaps / FINE_SCALES_PX[0]) ** 2).sum()))
-    return [fits[k] for k in np.argsort(costs, kind="stable")[:BEST_GROUPS]]
+        costs.append(float(np.log1p((distances / scale) ** 2).sum()))
+    return [fits[k] for k in np.argsort(costs, kind="stable")[: settings.best_groups]]
 
 
 def _fine_fit(
@@ -192,27 +230,17 @@ def _fine_fit(
     start: tuple[Array, Array],
     prior: RelativePosePrior,
     focal_px: float,
+    settings: TieSettings,
 ) -> EpipolarFit:
-    for scale in FINE_SCALES_PX:
-        fit = _fitted(previous, current, start, prior, focal_px, scale)
+    for scale in (settings.fine_first_scale_px, settings.fine_last_scale_px):
+        fit = fit_epipolar(
+            previous,
+            current,
+            start,
+            prior,
+            focal_px=focal_px,
+            sigma_px=settings.sigma_px,
+            scale_px=scale,
+        )
         start = (fit.rotation, fit.direction)
     return fit
-
-
-def _fitted(
-    previous: Array,
-    current: Array,
-    start: tuple[Array, Array],
-    prior: RelativePosePrior,
-    focal_px: float,
-    scale_px: float,
-) -> EpipolarFit:
-    return fit_epipolar(
-        previous,
-        current,
-        start,
-        prior,
-        focal_px=focal_px,
-        sigma_px=REGISTERED_SIGMA_PX,
-        scale_px=scale_px,
-    )

@@ -12,7 +12,7 @@ from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import GeoreferenceSettings
+from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 
@@ -98,7 +98,7 @@ def write(folder, frames, **options):
     for frame in collect(iter(frames), record):
         writer.append(frame)
     settings = GeoreferenceSettings()
-    (path,) = georeference(iter(record.points), settings)
+    (path,) = georeference(iter(record.points), settings, MotionSettings())
     return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, settings, 0.5)))
 
 

@@ -106,7 +106,7 @@ def test_the_minimum_is_that_of_scipy(seed):
 def test_the_cost_never_rises_from_iteration_to_iteration():
     costs = [fit(noisy(5), Schedule(n))[1] for n in range(12)]
     assert (np.diff(costs) <= 0).all()
-    assert costs[-1] < 0.1 * costs[0]
+    assert costs[-1] < 0.5 * costs[0]
 
 
 def test_it_stops_at_the_limit_of_iterations_and_counts_them():

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from wayside.stages.geometry.rotation import (
-    cholesky_solve,
     rotation_from_vector,
     tangent_basis,
     vector_from_rotation,
@@ -44,16 +43,3 @@ def test_the_two_directions_across_are_unit_and_at_right_angles(vector):
         return
     basis = np.vstack([vector / length, tangent_basis(vector / length)])
     np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-9)
-
-
-def test_a_positive_definite_system_is_solved_as_numpy_solves_it():
-    generator = np.random.default_rng(1)
-    root = generator.normal(size=(5, 5))
-    matrix, right = root @ root.T + np.eye(5), generator.normal(size=5)
-    solution = right.copy()
-    assert cholesky_solve(matrix.copy(), solution, 5)
-    np.testing.assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-10)
-
-
-def test_an_indefinite_system_is_refused():
-    assert not cholesky_solve(np.diag([1.0, -1.0]), np.ones(2), 2)

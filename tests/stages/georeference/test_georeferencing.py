@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.series import blend_fixes
 from wayside.schemas.frame import Fix, Pose, PosePrior
-from wayside.schemas.settings import GeoreferenceSettings
+from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
 
 LEVEL_CAMERA = np.array(
@@ -19,7 +19,9 @@ LEVEL_CAMERA = np.array(
 
 
 def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
-    (path,) = georeference(iter(points), GeoreferenceSettings(), antenna_m)
+    right, down, ahead = antenna_m
+    motion = MotionSettings(antenna_right_m=right, antenna_down_m=down, antenna_ahead_m=ahead)
+    (path,) = georeference(iter(points), GeoreferenceSettings(), motion)
     return path
 
 

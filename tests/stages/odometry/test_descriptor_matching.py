@@ -18,7 +18,13 @@ def bands_round(points, length=0.0, width=20.0, direction=(1.0, 0.0)):
 
 def match(bands, descriptors, points, others, farthest=64, ratio=0.9):
     return match_in_bands(
-        np.ascontiguousarray(bands), descriptors, points, others, farthest=farthest, ratio=ratio
+        np.ascontiguousarray(bands),
+        descriptors,
+        points,
+        others,
+        farthest=farthest,
+        ratio=ratio,
+        same_corner_px=6.0,
     )
 
 

@@ -54,7 +54,7 @@ def test_a_corner_is_placed_where_it_is_in_the_full_picture():
     grey = np.full((480, 640), 40, np.uint8)
     for spot in spots:
         cv2.circle(grey, spot.tolist(), 3, 220, -1)
-    corners, _ = tie_corners(cv2.GaussianBlur(grey, (0, 0), 1.0), 3)
+    corners, _ = tie_corners(cv2.GaussianBlur(grey, (0, 0), 1.0), FeatureSettings())
     for spot in spots:
         around = corners[np.linalg.norm(corners - spot, axis=1) < 12]
         assert np.linalg.norm(around.mean(axis=0) - spot) < 1.2
@@ -63,13 +63,13 @@ def test_a_corner_is_placed_where_it_is_in_the_full_picture():
 def test_weak_texture_keeps_corners_beside_a_strong_one():
     grey = texture(contrast=14.0)
     grey[:, :320] = texture(seed=1, contrast=70.0)[:, :320]
-    corners, _ = tie_corners(grey, 3)
+    corners, _ = tie_corners(grey, FeatureSettings())
     assert (corners[:, 0] > 330).sum() > 0.3 * len(corners)
 
 
 @pytest.mark.parametrize("per_cell", [1, 4])
 def test_no_cell_gets_more_corners_than_asked(per_cell):
-    corners, _ = tie_corners(texture(), per_cell)
+    corners, _ = tie_corners(texture(), FeatureSettings(corners_per_cell=per_cell))
     # at half size the finest level has 13 x 10 cells, the coarser ones fewer
     levels = 130 + 63 + 35
     assert 0 < len(corners) <= per_cell * levels

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.motion_prior import (
     TravelDirection,
     fix_distance_m,
@@ -15,12 +16,13 @@ from wayside.stages.odometry.motion_prior import (
 )
 
 AHEAD = np.array([0.0, 0.0, 1.0])
-LAW = TravelDirection(AHEAD, np.radians([0.35, 0.25]))
+SETTINGS = MotionSettings()
+MOUNTED = TravelDirection(AHEAD, np.radians([0.35, 0.25]))
 FRAME = Frame(7, 0, None, USED, "jpeg", b"", Camera(640, 480, 500, 500, 320, 240))
 
 
-def expect(before, now, law=LAW, last_turn=None):
-    return predict_motion(before, now, law, last_turn, spacing_sigma_m=0.02)
+def expect(before, now, last_rotation=None):
+    return predict_motion(before, now, MOUNTED, last_rotation, SETTINGS)
 
 
 def posed(centre, yaw_deg=0.0, sigma_m=0.02, sigma_rad=0.001):
@@ -40,8 +42,8 @@ def test_spacing_expects_a_straight_line_of_that_length():
 def test_corners_are_looked_for_round_the_last_turn_and_wider_without_one():
     turn = Rotation.from_euler("y", 2, degrees=True).as_matrix()
     now = replace(FRAME, spacing_m=8.05)
-    np.testing.assert_array_equal(expect(FRAME, now, last_turn=turn).search, turn)
-    assert expect(FRAME, now).slack_px > expect(FRAME, now, last_turn=turn).slack_px
+    np.testing.assert_array_equal(expect(FRAME, now, last_rotation=turn).search, turn)
+    assert expect(FRAME, now).slack_px > expect(FRAME, now, last_rotation=turn).slack_px
 
 
 @pytest.mark.parametrize(
@@ -68,7 +70,7 @@ def test_a_picture_that_comes_too_late_for_any_brake_is_of_a_later_trigger(
     before = replace(FRAME, header_time_ns=10**9)
     now = replace(FRAME, header_time_ns=10**9 + int(seconds * 1e9), spacing_m=8.0)
     turn = Rotation.from_euler("y", 2, degrees=True)
-    found = predict_motion(before, now, LAW, turn.as_matrix(), spacing_sigma_m=0.02, speeds=speeds)
+    found = predict_motion(before, now, MOUNTED, turn.as_matrix(), SETTINGS, speeds=speeds)
     assert found.triggers == triggers
     assert found.baseline_m == 8.0 * triggers
     np.testing.assert_allclose(found.search, (turn**triggers).as_matrix(), atol=1e-12)

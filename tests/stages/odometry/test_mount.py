@@ -3,9 +3,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.odometry.mount import Mount, travel_slopes
+from wayside.schemas.settings import MotionSettings
+from wayside.stages.odometry.mount import (
+    Mount,
+    common_height,
+    lane_heights,
+    road_down,
+    travel_slopes,
+)
 
 NOTHING = np.zeros((0, 3))
+AHEAD = np.array([0.0, 0.0, 1.0])
+SETTINGS = MotionSettings()
 
 
 def step(yaw_deg=0.0, mount_deg=(-1.5, 0.3)):
@@ -17,10 +26,10 @@ def step(yaw_deg=0.0, mount_deg=(-1.5, 0.3)):
 
 
 def taught(steps, points=NOTHING):
-    vehicle = Mount()
+    mount = Mount(SETTINGS)
     for rotation, direction in steps:
-        vehicle.learn(rotation, direction, points)
-    return vehicle
+        mount.learn(rotation, direction, points)
+    return mount
 
 
 @settings(deadline=None, max_examples=30)
@@ -30,26 +39,26 @@ def test_the_mount_is_the_same_on_every_arc(yaw_deg):
 
 
 def test_before_any_step_the_vehicle_travels_about_straight_ahead():
-    law = Mount().law
-    np.testing.assert_array_equal(law.direction, [0, 0, 1])
-    assert np.degrees(law.sigma).min() >= 1
+    travel = Mount(SETTINGS).travel
+    np.testing.assert_array_equal(travel.direction, [0, 0, 1])
+    assert np.degrees(travel.sigma).min() >= 1
 
 
 def test_the_mount_is_learnt_through_curves_and_in_spite_of_a_wrong_step():
     steps = [step(yaw) for yaw in (0, 2, 4, 4, 1)]
     steps.insert(2, step(0.0, (9.0, -5.0)))
-    law = taught(steps).law
-    slopes = np.degrees(law.direction[:2] / law.direction[2])
+    travel = taught(steps).travel
+    slopes = np.degrees(travel.direction[:2] / travel.direction[2])
     np.testing.assert_allclose(slopes, (-1.5, 0.3), atol=0.01)
-    assert np.degrees(law.sigma).max() < 0.5
+    assert np.degrees(travel.sigma).max() < 0.5
 
 
 def test_a_step_that_goes_sideways_strays_once_the_mount_is_known():
     aside = step(0.0, (1.5, 0.3))
-    assert not Mount().strays(*aside)
-    vehicle = taught([step(yaw) for yaw in (0, 1, 2)])
-    assert vehicle.strays(*aside)
-    assert not vehicle.strays(*step(5.0))
+    assert not Mount(SETTINGS).strays(*aside)
+    mount = taught([step(yaw) for yaw in (0, 1, 2)])
+    assert mount.strays(*aside)
+    assert not mount.strays(*step(5.0))
 
 
 def test_the_road_is_known_after_enough_points_on_the_lane():
@@ -62,3 +71,67 @@ def test_the_road_is_known_after_enough_points_on_the_lane():
     assert ground.baseline_m == 8.0
     np.testing.assert_allclose(ground.height_m, 1.65)
     np.testing.assert_allclose(ground.down, [0, 1, 0], atol=1e-9)
+
+
+def road(height=2.1, pitch=0.0, count=30, seed=0):
+    """Points of the road before the camera, whose axis points `pitch` below the road's direction."""
+    generator = np.random.default_rng(seed)
+    flat = np.c_[
+        generator.uniform(-2.5, 2.5, count), np.full(count, height), generator.uniform(6, 30, count)
+    ]
+    flat[:, 1] += generator.normal(0, 0.01, count)
+    turn = np.array(
+        [
+            [1, 0, 0],
+            [0, np.cos(pitch), -np.sin(pitch)],
+            [0, np.sin(pitch), np.cos(pitch)],
+        ]
+    )
+    return flat @ turn.T, turn @ AHEAD
+
+
+def height_of(points, direction):
+    return common_height(lane_heights(points, direction, SETTINGS), SETTINGS)
+
+
+def test_the_height_is_that_above_the_points_of_the_road():
+    assert abs(height_of(*road()) - 2.1) < 0.01
+
+
+def test_a_camera_that_looks_up_or_down_gets_the_same_height():
+    for pitch in (-0.05, 0.03):
+        assert abs(height_of(*road(1.6, pitch)) - 1.6) < 0.01
+
+
+def test_things_on_and_beside_the_road_do_not_matter():
+    points, direction = road()
+    generator = np.random.default_rng(1)
+    cars = generator.uniform((-2.5, 0.6, 10), (2.5, 2.0, 30), (15, 3))
+    verge = generator.uniform((5, 2.5, 10), (12, 4.0, 30), (60, 3))
+    unknown = np.full((4, 3), np.nan)
+    found = height_of(np.vstack([cars, points, verge, unknown]), direction)
+    assert abs(found - 2.1) < 0.03
+
+
+def test_points_ahead_behind_and_beside_the_lane_are_told_apart():
+    points = np.array(
+        [[0.0, 2.0, 10], [0.0, 2.0, -10], [5.0, 2.0, 10], [0.0, 2.0, 60], [0, 9.0, 10]]
+    )
+    assert lane_heights(points, AHEAD, SETTINGS).tolist() == [2.0]
+
+
+def test_too_few_points_give_no_height():
+    assert np.isnan(height_of(*road(count=7)))
+    assert np.isnan(common_height(np.zeros(0), SETTINGS))
+
+
+def test_points_that_share_no_height_give_none():
+    assert np.isnan(common_height(1.1 ** np.arange(12), SETTINGS))
+
+
+def test_down_is_at_right_angles_to_the_road():
+    direction = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
+    down = road_down(direction)
+    assert abs(down @ direction) < 1e-12
+    assert abs(np.linalg.norm(down) - 1) < 1e-12
+    assert down[1] > 0.99

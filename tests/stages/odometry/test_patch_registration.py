@@ -2,9 +2,14 @@ import cv2
 import numpy as np
 import pytest
 
+from wayside.schemas.settings import TieSettings
 from wayside.stages.odometry.patch_registration import register_patches
 
 SHIFT = np.array([3.3, -2.4])
+
+
+def register(far, near, corners, starts, warps):
+    return register_patches(far, near, corners, starts, warps, 2, TieSettings())
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +41,7 @@ def test_patches_are_found_to_a_twentieth_of_a_pixel_in_spite_of_scale_gain_and_
     corners, near = somewhere(), seen_nearer(far, scale)
     truth = corners * scale + SHIFT
     starts = truth + np.random.default_rng(3).uniform(-2, 2, truth.shape)
-    found = register_patches(far, near, corners, starts, plates(len(corners), scale * 0.95))
+    found = register(far, near, corners, starts, plates(len(corners), scale * 0.95))
     assert (found.zncc > 0.95).mean() > 0.95
     good = found.zncc > 0.95
     assert np.sqrt(((found.point - truth)[good] ** 2).mean()) < 0.05
@@ -50,8 +55,8 @@ def test_a_road_seen_nearer_is_placed_better_by_its_own_warp_than_by_that_of_a_p
     truth = corners @ warp[:, :2].T + warp[:, 2]
     starts = np.round(truth) + 1.0
     flat = np.tile([1.4, 0.25, 1.9], (60, 1))
-    found = register_patches(far, near, corners, starts, flat)
-    upright = register_patches(far, near, corners, starts, plates(60, 1.6))
+    found = register(far, near, corners, starts, flat)
+    upright = register(far, near, corners, starts, plates(60, 1.6))
     off, off_upright = (np.nanmedian(np.abs(f.point - truth)) for f in (found, upright))
     assert (found.zncc > 0.95).mean() > 0.9
     assert off < 0.05
@@ -60,7 +65,7 @@ def test_a_road_seen_nearer_is_placed_better_by_its_own_warp_than_by_that_of_a_p
 
 def test_a_picture_registers_on_itself_without_moving(far):
     corners = somewhere()
-    found = register_patches(far, far, corners, corners.astype(float), plates(len(corners)))
+    found = register(far, far, corners, corners.astype(float), plates(len(corners)))
     np.testing.assert_allclose(found.point, corners, atol=1e-3)
     np.testing.assert_allclose(found.zncc, 1.0, atol=1e-6)
 
@@ -68,8 +73,8 @@ def test_a_picture_registers_on_itself_without_moving(far):
 def test_patches_without_texture_or_at_the_rim_are_refused(far):
     flat = np.full_like(far, 90)
     middle, rim = np.array([[200, 200]]), np.array([[3, 200], [499, 399], [200, 5]])
-    assert register_patches(flat, flat, middle, middle.astype(float), plates(1)).zncc[0] == 0
-    found = register_patches(far, far, rim, rim.astype(float), plates(3))
+    assert register(flat, flat, middle, middle.astype(float), plates(1)).zncc[0] == 0
+    found = register(far, far, rim, rim.astype(float), plates(3))
     assert (found.zncc == 0).all()
     assert np.isnan(found.point).all()
 
@@ -77,19 +82,19 @@ def test_patches_without_texture_or_at_the_rim_are_refused(far):
 def test_starts_that_are_nowhere_or_outside_are_refused(far):
     corners = np.full((4, 2), 200)
     starts = np.array([[np.nan, 200], [np.inf, 200], [-300.0, 200], [200, 9000.0]])
-    assert (register_patches(far, far, corners, starts, plates(4)).zncc == 0).all()
+    assert (register(far, far, corners, starts, plates(4)).zncc == 0).all()
 
 
 def test_another_scene_is_not_taken_for_the_patch(far):
     other = np.ascontiguousarray(far[::-1, ::-1])
     corners = somewhere()
-    found = register_patches(far, other, corners, corners.astype(float), plates(len(corners)))
+    found = register(far, other, corners, corners.astype(float), plates(len(corners)))
     assert (found.zncc < 0.85).all()
 
 
 def test_colour_pictures_are_refused(far):
     with pytest.raises(ValueError, match="far"):
-        register_patches(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), plates(1))
+        register(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), plates(1))
 
 
 def test_sigma_is_the_scatter_of_corners_under_noise(far):
@@ -98,7 +103,7 @@ def test_sigma_is_the_scatter_of_corners_under_noise(far):
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0, 6.0, far.shape)
         near = np.clip(far + noise, 0, 255).astype(np.uint8)
-        found = register_patches(far, near, corners, corners.astype(float), plates(len(corners)))
+        found = register(far, near, corners, corners.astype(float), plates(len(corners)))
         gaps.append(found.point - corners)
         stated.append(found.sigma)
     scatter = np.std(gaps, axis=0).max(axis=1)
@@ -115,5 +120,5 @@ def test_a_patch_on_an_edge_may_slide_and_one_on_a_corner_may_not(far):
         np.clip(cv2.GaussianBlur(p, (0, 0), 1.0), 0, 255).astype(np.uint8) for p in (picture, other)
     ]
     corners = np.array([[50, 60], [140, 80]])
-    found = register_patches(*both, corners, corners.astype(float), plates(2))
+    found = register(*both, corners, corners.astype(float), plates(2))
     assert found.sigma[0] > 5 * found.sigma[1]

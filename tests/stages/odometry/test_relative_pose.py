@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera
+from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry.rotation import rotation_from_vector
 from wayside.stages.odometry.coarse_pose import fit_coarse_motion, fit_near_motions
 from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
@@ -12,8 +13,9 @@ from wayside.stages.odometry.relative_pose import fit_relative_pose
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 VIEW = SimpleNamespace(camera=CAMERA, focal_px=1400.0)
+TIES = TieSettings()
 AHEAD = np.array([0.0, 0.0, 1.0])
-LAW = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True)
+MOUNTED = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True)
 
 
 def seen(points):
@@ -44,7 +46,7 @@ def ties_on_a_curve(yaw_deg, standing, riding, seed=0, road=0):
 @pytest.mark.parametrize("yaw_deg", [-0.9, -0.6, 0.6, 0.8])
 def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg):
     tied, rotation, direction = ties_on_a_curve(yaw_deg, standing=70, riding=30)
-    step = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    step = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED, TIES)
     off = Rotation.from_matrix(rotation.T @ step.rotation).magnitude()
     assert np.degrees(off) < 0.05
     np.testing.assert_allclose(step.direction, direction, atol=np.radians(0.3))
@@ -66,8 +68,8 @@ def test_the_turn_is_among_the_near_motions_where_a_bus_fills_the_picture(seed):
     def off(fit):
         return np.degrees(Rotation.from_matrix(rotation.T @ fit.rotation).magnitude())
 
-    afar, _ = fit_coarse_motion(*rays, LAW, predicted, 1400.0)
-    near = fit_near_motions(*rays, LAW, predicted, 1400.0)
+    afar, _ = fit_coarse_motion(*rays, MOUNTED, predicted, 1400.0, TIES)
+    near = fit_near_motions(*rays, MOUNTED, predicted, 1400.0, TIES)
     assert off(afar) > 1
     assert min(off(fit) for fit in near) < 0.2
     assert len(near) <= 3
@@ -75,7 +77,7 @@ def test_the_turn_is_among_the_near_motions_where_a_bus_fills_the_picture(seed):
 
 def test_the_same_ties_give_the_same_step():
     tied, _, _ = ties_on_a_curve(0.7, standing=60, riding=25)
-    first = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
-    again = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    first = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED, TIES)
+    again = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED, TIES)
     assert first.rotation.tobytes() == again.rotation.tobytes()
     assert first.direction.tobytes() == again.direction.tobytes()

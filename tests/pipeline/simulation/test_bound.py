@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.geometry.bound import point_bound, step_bound
+from wayside.pipeline.simulation.bound import point_bound, step_bound
 from wayside.stages.mapping.covariance import point_covariance
 
 POINT = np.array([3.12, -0.6, 52.0])

@@ -1,7 +1,7 @@
-"""A drive made of geometry alone: where the camera went, what stands along the road, and what each picture would show.
+"""A simulated drive: poses of the camera, signs and points along the road, and their projections with noise.
 
-World: x right, y down, z ahead at the start, metres. The camera follows an arc over hills; ties and panels are
-projected with noise. What comes out are the items that the tracker takes, so that the project's own stages do the rest.
+World: x right, y down, z ahead at the start, metres. The camera follows an arc over hills. The drive yields the items
+that the tracker takes, so that the stages of `wayside run` do the rest.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MotionSettings
+from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry import (
@@ -36,9 +36,9 @@ HILL_M = 400.0
 """Length of a hill, foot to foot."""
 LEAST_DEPTH_M, TIE_REACH_M, SIGN_REACH_M = 4.0, 120.0, 150.0
 POINTS_A_METRE = 14
-"""Points that could be ties, on the road and beside it."""
+"""Points that can be ties, on the road and beside it."""
 SMALLEST_PX = 8.0
-"""A panel that is less tall in the picture is not seen."""
+"""A panel of smaller height in the image is not seen."""
 GROSS_TIE_PX, GROSS_SIGN_PX = 6.0, 5.0
 """Scatter of outliers."""
 DRIFT_WAVES = 24
@@ -47,14 +47,14 @@ SURE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What is driven and how well it is seen; lengths in metres, angles in degrees, noise in pixels a coordinate.
+    """A survey and its errors; lengths in metres, angles in degrees, noise in pixels a coordinate.
 
-    noise_px, noise_share: of a panel's centre in each picture, and what its height there adds; face_share: offset
-    common to all views of a panel, as a share of its size; tie_px: of a tie in each picture; tie_drift_px,
-    tie_drift_share, tie_drift_reach_px: error that a tie shares with the ties around it, what its way through the
-    picture adds, and how far it reaches; trigger_m: scatter of the spacing;
-    jitter_deg: of the pitch (half as much roll, a quarter yaw); outliers: share of gross errors among ties and panels;
-    pose_m, pose_deg: scatter of given poses (None: the spacing is all that is given).
+    noise_px, noise_share: of a panel's centre in each image, and an addition as a fraction of its height; face_share:
+    offset common to all views of a panel, as a fraction of its size; tie_px: of a tie in each image; tie_drift_px,
+    tie_drift_share, tie_drift_reach_px: error that a tie shares with the ties around it, an addition as a fraction of
+    its displacement, and the reach of the correlation; trigger_m: scatter of the spacing; jitter_deg: of the pitch
+    (half as much roll, a quarter yaw); outliers: fraction of gross errors among ties and panels; pose_m, pose_deg:
+    scatter of given poses (None: only the spacing is given).
     """
 
     spacing_m: float = 8.0
@@ -95,15 +95,17 @@ class Survey:
         return Camera(self.width, self.height, self.focal_px, self.focal_px, *middle)
 
     def drift_of(self, camera: Camera, step: Pose, previous: Array, current: Array) -> Array:
-        """Scatter (n,) of the shared error of ties at ideal pixels (n, 2) of both pictures."""
+        """Scatter (n,) of the shared error of ties at ideal pixels (n, 2) of both images."""
         far = rays_of_ideal(camera, previous) @ step.rotation[:2] + step.rotation[2]
-        way = current - ideal_of_rays(camera, far[:, :2] / far[:, 2:])
-        return np.asarray(self.tie_drift_px + self.tie_drift_share * np.linalg.norm(way, axis=1))
+        displacement = current - ideal_of_rays(camera, far[:, :2] / far[:, 2:])
+        return np.asarray(
+            self.tie_drift_px + self.tie_drift_share * np.linalg.norm(displacement, axis=1)
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class PanelObservations:
-    """Panels in one picture: which (k,), and the same number of boxes (k, 4) and centres (k, 2), px."""
+    """Panels in one image: which (k,), and the same number of boxes (k, 4) and centres (k, 2), px."""
 
     sign: NDArray[np.int64]
     box: Array
@@ -137,19 +139,19 @@ class SimulatedDrive:
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
-    def moved(self, settings: MotionSettings) -> Iterator[PosedDetections]:
-        """Every frame with its candidates and the motion that the project's own numerics find."""
-        drive = VisualOdometry(settings, measure=self._measure)
+    def posed(self, settings: MotionSettings, ties: TieSettings) -> Iterator[PosedDetections]:
+        """Every frame with its candidates and the motion that the odometry of `wayside run` estimates."""
+        odometry = VisualOdometry(settings, ties, estimate=self._estimate)
         for index, pose in enumerate(self.poses):
             frame = self._frame(index)
-            motion = drive.advance(self._view(index), frame)
+            motion = odometry.advance(self._keypoint_image(index), frame)
             seen = self._observe(index, pose)
             self.seen.append(seen)
             image = Image(frame, None, None)
             yield PosedDetections(Detections(unsegmented(image), _table(seen)), motion)
 
     def visible(self, index: int) -> NDArray[np.int64]:
-        """Points that could be ties in a picture, ascending."""
+        """Points that could be ties in a image, ascending."""
         if index in self._visible:
             return self._visible[index]
         station = self.station[index]
@@ -160,13 +162,13 @@ class SimulatedDrive:
         return rows
 
     def common(self, before: int, now: int) -> NDArray[np.int64]:
-        """Points that tie two pictures: the first so many that both show, in a fixed order without meaning."""
+        """Points that tie two images: the first so many that both show, in a fixed order without meaning."""
         shared = np.intersect1d(self.visible(before), self.visible(now), assume_unique=True)
         order = np.argsort((shared * 2654435761) % 2**32, kind="stable")
         return np.sort(shared[order[: self.survey.ties]])
 
     def project(self, index: int, points: Array) -> Array:
-        """Pixels (n, 2) of points of the world in a picture."""
+        """Pixels (n, 2) of points of the world in a image."""
         local = self.poses[index].to_camera(points)
         return np.asarray(local[:, :2] / local[:, 2:] * self.camera.fx + self._middle)
 
@@ -175,7 +177,7 @@ class SimulatedDrive:
         return self._points[rows]
 
     def depth(self, sign: int, frames: NDArray[np.int64]) -> Array:
-        """Distance of a sign ahead of the camera in some pictures, (n,)."""
+        """Distance of a sign ahead of the camera in some images, (n,)."""
         return np.array([self.poses[f].to_camera(self.signs[sign])[2] for f in frames])
 
     @property
@@ -198,8 +200,8 @@ class SimulatedDrive:
         heading = station / self.survey.curve_radius_m
         wave = 2 * np.pi / HILL_M
         slope = self.survey.hill_m / 2 * wave * np.cos(wave * station)
-        nought = np.zeros_like(station)
-        right = np.column_stack([np.cos(heading), nought, -np.sin(heading)])
+        zero = np.zeros_like(station)
+        right = np.column_stack([np.cos(heading), zero, -np.sin(heading)])
         ahead = np.column_stack([np.sin(heading), -slope, np.cos(heading)])
         ahead /= np.linalg.norm(ahead, axis=1)[:, None]
         return right, np.cross(ahead, right), ahead
@@ -248,22 +250,23 @@ class SimulatedDrive:
             pose=prior, spacing_m=s.spacing_m,
         )  # fmt: skip
 
-    def _view(self, index: int) -> KeypointImage:
-        """A view whose corners are true projections and whose descriptors are the numbers of the points."""
+    def _keypoint_image(self, index: int) -> KeypointImage:
+        """An image whose corners are true projections and whose descriptors are the numbers of the points."""
         rows = self.visible(index)
         uv = self.project(index, self._points[rows])
         codes = np.append(rows, index).astype(np.int64)[:, None].view(np.uint8)
         return KeypointImage(self.camera, _NO_PIXELS, uv.astype(np.float32), codes, uv)
 
-    def _measure(
+    def _estimate(
         self,
         before: KeypointImage,
         now: KeypointImage,
         expected: MotionPrior,
-        vehicle: Mount,
+        mount: Mount,
         fewest: int,
+        settings: TieSettings,
     ) -> RelativePose | None:
-        """Ties of two pictures with their errors; the motion that fits them."""
+        """Relative pose of two images from simulated ties; parameters as of `estimate_relative_pose`."""
         (*old, first), (*new, second) = (v.descriptors.view(np.int64)[:, 0] for v in (before, now))
         shared = self.common(int(first), int(second))
         if len(shared) < max(fewest, 8):
@@ -279,20 +282,22 @@ class SimulatedDrive:
         gross = self._rng.random(len(rows)) < self.survey.outliers
         current[gross] += self._rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
-        coarse, _ = fit_coarse_motion(*rays, expected.prior, expected.search, now.focal_px)
+        coarse, _ = fit_coarse_motion(
+            *rays, expected.prior, expected.search, now.focal_px, settings
+        )
         growth = self._depths(int(first), shared) / self._depths(int(second), shared)
         warp = np.column_stack([growth, np.zeros(len(rows)), growth])
-        sigma = np.zeros(len(rows))  # nothing here slides
+        sigma = np.zeros(len(rows))  # no patch slides along an edge
         tied = RegisteredTies(
             previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
         )
-        step = fit_relative_pose(
-            before, now, tied, (coarse.rotation, coarse.direction), expected.prior
+        pose = fit_relative_pose(
+            before, now, tied, (coarse.rotation, coarse.direction), expected.prior, settings
         )
-        return step if step.inlier.sum() >= fewest else None
+        return pose if pose.inliers >= fewest else None
 
     def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
-        """Depth (n,) of points that could be ties in a picture."""
+        """Depth (n,) of points that could be ties in a image."""
         return np.asarray(self.poses[index].to_camera(self._points[points])[:, 2])
 
     def _drift(self, uv: Array) -> Array:

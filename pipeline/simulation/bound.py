@@ -1,33 +1,33 @@
-"""Cramér-Rao bound of a placed point: how well any unbiased method could know it from what was measured."""
+"""Cramér-Rao bound of a located point: the smallest covariance of any unbiased estimate from the measurements."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry.rotation import tangent_basis
+from wayside.stages.geometry import cross_matrix, tangent_basis
 from wayside.stages.kernels import Array, compiled, require_array
 
 
 def step_bound(
-    slopes: Array, covariance: Array, direction: Array, baseline_m: float, sigma_m: float
+    jacobian: Array, covariance: Array, direction: Array, baseline_m: float, sigma_m: float
 ) -> Array:
-    """Covariance (6, 6) that ties leave of a step at best: rotation vector, then translation, first camera's axes.
+    """Smallest covariance (6, 6) of a step by ties: rotation vector, then translation, in the first camera's axes.
 
     Parameters
     ----------
-    slopes
-        Derivatives (n, 5) of the ties' Sampson distances, px, as of `numerics.tie_errors.motion_slopes`.
+    jacobian
+        Derivatives (n, 5) of the ties' Sampson distances, px, as of `motion_jacobian`.
     covariance
         Of these distances, (n, n), px squared.
     direction
         Of travel, (3,), unit.
     baseline_m, sigma_m
-        Length of the step and how well it is known beforehand.
+        Length of the step and its standard deviation beforehand.
     """
-    require_array(slopes, "slopes", np.float64, (len(covariance), 5))
-    require_array(covariance, "covariance", np.float64, (len(slopes), len(slopes)))
-    white = slopes.copy()
+    require_array(jacobian, "jacobian", np.float64, (len(covariance), 5))
+    require_array(covariance, "covariance", np.float64, (len(jacobian), len(jacobian)))
+    white = jacobian.copy()
     _whiten(covariance.copy(), white)
     motion = np.linalg.inv(white.T @ white)
     spread = np.zeros((6, 5))
@@ -78,7 +78,7 @@ def point_bound(
         rows = np.zeros((6, 6 * n + 3))
         rows[:3, 6 * k - 6 : 6 * k - 3], rows[:3, 6 * k : 6 * k + 3] = -back, back
         rows[3:, 6 * k - 3 : 6 * k], rows[3:, 6 * k + 3 : 6 * k + 6] = -back, back
-        rows[3:, 6 * k - 6 : 6 * k - 3] = back @ _cross(centres[k] - centres[k - 1])
+        rows[3:, 6 * k - 6 : 6 * k - 3] = back @ cross_matrix(centres[k] - centres[k - 1])
         information += rows.T @ np.linalg.solve(steps[k], rows)
     for view, spread in zip(views, sigma, strict=True):
         rows = _local_rows(rotations[view], centres[view], point, int(view), n)
@@ -87,7 +87,7 @@ def point_bound(
         information += (project @ rows).T @ (project @ rows)
     keep = np.ones(6 * n + 3, np.bool_)
     if pose_sigma is None:
-        keep[6 * best : 6 * best + 6] = False  # where the drive stands nobody says
+        keep[6 * best : 6 * best + 6] = False  # the pose of the drive as a whole is not measured
     else:
         diagonal = np.tile([pose_sigma[1] ** -2] * 3 + [pose_sigma[0] ** -2] * 3, n)
         information[np.arange(6 * n), np.arange(6 * n)] += diagonal
@@ -98,7 +98,7 @@ def point_bound(
 
 @compiled
 def _whiten(covariance: Array, rows: Array) -> None:
-    # By Cholesky, in place. Hundreds of ties a step: the threads of a linear algebra library would fight the workers.
+    # By Cholesky, in place. With hundreds of ties a step, threads of a linear algebra library would slow the workers.
     n = covariance.shape[0]
     for j in range(n):
         for i in range(j, n):
@@ -119,13 +119,7 @@ def _whiten(covariance: Array, rows: Array) -> None:
 def _local_rows(rotation: Array, centre: Array, point: Array, frame: int, n: int) -> Array:
     """Derivative (3, 6 n + 3) of a point in a camera's frame by all unknowns."""
     rows = np.zeros((3, 6 * n + 3))
-    rows[:, 6 * frame : 6 * frame + 3] = rotation.T @ _cross(point - centre)
+    rows[:, 6 * frame : 6 * frame + 3] = rotation.T @ cross_matrix(point - centre)
     rows[:, 6 * frame + 3 : 6 * frame + 6] = -rotation.T
     rows[:, -3:] = rotation.T
     return rows
-
-
-def _cross(arm: Array) -> Array:
-    """Matrix (3, 3) of arm x."""
-    x, y, z = arm
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

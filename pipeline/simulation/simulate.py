@@ -1,4 +1,4 @@
-"""Plan a survey: drive it as geometry, place its signs by the project's own numerics, compare with truth and bound."""
+"""Plan a survey: simulate it, locate its signs by the stages of `wayside run`, compare with truth and bound."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
+from wayside.pipeline.simulation.bound import point_bound, step_bound
+from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import LocalAdjustmentSettings, MotionSettings, TrackSettings
-from wayside.stages.geometry import point_bound, rays_of_ideal, step_bound
+from wayside.schemas.settings import (
+    LocalAdjustmentSettings,
+    MotionSettings,
+    TieSettings,
+    TrackSettings,
+)
+from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import track
 from wayside.stages.odometry import motion_jacobian
@@ -26,12 +32,12 @@ AXES = ("along", "lateral", "up")
 _ORDER = [2, 0, 1]
 """Right, down, ahead of the camera as along, lateral, up."""
 SWEEP_SPACING, SWEEP_FOCAL = (0.25, 0.5, 1.0, 1.5, 2.0), (0.5, 0.7, 1.0, 1.4, 2.0)
-"""What a sweep tries, as multiples of what is given."""
+"""Spacings and focal lengths of a sweep, as multiples of those given."""
 UNKNOWN_LENGTH_M = 100.0
 FEWEST_VIEWS = 3
-"""Views that place a sign here: that two boxes are of one panel only pictures tell, and there are none."""
+"""Views that locate a sign here: whether two boxes are of one panel is decided by pixels, which there are none of."""
 BOUNDED = 16
-"""The bound is that of so many signs at most, evenly chosen: they are all alike."""
+"""Signs whose bound is computed, at most, evenly spaced along the drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +45,7 @@ class SimulationResult:
     """Errors of the signs that were found, in the camera of the closest whole view: along, lateral, up, metres.
 
     error, sigma (n, 3): reported minus true; as stated; bound (m, 3): Cramér-Rao, of some of them; nearest (n,):
-    distance of the closest view; wanted: signs that three or more pictures show.
+    distance of the closest view; wanted: signs that three or more images show.
     """
 
     survey: Survey
@@ -54,8 +60,8 @@ class SimulationResult:
         """Distance between reported and true position (n,)."""
         return np.asarray(np.linalg.norm(self.error, axis=1))
 
-    def share_within(self, sigmas: float) -> Array:
-        """Share of errors within so many stated sigmas: (3,)."""
+    def fraction_within(self, sigmas: float) -> Array:
+        """Fraction of errors within so many stated sigmas: (3,)."""
         return np.asarray((np.abs(self.error) < sigmas * self.sigma).mean(axis=0))
 
     def to_json(self) -> dict[str, Any]:
@@ -66,8 +72,8 @@ class SimulationResult:
             rows[axis] = _figures(self.error[:, k]) | {
                 "sigma_m": _median(self.sigma[:, k]),
                 "bound_m": _median(self.bound[:, k]),
-                "within_1_sigma": round(float(self.share_within(1)[k]), 3),
-                "within_2_sigma": round(float(self.share_within(2)[k]), 3),
+                "within_1_sigma": round(float(self.fraction_within(1)[k]), 3),
+                "within_2_sigma": round(float(self.fraction_within(2)[k]), 3),
             }
         return {
             "survey": survey,
@@ -79,26 +85,28 @@ class SimulationResult:
 
 
 def simulate(survey: Survey) -> SimulationResult:
-    """Drive a survey and judge what comes out.
+    """Simulate a survey and compare the located signs with the truth.
 
     Raises
     ------
     UsageError
-        The survey makes no sense, or shows no sign often enough.
+        An option is out of range, or no sign is seen often enough.
     """
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     for settled in track(
-        drive.moved(MotionSettings()), settings, adjustment=LocalAdjustmentSettings()
+        drive.posed(MotionSettings(), TieSettings()),
+        settings,
+        adjustment=LocalAdjustmentSettings(),
     ):
         for place in settled.places:
             if place.verdict != "sign":
                 continue
             sign = _sign_of(drive, place)
             if sign not in found or len(place.views) > found[sign][3]:
-                found[sign] = _judged(drive, place, sign)
+                found[sign] = _errors_of(drive, place, sign)
     shown = np.bincount(
         np.concatenate([s.sign for s in drive.seen] + [np.zeros(0, np.int64)]),
         minlength=survey.signs,
@@ -106,7 +114,7 @@ def simulate(survey: Survey) -> SimulationResult:
     wanted = int((shown >= settings.fewest_views).sum())
     if not found:
         raise UsageError(
-            f"no sign was seen in {settings.fewest_views} pictures and placed: shorten --spacing, or widen the view "
+            f"no sign was seen in {settings.fewest_views} images and located: shorten --spacing, or widen the view "
             "by a shorter focal length"
         )
     bounds = _bounds(drive, sorted(found)[:: -(-len(found) // BOUNDED)])
@@ -116,7 +124,7 @@ def simulate(survey: Survey) -> SimulationResult:
 
 
 def check(survey: Survey) -> None:
-    """Refuse a survey that cannot be driven.
+    """Refuse a survey whose options are out of range.
 
     Raises
     ------
@@ -141,7 +149,7 @@ def check(survey: Survey) -> None:
 
 
 def focal_of_view(hfov_deg: float, width: int) -> float:
-    """Focal length in pixels of a picture so wide that shows this angle from left to right.
+    """Focal length in pixels of an image of this width and horizontal angle of view.
 
     Raises
     ------
@@ -159,7 +167,7 @@ def view_of_focal(survey: Survey) -> float:
 
 
 def sweep(survey: Survey) -> Iterator[SimulationResult]:
-    """The survey with other spacings and focal lengths around those given; those that show no sign are left out."""
+    """The survey with other spacings and focal lengths around those given, without those in which no sign is seen."""
     for spacing in SWEEP_SPACING:
         for focal in SWEEP_FOCAL:
             tried = replace(
@@ -172,7 +180,7 @@ def sweep(survey: Survey) -> Iterator[SimulationResult]:
 
 
 def reaches(one: SimulationResult, target_m: float) -> bool:
-    """Whether 95 % of all signs were placed within the target; a sign that was not found was not."""
+    """Whether 95 % of all signs were located within the target; a sign that was not found counts as outside."""
     return bool((one.total < target_m).sum() >= 0.95 * one.wanted)
 
 
@@ -196,7 +204,7 @@ def format_simulation(one: SimulationResult) -> str:
     s = one.survey
     given = "poses given" if s.pose_m is not None else "spacing given"
     lines = [
-        f"pictures every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px "
+        f"images every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px "
         f"({view_of_focal(s):.0f} degrees); signs {abs(s.lateral_m):.1f} m beside the camera, "
         f"seen last from {np.median(one.nearest):.1f} m",
         f"placed {len(one.error)} of {one.wanted} signs",
@@ -204,7 +212,7 @@ def format_simulation(one: SimulationResult) -> str:
         f"{'error, m':<10}{'median':>9}{'68 %':>9}{'95 %':>9}"
         f"{'sigma':>9}{'bound':>9}{'in 1 sigma':>12}{'in 2 sigma':>12}",
     ]
-    within = 100 * np.stack([one.share_within(1), one.share_within(2)])
+    within = 100 * np.stack([one.fraction_within(1), one.fraction_within(2)])
     for k, axis in enumerate(AXES):
         lines.append(
             f"{axis:<10}{_quantiles(one.error[:, k])}{np.median(one.sigma[:, k]):9.3f}"
@@ -242,7 +250,9 @@ def format_sweep(tried: Sequence[SimulationResult], target_m: float) -> str:
     return "\n".join(lines)
 
 
-def _judged(drive: SimulatedDrive, place: Landmark, sign: int) -> tuple[Array, Array, float, int]:
+def _errors_of(
+    drive: SimulatedDrive, place: Landmark, sign: int
+) -> tuple[Array, Array, float, int]:
     true = drive.poses[place.best_frame].to_camera(drive.signs[sign])
     error = (place.position - true)[_ORDER] * [1, 1, -1]
     sigma = np.sqrt(np.diag(place.covariance))[_ORDER]
@@ -289,25 +299,25 @@ def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:
 def bound_of_step(
     survey: Survey, camera: Camera, step: Pose, pixels: tuple[Array, Array], sigma_m: float
 ) -> Array:
-    """Covariance (6, 6) that ties at these ideal pixels (n, 2), of both pictures, leave of a step at best.
+    """Smallest covariance (6, 6) of a step by ties at these ideal pixels (n, 2) of both images.
 
-    Errors of the ties as in the survey; sigma_m: what is known of the step's length beforehand.
+    Errors of the ties as in the survey; sigma_m: standard deviation of the step's length beforehand.
     """
     baseline = float(np.linalg.norm(step.centre))
     direction = np.ascontiguousarray(step.centre / baseline)
     previous, current = (rays_of_ideal(camera, uv) for uv in pixels)
     focal = 0.5 * (camera.fx + camera.fy)
-    _, slopes = motion_jacobian(previous, current, step.rotation, direction, focal)
+    _, jacobian = motion_jacobian(previous, current, step.rotation, direction, focal)
     toward = step.rotation.T @ direction
     outward = current - toward[:2] / toward[2]
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     apart = ((pixels[1][:, None] - pixels[1][None]) ** 2).sum(axis=2)
     shared = np.exp(-apart / (2 * survey.tie_drift_reach_px**2)) * (outward @ outward.T)
-    # drift is in one of the two pictures that Sampson's distance is shared by
+    # the drift is in one of the two images, between which the Sampson distance divides the error
     drift = survey.drift_of(camera, step, *pixels)
-    covariance = survey.tie_px**2 * np.eye(len(slopes)) + 0.5 * shared * np.outer(drift, drift)
-    covariance += 1e-12 * np.eye(len(slopes))
-    return step_bound(slopes, covariance, direction, baseline, sigma_m)
+    covariance = survey.tie_px**2 * np.eye(len(jacobian)) + 0.5 * shared * np.outer(drift, drift)
+    covariance += 1e-12 * np.eye(len(jacobian))
+    return step_bound(jacobian, covariance, direction, baseline, sigma_m)
 
 
 def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
