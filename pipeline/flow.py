@@ -92,17 +92,17 @@ class Flow:
         posed = stage("motion", estimate_motion(detections, settings=s.motion))
         tracked = stage("track", self._tracked(posed))
         located = stage("location", classify_location(tracked, model=m.location, settings=s.locate))
-        return stage("assemble", assemble(located))
+        return stage("assemble", assemble(located, settings=s.assembly))
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""
         s, m = self.settings, self.models
         if s.track.matching == "sift":
-            return match_by_descriptors(posed, settings=s.track)
+            return match_by_descriptors(posed, settings=s.mapping)
         by_report = s.candidates.judge == "report"
         front = SideClassifiers(None if by_report else BoxClassifier(m.judge), m.place)
         back = None if m.back is None else SideClassifiers(BoxClassifier(m.back), m.back_place)
-        return track(posed, settings=s.track, front=front, back=back)
+        return track(posed, settings=s.mapping, front=front, back=back)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

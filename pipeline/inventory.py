@@ -95,7 +95,7 @@ class InventoryWriter:
 
     def append(self, settled: TrackedFrame) -> None:
         """Take one frame with its candidates and the places that ended with it."""
-        self._places += [place for place in settled.places if place.verdict == "sign"]
+        self._places += [place for place in settled.landmarks if place.verdict == "sign"]
         point = PathPoint.of(settled)
         if point is not None:
             self._path.append(point)
@@ -124,7 +124,7 @@ class InventoryWriter:
         self._scratch.close()
         world = place_in_world(self._path, self._antenna_m)
         height = float(np.median(self._heights)) * world.stretch if self._heights else None
-        ordered = sorted(self._places, key=lambda p: (p.station_m, p.offset[0], p.track_id))
+        ordered = sorted(self._places, key=lambda p: (p.station_m, p.right_m, p.track_id))
         signs = self._sign_rows(ordered, world, height)
         names = {p.track_id: row["sign_id"] for p, row in zip(ordered, signs, strict=True)}
         try:

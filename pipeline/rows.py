@@ -120,7 +120,9 @@ class SignRows:
         centre = pose.to_world(position)
         beside = beside_in_world(self._world, self._frames, place.best_frame, centre)
         right, above = (
-            scale.factor * place.offset[:2] if beside is None else (beside.right, beside.above)
+            (scale.factor * place.right_m, scale.factor * place.above_m)
+            if beside is None
+            else (beside.right, beside.above)
         )
         spread = pose.rotation @ covariance @ pose.rotation.T
         sigma = np.sqrt(np.diag(covariance))

@@ -16,7 +16,7 @@ from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import MotionSettings, TrackSettings
+from wayside.schemas.settings import MappingSettings, MotionSettings, TrackSettings
 from wayside.stages.geometry import point_bound, rays_of_ideal, step_bound
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import track
@@ -89,9 +89,10 @@ def simulate(survey: Survey) -> Simulated:
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
+    mapping = MappingSettings(settings)
     found: dict[int, tuple[Array, Array, float, int]] = {}
-    for settled in track(drive.moved(MotionSettings()), settings):
-        for place in settled.places:
+    for settled in track(drive.moved(MotionSettings()), mapping):
+        for place in settled.landmarks:
             if place.verdict != "sign":
                 continue
             sign = _sign_of(drive, place)

@@ -19,10 +19,10 @@ from wayside.pipeline.earth import Earth, align_level, origin_of
 from wayside.pipeline.path_notes import notes_on
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.stages.geometry import Beside, beside_path
+from wayside.schemas.settings import LandmarkSettings
+from wayside.stages.geometry import FrenetOffset, frenet_offset
 from wayside.stages.georeference import Chain, Seen, Trajectory, smooth
 from wayside.stages.kernels import Array
-from wayside.stages.mapping import STEP_SIGMA
 from wayside.stages.odometry import FIX_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD
 
 BEFORE, AFTER = 3, 20
@@ -104,7 +104,7 @@ class World:
 
 def beside_in_world(
     world: World, frames: Sequence[int], frame: int, point: NDArray[np.float64]
-) -> Beside | None:
+) -> FrenetOffset | None:
     """Offset of a point (3,) from the path near a frame, by the world's own up; None where only cameras know up.
 
     A camera rolled by half a degree puts a panel 8 m aside 7 cm too high or low; given poses know better.
@@ -120,7 +120,7 @@ def beside_in_world(
     near = [world.poses[f] for f in frames[max(0, at - BEFORE) : at + AFTER]]
     centres = np.array([pose.centre for pose in near])
     ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
-    return beside_path(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
+    return frenet_offset(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
 
 
 def place_in_world(
@@ -175,7 +175,7 @@ def _chain(path: Sequence[PathPoint]) -> Chain:
     """The steps as measured; lengths that came from fixes are left to these."""
     count = len(path)
     rotation, step = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    covariance = np.tile(np.diag(STEP_SIGMA**2), (count, 1, 1))
+    covariance = np.tile(np.diag(np.square(LandmarkSettings().step_sigma)), (count, 1, 1))
     for row in range(1, count):
         one = path[row].chained.relative_to(path[row - 1].chained)
         rotation[row], step[row] = one.rotation, one.centre

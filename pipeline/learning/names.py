@@ -14,8 +14,8 @@ from wayside.pipeline.learning.samples import ON, face_weights
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkModel
+from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.detection import face_chances, view_names
-from wayside.stages.mapping import DOUBT
 
 PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
 """What the judge sees of a candidate that does not name its face: how far it is and where."""
@@ -81,7 +81,10 @@ def named_right(network: NetworkModel, one: Passed, what: str) -> tuple[int, int
     rows = rows[np.unique(one.views.face[rows], return_index=True)[1]]
     truth = true_names(one, what)[rows]
     signs = np.array([one.drive.signs[face].sign for face in one.views.face[rows]])
-    odds = np.maximum(face_chances(network, NAMES[what], one.values[rows]), DOUBT)
+    odds = np.maximum(
+        face_chances(network, NAMES[what], one.values[rows]),
+        LandmarkSettings().least_log_probability,
+    )
     right = total = 0
     for sign in np.unique(signs):
         own = signs == sign

@@ -49,9 +49,9 @@ def place_words(place: Landmark) -> str:
 
 def rejection(place: Landmark) -> str:
     """Why a place is no sign, in words with the numbers that decided."""
-    right, above, _ = place.offset
     return (
-        f"{place.verdict}: {place_words(place)}; {right:+.1f} m right, {above:+.1f} m above the camera, "
+        f"{place.verdict}: {place_words(place)}; "
+        f"{place.right_m:+.1f} m right, {place.above_m:+.1f} m above the camera, "
         f"station {place.station_m:.1f} m, {len(place.views)} views, score {place.score:.1f}, "
         f"residual {place.residual_px:.2f} px"
     )
@@ -72,7 +72,7 @@ def cross_section(places: list[Landmark], names: list[str] | None = None) -> rr.
     """Places in the plane across the road, with words or names."""
     # The plane across the road as a picture: right is right, up is up (pictures count downwards).
     return rr.Points2D(
-        np.array([(p.offset[0], -p.offset[1]) for p in places]).reshape(-1, 2),
+        np.array([(p.right_m, -p.above_m) for p in places]).reshape(-1, 2),
         colors=[place_color(p) for p in places] or None,
         labels=names or [place_words(p) for p in places] or None,
         show_labels=False,

@@ -288,7 +288,7 @@ def view_settled(item: TrackedFrame, stage: str, scene: Scene) -> list[Entity]:
     if stage != LAST_STAGE:
         return [signs]
     scene.poses.setdefault(frame.index, (motion.pose, frame.camera))
-    scene.places.extend((frame.index, place) for place in item.places)
+    scene.places.extend((frame.index, place) for place in item.landmarks)
     while scene.places and scene.places[0][0] < frame.index - RECENT:
         scene.places.popleft()
     recent = [place for _, place in scene.places]
@@ -301,7 +301,7 @@ def view_settled(item: TrackedFrame, stage: str, scene: Scene) -> list[Entity]:
         Entity(f"{at.LOCATION}/places", (cross_section(recent),)),
         *(
             Entity(at.REJECTIONS, (rr.TextLog(rejection(place), level="INFO"),))
-            for place in item.places
+            for place in item.landmarks
             if place.verdict != "sign"
         ),
     ]

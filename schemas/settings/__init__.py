@@ -6,7 +6,19 @@
 
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
-from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
+from wayside.schemas.settings.landmark import (
+    AssemblySettings,
+    LandmarkSettings,
+    LocateSettings,
+    VerdictSettings,
+)
+from wayside.schemas.settings.mapping import (
+    AcceptanceSettings,
+    AssociationSettings,
+    MappingSettings,
+    PredictionSettings,
+    TrackSettings,
+)
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
@@ -14,16 +26,23 @@ from wayside.schemas.settings.tree import REPORT, Settings
 
 __all__ = [
     "REPORT",
+    "AcceptanceSettings",
+    "AssemblySettings",
+    "AssociationSettings",
     "CandidateSettings",
     "FeatureSettings",
     "GateSettings",
+    "LandmarkSettings",
     "LocateSettings",
+    "MappingSettings",
     "ModelSettings",
     "MotionSettings",
+    "PredictionSettings",
     "ReadSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",
     "TrackSettings",
+    "VerdictSettings",
     "setting",
 ]

@@ -6,7 +6,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wayside.schemas.settings.detection import CandidateSettings
-from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
+from wayside.schemas.settings.landmark import (
+    AssemblySettings,
+    LandmarkSettings,
+    LocateSettings,
+    VerdictSettings,
+)
+from wayside.schemas.settings.mapping import (
+    AcceptanceSettings,
+    AssociationSettings,
+    MappingSettings,
+    PredictionSettings,
+    TrackSettings,
+)
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
@@ -23,9 +35,27 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
+    prediction: PredictionSettings = field(default_factory=PredictionSettings)
+    landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
+    assembly: AssemblySettings = field(default_factory=AssemblySettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
+
+    @property
+    def mapping(self) -> MappingSettings:
+        """The groups that tracking reads."""
+        return MappingSettings(
+            track=self.track,
+            association=self.association,
+            acceptance=self.acceptance,
+            prediction=self.prediction,
+            landmark=self.landmark,
+            verdict=self.verdict,
+        )
 
 
 REPORT: dict[str, dict[str, Any]] = {

@@ -1,7 +1,7 @@
 """Rotations, lens distortion, midpoints, offsets from a path."""
 
 from wayside.stages.geometry.bound import point_bound, step_bound
-from wayside.stages.geometry.path import Beside, beside_path
+from wayside.stages.geometry.path import FrenetOffset, frenet_offset
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
     across,
@@ -18,11 +18,11 @@ from wayside.stages.geometry.undistortion import (
 )
 
 __all__ = [
-    "Beside",
+    "FrenetOffset",
     "across",
-    "beside_path",
     "cholesky_solve",
     "distort_points",
+    "frenet_offset",
     "ideal_of_rays",
     "ideal_points",
     "meet_rays",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Beside(NamedTuple):
+class FrenetOffset(NamedTuple):
     """Station along the path, and the offset at that station: to the right, above the camera's path; metres."""
 
     station: float
@@ -16,13 +16,13 @@ class Beside(NamedTuple):
     above: float
 
 
-def beside_path(
+def frenet_offset(
     point: NDArray[np.float64],
     centres: NDArray[np.float64],
     ups: NDArray[np.float64],
     stations: NDArray[np.float64],
     ahead: NDArray[np.float64],
-) -> Beside:
+) -> FrenetOffset:
     """Project a point on the chain of camera centres; before and past its ends the path goes on straight.
 
     Parameters
@@ -54,4 +54,4 @@ def beside_path(
     up /= np.linalg.norm(up)
     gap = point - foot[nearest]
     station = stations[nearest] + share[nearest] * lengths[nearest]
-    return Beside(float(station), float(gap @ np.cross(along, up)), float(gap @ up))
+    return FrenetOffset(float(station), float(gap @ np.cross(along, up)), float(gap @ up))

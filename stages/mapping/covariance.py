@@ -1,12 +1,9 @@
-"""How the errors of rays and of motion pass into a point: without the motion its covariance is far too small."""
+"""Covariance of a point by the errors of its rays and of the motion between them; the latter is the larger part."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-STEP_SIGMA = np.array([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025])
-"""Scatter of a step whose covariance is not known: rotation vector (rad), then right, down, ahead (m)."""
 
 
 def point_covariance(
@@ -42,10 +39,10 @@ def point_covariance(
         The frame the point is reported in.
     """
     local = np.einsum("ni,nij->nj", point - centres[views], rotations[views])
-    z = local[:, 2]
+    depth = local[:, 2]
     project = np.zeros((len(views), 2, 3))
-    project[:, 0, 0] = project[:, 1, 1] = 1 / z
-    project[:, :, 2] = -local[:, :2] / z[:, None] ** 2
+    project[:, 0, 0] = project[:, 1, 1] = 1 / depth
+    project[:, :, 2] = -local[:, :2] / depth[:, None] ** 2
     jacobian = project @ rotations[views].transpose(0, 2, 1)
     weight = 1 / weight_sigma**2
     information = np.einsum("v,vki,vkj->ij", weight, jacobian, jacobian)
@@ -57,9 +54,9 @@ def point_covariance(
         if not beyond.any():
             continue
         before = rotations[step - 1]
-        arm = (point - centres[step]) @ before
-        turn = np.array([[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]])
-        moved = before @ np.concatenate([turn, np.eye(3)], axis=1)
-        effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ moved
+        x, y, z = (point - centres[step]) @ before
+        by_rotation = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
+        by_step = before @ np.concatenate([by_rotation, np.eye(3)], axis=1)
+        effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ by_step
         covariance += effect @ steps[step] @ effect.T
     return (covariance + covariance.T) / 2

@@ -24,7 +24,7 @@ from wayside.stages.mapping.bundle_adjustment import adjust_window
 from wayside.stages.mapping.residuals import QUADRATIC, Links, Rows
 from wayside.stages.mapping.tie_tracks import link_tracks, spread_tracks
 from wayside.stages.mapping.triangulation import CAUCHY
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.odometry import (
     REGISTERED_SIGMA_PX,
     SHARED_REACH_PX,
@@ -88,7 +88,7 @@ class _Tied(NamedTuple):
 
 
 def adjust_together(
-    held: Sequence[Held], best: int, sighted: Sighted, point: Array
+    held: Sequence[WindowFrame], best: int, sighted: Sighted, point: Array
 ) -> Joint | None:
     """Adjust a place with the motion round it.
 
@@ -185,7 +185,7 @@ def links_of(priors: Sequence[StepPrior], *, common: bool) -> Links:
     )
 
 
-def ties_of(window: Sequence[Held]) -> _Tied:
+def ties_of(window: Sequence[WindowFrame]) -> _Tied:
     """Ties of all steps of a window that agree with their motion and do not slide."""
     parts = [_NO_TIES]
     for k in range(1, len(window)):

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import Beside
+from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.facing import Plane, solve_facing
-from wayside.stages.mapping.hypotheses import DRIFT_RAD, Fit
+from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.outline_edges import ASPECT
 from wayside.stages.mapping.outline_fit import Face
 from wayside.stages.mapping.panel_views import (
@@ -27,7 +27,7 @@ from wayside.stages.mapping.panel_views import (
     usable_views,
 )
 from wayside.stages.mapping.triangulation import triangulate_views
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 
 CENTRE_SIGMA_PX, STRETCH_SIGMA, BLUR_SIGMA = 0.15, 0.003, 0.025
 """Scatter of a registered centre and stretch beyond their own: motion from view to view; blur of views twice as far."""
@@ -46,8 +46,8 @@ LARGEST_CHANGE = 2.5
 class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
-    frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `Fit`; centre_sigma (2,):
-    scatter of the centre across the face that all views share, metres; gap_px: RMS distance of the centres of the
+    frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `LandmarkFit`; centre_sigma
+    (2,): scatter of the centre across the face that all views share, metres; gap_px: RMS distance of the centres of the
     registered pictures from the point they were fitted to.
     """
 
@@ -66,7 +66,9 @@ class Panel:
     gap_px: float
 
 
-def measure_panel(fit: Fit, held: Sequence[Held], beside: Beside) -> tuple[int, Panel | None]:
+def measure_panel(
+    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, drift_rad: float
+) -> tuple[int, Panel | None]:
     """How many pictures of a place look alike, and its panel; None where its outline or its place are not believed."""
     plane = across_path(fit.point, held, beside)
     seen = usable_views(plane, fit.metric, held)
@@ -76,10 +78,10 @@ def measure_panel(fit: Fit, held: Sequence[Held], beside: Beside) -> tuple[int, 
     face = outline_of(group, fit.metric)
     if face is None or face.strength < LEAST_STRENGTH:
         return len(group.views), None
-    return len(group.views), solve_panel(fit, group, face, held)
+    return len(group.views), solve_panel(fit, group, face, held, drift_rad)
 
 
-def across_path(point: Array, held: Sequence[Held], beside: Beside) -> Plane:
+def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> Plane:
     """The plane through a point across the path there, axes right, down and ahead."""
     stations = np.array([h.motion.station_m for h in held])
     after = int(np.clip(np.searchsorted(stations, beside.station), 1, max(len(held) - 1, 1)))
@@ -95,20 +97,21 @@ def across_path(point: Array, held: Sequence[Held], beside: Beside) -> Plane:
     return Plane(point, np.cross(ahead, up), -up, ahead)
 
 
-def box_rays(fit: Fit, held: Sequence[Held]) -> Array:
+def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     """Rays (v, 2) of the centres of the boxes that a place was fitted to."""
-    first = np.cumsum([0, *(len(h.open) for h in held)])
     used = zip(fit.rows[fit.used], fit.frames[fit.used], strict=True)
-    return np.array([held[frame].ray[row - first[frame]] for row, frame in used])
+    return np.array([held[frame].ray[row] for row, frame in used])
 
 
-def projected(point: Array, fit: Fit, held: Sequence[Held]) -> Array:
+def projected(point: Array, fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     """Rays (v, 2) of a point of the world in the frames that a place was fitted to."""
     local = np.array([held[frame].motion.pose.to_camera(point) for frame in fit.frames[fit.used]])
     return np.asarray(local[:, :2] / local[:, 2:])
 
 
-def solve_panel(fit: Fit, group: Registered, face: Face, held: Sequence[Held]) -> Panel | None:
+def solve_panel(
+    fit: LandmarkFit, group: Registered, face: Face, held: Sequence[WindowFrame], drift_rad: float
+) -> Panel | None:
     """Place, size and facing from where the outline lies in all views; None where it runs away from the boxes."""
     plane, step = group.plane, group.step
     drawn, found = zip(*group.views, strict=True)
@@ -126,7 +129,7 @@ def solve_panel(fit: Fit, group: Registered, face: Face, held: Sequence[Held]) -
     deviations = OVERCONFIDENT * np.sqrt(np.einsum("vii->vi", covariances))
     shift_px = deviations[:, :2].mean(axis=1) * step / depth * focal
     ray_sigma = np.hypot(CENTRE_SIGMA_PX, shift_px) / focal
-    weight_sigma = np.hypot(ray_sigma, DRIFT_RAD * np.sqrt(frames.max() - frames))
+    weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         point, _, _ = triangulate_views(
             np.stack([pose.rotation for pose in poses]),

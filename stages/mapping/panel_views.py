@@ -19,7 +19,7 @@ from wayside.stages.mapping.facing import Plane
 from wayside.stages.mapping.image_alignment import Alignment, align, stretched
 from wayside.stages.mapping.outline_edges import segments_of
 from wayside.stages.mapping.outline_fit import Face, fit_face
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 
 MOST_VIEWS, FEWEST_PX = 6, 9.0
 NEAREST_M, FARTHEST_M = 4.0, 90.0
@@ -60,7 +60,9 @@ class Registered(NamedTuple):
     views: list[tuple[Drawn, Alignment]]
 
 
-def usable_views(plane: Plane, metric: Array, held: Sequence[Held]) -> list[tuple[float, int]]:
+def usable_views(
+    plane: Plane, metric: Array, held: Sequence[WindowFrame]
+) -> list[tuple[float, int]]:
     """Depth and frame of the views that show all of the panel, nearest first."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * metric / 2 * 1.05
     found = []
@@ -76,7 +78,7 @@ def usable_views(plane: Plane, metric: Array, held: Sequence[Held]) -> list[tupl
     return sorted(found)[:MOST_VIEWS]
 
 
-def pixels_of(home: Held, points: Array) -> Array:
+def pixels_of(home: WindowFrame, points: Array) -> Array:
     """Recorded pixels (n, 2) of points (n, 3) of the world."""
     camera = home.frame.camera
     local = home.motion.pose.to_camera(points)
@@ -90,7 +92,7 @@ def register_views(
     metric: Array,
     seen: Sequence[tuple[float, int]],
     shown: NDArray[np.int64],
-    held: Sequence[Held],
+    held: Sequence[WindowFrame],
 ) -> Registered:
     """Bring the views into register with the nearest that enough others look like.
 
@@ -117,7 +119,7 @@ def register_views(
 
 
 def _registered_with(
-    plane: Plane, metric: Array, seen: Sequence[tuple[float, int]], held: Sequence[Held]
+    plane: Plane, metric: Array, seen: Sequence[tuple[float, int]], held: Sequence[WindowFrame]
 ) -> Registered:
     """Views in register with the first of `seen`, by the whole box or else by the face alone."""
     nearest, frame = seen[0]
@@ -166,7 +168,9 @@ def within(face: Face, shape: tuple[int, ...], margin: float) -> Array:
     return np.asarray(narrow, np.float64)
 
 
-def _draw(plane: Plane, reach: Sequence[Array], depth: float, frame: int, home: Held) -> Drawn:
+def _draw(
+    plane: Plane, reach: Sequence[Array], depth: float, frame: int, home: WindowFrame
+) -> Drawn:
     """What a view shows on the plane; the way from plane to pixels is bent little, so a grid of cells carries it."""
     knots = [np.linspace(r[0], r[-1], _CELLS + 1) for r in reach]
     grid = np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2)

@@ -36,7 +36,8 @@ def place(track, frame, station, lateral, **changes):
         views=(view, dataclasses.replace(view, frame=frame - 1)),
         position=np.array([3.0, -0.5, 12.0]),
         covariance=np.diag([0.01, 0.02, 0.04]),
-        offset=np.array([lateral, 1.0, 0.0]),
+        right_m=lateral,
+        above_m=1.0,
         station_m=station,
         best_frame=frame,
         best_time_ns=frame * 10**9,
@@ -86,7 +87,6 @@ def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
         np.array(tracks, np.int32),
         np.full(len(verdicts), np.nan, np.float32),
         7,
-        (0, 1200),
         places,
     )
 

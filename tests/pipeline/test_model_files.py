@@ -9,7 +9,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import digest, model_from_json, model_to_json
 from wayside.stages.detection.detector import check_network, gate_names, view_names
 from wayside.stages.detection.region_features import REGION_FEATURES
-from wayside.stages.mapping.landmark import FEATURES
+from wayside.stages.mapping.landmark_features import FEATURES
 
 NAMES = (
     "back.json",

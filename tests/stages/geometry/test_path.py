@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.stages.geometry.path import beside_path
+from wayside.stages.geometry.path import frenet_offset
 
 UP = np.array([[0.0, -1.0, 0.0]])
 AHEAD = np.array([0.0, 0.0, 1.0])
@@ -16,12 +16,12 @@ def straight(n=5):
 
 @given(st.floats(-20, 20), st.floats(-5, 8), st.floats(-30, 80))
 def test_offsets_of_a_straight_path_are_plain_coordinates(right, up, along):
-    found = beside_path(np.array([right, -up, along]), *straight(), AHEAD)
+    found = frenet_offset(np.array([right, -up, along]), *straight(), AHEAD)
     np.testing.assert_allclose(found, (along, right, up), atol=1e-9)
 
 
 def test_a_single_camera_extends_its_own_direction():
-    found = beside_path(np.array([3.0, -1.0, 50.0]), *straight(1), AHEAD)
+    found = frenet_offset(np.array([3.0, -1.0, 50.0]), *straight(1), AHEAD)
     np.testing.assert_allclose(found, (50.0, 3.0, 1.0), atol=1e-12)
 
 
@@ -33,7 +33,7 @@ def test_the_offset_on_a_curve_is_the_distance_to_the_arc():
     beyond = 0.2
     inner = np.array([radius - 290 * np.cos(beyond), -1.0, 290 * np.sin(beyond)])
     ups = np.repeat(UP, 16, axis=0)
-    found = beside_path(inner, centres, ups, radius * angles, AHEAD)
+    found = frenet_offset(inner, centres, ups, radius * angles, AHEAD)
     assert found.right == pytest.approx(10.0, abs=0.05)
     assert found.station == pytest.approx(radius * beyond, abs=0.1)
     assert found.above == pytest.approx(1.0)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Image
-from wayside.schemas.settings import TrackSettings
-from wayside.stages.geometry.path import Beside
-from wayside.stages.mapping.landmark import BORDER, FACING_SIGMA_DEG
+from wayside.schemas.settings import LandmarkSettings, MappingSettings, TrackSettings
+from wayside.stages.geometry.path import FrenetOffset
 from wayside.stages.mapping.panel import across_path
 from wayside.stages.mapping.tracker import track
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 
 RIGHT, UP, ALONG, WIDE, TALL = 4.2, 1.1, 120.0, 0.75, 0.9
 TEXTURE_PX = 400
@@ -81,7 +80,7 @@ def place_of(frames, turn=0.0, *, pictures=True):
             )
             for m in frames
         ]
-    (place,) = [p for item in track(iter(frames), TrackSettings(), None) for p in item.places]
+    (place,) = [p for item in track(iter(frames), MappingSettings(), None) for p in item.landmarks]
     return place
 
 
@@ -113,9 +112,9 @@ def test_a_turned_panel_is_as_near_as_its_scatter_says(frames, turn_deg):
 
 def test_without_pictures_the_boxes_speak(frames):
     place = place_of(frames, pictures=False)
-    assert place.width_m == pytest.approx(0.94 * WIDE * BORDER, rel=0.01)
+    assert place.width_m == pytest.approx(0.94 * WIDE * LandmarkSettings().border, rel=0.01)
     assert place.facing_deg == 0.0
-    assert place.sigma_facing_deg == FACING_SIGMA_DEG
+    assert place.sigma_facing_deg == LandmarkSettings().facing_sigma_deg
 
 
 def test_a_picture_without_a_panel_changes_nothing_much(frames):
@@ -137,8 +136,8 @@ def test_a_picture_without_a_panel_changes_nothing_much(frames):
 
 
 def test_the_plane_stands_across_the_path(frames):
-    held = [Held.of(m, m.motion, m.frame.camera) for m in frames[:5]]
-    plane = across_path(np.array([3.0, -1.0, 20.0]), held, Beside(20.0, 3.0, 1.0))
+    held = [WindowFrame.of(m, m.motion, m.frame.camera, TrackSettings()) for m in frames[:5]]
+    plane = across_path(np.array([3.0, -1.0, 20.0]), held, FrenetOffset(20.0, 3.0, 1.0))
     np.testing.assert_allclose(plane.right, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(plane.down, [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(plane.ahead, [0, 0, 1], atol=1e-12)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Image
-from wayside.stages.geometry.path import Beside
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.geometry.path import FrenetOffset
 from wayside.stages.mapping.outline_fit import Face
 from wayside.stages.mapping.panel import across_path
 from wayside.stages.mapping.panel_views import (
@@ -18,7 +19,7 @@ from wayside.stages.mapping.panel_views import (
     usable_views,
     within,
 )
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 
 MIDDLE = np.array([4.2, -1.1, 44.0])
 SIDE = 0.9
@@ -70,14 +71,14 @@ def held_of(drive):
                     segmentation=replace(moved.detections.segmentation, image=picture),
                 ),
             )
-            frames.append(Held.of(one, one.motion, picture.frame.camera))
+            frames.append(WindowFrame.of(one, one.motion, picture.frame.camera, TrackSettings()))
         return frames
 
     return make
 
 
 def registered(held, shown):
-    plane = across_path(MIDDLE, held, Beside(MIDDLE[2], MIDDLE[0], -MIDDLE[1]))
+    plane = across_path(MIDDLE, held, FrenetOffset(MIDDLE[2], MIDDLE[0], -MIDDLE[1]))
     group = register_views(plane, METRIC, usable_views(plane, METRIC, held), np.array(shown), held)
     return [view.frame for view, _ in group.views]
 

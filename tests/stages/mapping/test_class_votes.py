@@ -1,0 +1,67 @@
+"""Colour and shape of a landmark by the votes of its views, on exact scenes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.detections import COLORS
+from wayside.schemas.settings import MappingSettings
+from wayside.stages.mapping.class_votes import winner
+from wayside.stages.mapping.tracker import track
+
+
+def classified(frames, probabilities):
+    """The frames, each view with the `probabilities(index of the frame)` of its colours; None: unclassified."""
+    for index, moved in enumerate(frames):
+        table = moved.detections.candidates
+        odds = np.full((len(table), len(COLORS)), np.nan, np.float32)
+        given = probabilities(index)
+        if given is not None:
+            odds[:] = -np.inf
+            for name, probability in given.items():
+                odds[:, COLORS.index(name)] = np.log(probability)
+        yield replace(
+            moved, detections=replace(moved.detections, candidates=replace(table, color_odds=odds))
+        )
+
+
+def color_of(frames):
+    (landmark,) = [
+        one for tracked in track(iter(frames), MappingSettings()) for one in tracked.landmarks
+    ]
+    return landmark.color
+
+
+def test_the_probabilities_of_all_views_together_decide(panel, drive):
+    frames = drive([panel(5, 1, 75)], 9)
+    faint = {"red": 0.55, "orange": 0.45}
+    sure = {"red": 0.05, "orange": 0.95}
+    assert color_of(classified(frames, lambda k: sure if k in (5, 6) else faint)) == "orange"
+
+
+def test_one_sure_view_rules_nothing_out(panel, drive):
+    frames = drive([panel(5, 1, 75)], 9)
+    others = {"red": 0.9, "orange": 0.1}
+    assert color_of(classified(frames, lambda k: {"orange": 1.0} if k == 2 else others)) == "red"
+
+
+def test_unclassified_views_have_no_vote(panel, drive):
+    frames = drive([panel(5, 1, 75)], 9)
+    assert color_of(classified(frames, lambda k: {"blue": 1.0} if k == 6 else None)) == "blue"
+
+
+def test_without_any_classified_view_the_nearest_class_decides(panel, drive):
+    assert color_of(classified(drive([panel(5, 1, 75)], 9), lambda k: None)) == "yellow"
+
+
+def test_a_winner_that_is_no_views_nearest_class_has_no_distance():
+    name, distance = winner({0: -3.0, 2: -0.5}, {0: 1.5}, COLORS)
+    assert name == COLORS[2]
+    assert np.isnan(distance)
+
+
+def test_nothing_seen_names_nothing():
+    name, distance = winner({}, {}, COLORS)
+    assert name is None
+    assert distance != pytest.approx(distance)
