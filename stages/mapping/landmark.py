@@ -21,19 +21,11 @@ from wayside.stages.mapping.window import WindowFrame
 
 
 class LandmarkMeasurement(NamedTuple):
-    """Position, size and facing of a landmark with their scatter, metres and degrees.
-
-    point (3,) and covariance (3, 3): world axes; centre_sigma (2,): error of the centre that all views share,
-    right and down; size, sigma_size (2,): width and height.
-    """
+    """Position of a landmark, point (3,) and covariance (3, 3) in world axes, and the panel it was measured by."""
 
     point: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    centre_sigma: NDArray[np.float64]
-    size: NDArray[np.float64]
-    sigma_size: NDArray[np.float64]
-    facing_deg: float
-    sigma_facing_deg: float
+    panel: Panel
 
 
 def measure_landmark(
@@ -53,52 +45,48 @@ def measure_landmark(
     settings
         Errors of boxes.
     panel
-        Its measured panel.
+        Its measured panel; None: the panel that the boxes show.
     adjusted
         Adjust it with the motion of the frames around it, where a prior of that is known.
     """
     best = int(fit.frames[best_view(fit, window)])
-    if panel is None:
-        used = fit.used
-        observed = Sighted(fit.frames[used], box_rays(fit, window), fit.ray_sigma[used])
-        weight_sigma, point = fit.weight_sigma[used], fit.point
-    else:
-        observed = Sighted(panel.frames, panel.rays, panel.ray_sigma)
-        weight_sigma, point = panel.weight_sigma, panel.point
-    joint = adjust_together(window, best, observed, point) if adjusted else None
-    if joint is None:
-        unknown = np.diag(np.square(settings.step_sigma))
-        steps = [unknown if f.motion.covariance is None else f.motion.covariance for f in window]
-        covariance = point_covariance(
-            np.stack([f.motion.pose.rotation for f in window]),
-            np.stack([f.motion.pose.centre for f in window]),
-            point,
-            observed.frames,
-            weight_sigma,
-            observed.sigma,
-            np.stack(steps),
-            best,
-        )
-    else:
-        point, covariance = joint.point, joint.covariance
-    if panel is None:
-        return LandmarkMeasurement(
-            point,
-            covariance,
-            settings.centre_bias * fit.metric,
-            settings.border * fit.metric,
-            np.hypot(fit.spread, settings.size_sigma * fit.metric),
-            0.0,
-            settings.facing_sigma_deg,
-        )
-    return LandmarkMeasurement(
-        point,
-        covariance,
-        panel.centre_sigma,
-        panel.size,
-        panel.sigma_size,
-        panel.facing_deg,
-        panel.sigma_facing_deg,
+    panel = panel or box_panel(fit, window, settings)
+    observed = Sighted(panel.frames, panel.rays, panel.ray_sigma)
+    joint = adjust_together(window, best, observed, panel.point) if adjusted else None
+    if joint is not None:
+        return LandmarkMeasurement(joint.point, joint.covariance, panel)
+    unknown = np.diag(np.square(settings.step_sigma))
+    steps = [unknown if f.motion.covariance is None else f.motion.covariance for f in window]
+    covariance = point_covariance(
+        np.stack([f.motion.pose.rotation for f in window]),
+        np.stack([f.motion.pose.centre for f in window]),
+        panel.point,
+        panel.frames,
+        panel.weight_sigma,
+        panel.ray_sigma,
+        np.stack(steps),
+        best,
+    )
+    return LandmarkMeasurement(panel.point, covariance, panel)
+
+
+def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame], settings: LandmarkSettings) -> Panel:
+    """The panel that the boxes of a landmark show: they follow its inner field, and nothing shows its facing."""
+    used = fit.used
+    return Panel(
+        fit.point,
+        fit.frames[used],
+        box_rays(fit, window),
+        fit.weight_sigma[used],
+        fit.ray_sigma[used],
+        centre_sigma=settings.centre_bias * fit.metric,
+        size=settings.border * fit.metric,
+        sigma_size=np.hypot(fit.spread, settings.size_sigma * fit.metric),
+        facing_deg=0.0,
+        sigma_facing_deg=settings.facing_sigma_deg,
+        shape="",
+        strength=0.0,
+        gap_px=fit.rms_px,
     )
 
 
@@ -113,18 +101,17 @@ def build_landmark(
     score: float,
     verdict: str,
     features: tuple[float, ...] = (),
-    outline: str | None = None,
 ) -> Landmark:
     """The landmark in the camera frame of the image that shows it largest and whole.
 
-    A back bears no colour of a sign, and its shape is that of the `outline` of its panel, where one is known.
+    A back bears no colour of a sign, and its shape is that of the outline of its panel, where one is known.
     """
-    best = best_view(fit, window)
+    best, panel = best_view(fit, window), measured.panel
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
     color, color_distance = None, float("nan")
     # an outline tells which way a triangle points
-    shape, shape_distance = outline and outline.removesuffix("_up"), float("nan")
+    shape, shape_distance = panel.shape.removesuffix("_up") or None, float("nan")
     if not fit.back:
         color, color_distance = voted_class(fit, window, "color", COLORS, settings)
         shape, shape_distance = voted_class(fit, window, "shape", SHAPES, settings)
@@ -134,7 +121,7 @@ def build_landmark(
         views=tuple(observation(fit, window, i) for i in range(len(fit.rows))),
         position=pose.to_camera(measured.point),
         covariance=pose.rotation.T @ measured.covariance @ pose.rotation
-        + np.diag([*measured.centre_sigma**2, 0.0]),
+        + np.diag([*panel.centre_sigma**2, 0.0]),
         right_m=offset.right,
         above_m=offset.above,
         station_m=offset.station,
@@ -142,12 +129,12 @@ def build_landmark(
         best_time_ns=frame.frame.time_ns,
         best_box=observation(fit, window, best).box,
         best_pose=pose,
-        width_m=float(measured.size[0]),
-        height_m=float(measured.size[1]),
-        sigma_width_m=float(measured.sigma_size[0]),
-        sigma_height_m=float(measured.sigma_size[1]),
-        facing_deg=measured.facing_deg,
-        sigma_facing_deg=measured.sigma_facing_deg,
+        width_m=float(panel.size[0]),
+        height_m=float(panel.size[1]),
+        sigma_width_m=float(panel.sigma_size[0]),
+        sigma_height_m=float(panel.sigma_size[1]),
+        facing_deg=panel.facing_deg,
+        sigma_facing_deg=panel.sigma_facing_deg,
         color=color,
         color_distance=color_distance,
         shape=shape,

@@ -205,7 +205,6 @@ class _Tracker:
             score=one.score,
             verdict=verdict,
             features=tuple(one.features.tolist()),
-            outline=None if panel is None else panel.shape,
         )
         self._window[fit.frames[0]].landmarks.append(landmark)
         self._assign(fit, verdict)
