@@ -10,10 +10,12 @@ JOBS ?= 2
 # Real pictures with boxed signs, where they are at hand: they teach colours and shapes, too.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test check accept held-out drives learn clean
+.PHONY: help demo test slow check wiring accept held-out drives learn clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
-	@echo 'make test     run the fast tests'
+	@echo 'make test     run the fast tests, in two processes'
+	@echo 'make slow     run the tests marked slow: learning, statistics over many drives'
+	@echo 'make wiring   leave every stage and model out of the flow, one at a time; a test must fail each time'
 	@echo 'make check    lint, format, types, layers'
 	@echo 'make accept   measure recall, precision and accuracy on rendered drives; fails below the floor'
 	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
@@ -29,8 +31,15 @@ demo: .venv/.ready
 	@echo 'next: .venv/bin/wayside view out/demo      opens the recording of every step (--serve: in a browser)'
 
 # Threads of the learning libraries wait for each other longer than they work on samples as small as those of tests.
+TEST := OMP_NUM_THREADS=1 $(RUN) pytest -q --numprocesses $(JOBS) --dist loadscope --no-loadscope-reorder
 test: .venv/.ready
-	@OMP_NUM_THREADS=1 $(RUN) pytest -q
+	@$(TEST)
+
+slow: .venv/.ready
+	@$(TEST) -m slow
+
+wiring: .venv/.ready
+	@OMP_NUM_THREADS=1 .venv/bin/python tests/wiring.py --jobs $(JOBS)
 
 check: .venv/.ready
 	@$(RUN) ruff check
@@ -59,6 +68,7 @@ clean:
 	@$(PYTHON) -m venv .venv
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@mkdir -p .venv/checkout && ln -sfn ../.. .venv/checkout/wayside
 	@touch $@
 
 # PyTorch is large and only the learning needs it.

@@ -44,7 +44,7 @@ REAL = {
 
 
 @dataclass(frozen=True)
-class Drive:
+class BenchmarkDrive:
     """A log with its truth, and the spacing that a run is told."""
 
     name: str
@@ -57,7 +57,7 @@ class Drive:
 class Outcome:
     """A drive, judged; `evaluation` is None where the run failed."""
 
-    drive: Drive
+    drive: BenchmarkDrive
     evaluation: Evaluation | None
 
 
@@ -81,12 +81,14 @@ def main() -> int:
 
     render([n for n in RENDERED if not args.only or n in args.only], args.jobs)
     drives = [
-        Drive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing)
+        BenchmarkDrive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing)
         for name, spacing in RENDERED.items()
     ]
     if not args.quick:
         drives += [
-            Drive(name, args.real / f"{name}.mcap", args.real / f"{name}.labels.json", spacing)
+            BenchmarkDrive(
+                name, args.real / f"{name}.mcap", args.real / f"{name}.labels.json", spacing
+            )
             for name, spacing in REAL.items()
             if (args.real / f"{name}.mcap").is_file()
         ]
@@ -117,7 +119,7 @@ def render(names: list[str], jobs: int) -> None:
     subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
 
 
-def judge(drive: Drive, preset: str) -> Outcome:
+def judge(drive: BenchmarkDrive, preset: str) -> Outcome:
     """Run one preset on one drive in a process of its own, compare with the truth, print a line."""
     out = RESULTS / preset / drive.name
     command = [

@@ -1,4 +1,4 @@
-"""Say where each missed sign was lost and what each false sign is, from the results that `make accept` left.
+"""List the cause of each missed and each false sign, from the results that `make accept` left.
 
     .venv/bin/python benchmarks/causes.py [RESULTS]
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 
 ROOT = Path(__file__).resolve().parents[1]
 DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept" / "default"
@@ -28,12 +28,12 @@ ON_FACE = 0.5
 """Overlap (IoU) from which a candidate shows the face."""
 
 WORDS = {
-    "none": "no candidate on the face, or refused at first glance",
-    "score": "refused by the judge of one view",
-    "overlap": "taken for part of another sign",
-    "few_views": "accepted in too few views",
-    "unmatched": "accepted in single views only",
-    "place_score": "refused by the judge of places",
+    "none": "no candidate on the face, or rejected by the pre-filter",
+    "score": "rejected by the box classifier",
+    "overlap": "assigned to another sign",
+    "few_views": "detected in too few images",
+    "unmatched": "detected in single images only",
+    "place_score": "rejected by the landmark classifier",
 }
 """What the most frequent verdict on a missed sign's views says; other verdicts say it by their name."""
 
@@ -95,16 +95,16 @@ def verdict_on(
     """Verdict on the candidate that overlaps a true box most; "none" where there is none on it."""
     if len(boxes) == 0:
         return "none"
-    overlap = overlap_of(box[None], boxes)[0]
+    overlap = iou_matrix(box[None], boxes)[0]
     best = int(overlap.argmax())
     return str(verdicts[best]) if overlap[best] >= ON_FACE else "none"
 
 
 def page(*parts: list[tuple[str, str, str, str]]) -> str:
     """The page: a table for each part, with its count."""
-    titles = ("Missed signs", "False signs", "Names that are wrong")
+    titles = ("Missed signs", "False signs", "Wrong colours and shapes")
     lines = [
-        "# Causes of what is left",
+        "# Causes of the remaining errors",
         "",
         "Made by `python benchmarks/causes.py` from the results of `make accept`, preset `default`. The cause of a",
         "missed sign is the most frequent verdict on its views (10 px tall, half visible), counted behind it.",

@@ -1,4 +1,4 @@
-"""What a confidence is worth: rows of sign tables against the truth, by confidence, and what the setting trades."""
+"""Reliability of `confidence`: rows of sign tables against the truth, and recall against precision over the setting."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def judged_at(results: Sequence[Result], confidence: float) -> RenderedEvaluatio
 
 
 def reliability(results: Sequence[Result]) -> Iterator[Bin]:
-    """Rows by confidence, and how many are true; a row vies for a panel only with those of its bin and above."""
+    """Rows by confidence, and how many are true; a row is matched only against those of its bin and above."""
     for low, high in pairwise(BINS):
         last = high == BINS[-1]
         own = [
@@ -57,7 +57,7 @@ def reliability(results: Sequence[Result]) -> Iterator[Bin]:
 
 
 def gap_of(bins: Sequence[Bin]) -> float:
-    """Mean gap between confidence and share of true rows, by rows (expected calibration error)."""
+    """Mean gap between confidence and fraction of true rows, by rows (expected calibration error)."""
     rows = sum(one.rows for one in bins)
     return sum(abs(one.mean * one.rows - one.true) for one in bins if one.rows) / max(rows, 1)
 
@@ -74,14 +74,16 @@ def confidence_lines(
     return [
         "## Confidence",
         "",
-        "Measured with a judge of places that refuses hardly any, so that rows of low confidence are written (a run",
-        "refuses places below the bar of the model; those between it and `locate.confidence` are `uncertain`).",
+        "Measured with a very low threshold of the landmark classifier, so that rows of low confidence are written (a",
+        "run rejects landmarks below the threshold of the model; those between it and `locate.confidence` are",
+        "`uncertain`).",
         "*true*: on a panel of its own. All drives above, and more of the same kind from other seeds.",
         "",
         *table(("confidence", "rows", "mean", "true", "share"), [bin_row(one) for one in bins]),
         "",
-        f"Mean gap between confidence and share of true rows: {gap_of(bins):.3f}. {between} rows lie between .1 and",
-        ".9: the judge of views and the geometry decide on most places before; little is known of the middle.",
+        f"Mean gap between confidence and fraction of true rows: {gap_of(bins):.3f}. {between} rows lie between .1 and",
+        ".9: most landmarks are decided earlier by the box classifier and the geometry; the middle range is poorly",
+        "sampled.",
         "",
         "`locate.confidence` is the setting that trades recall for precision: on the drives above, and on drives of",
         "four of the same specifications from other seeds (*other*). As shipped, .5 gives "

@@ -23,8 +23,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
-from wayside.schemas.settings import MotionSettings
-from wayside.stages.mapping import Held
+from wayside.schemas.settings import LocalAdjustmentSettings, MotionSettings, TrackSettings
+from wayside.stages.mapping import WindowFrame
 from wayside.stages.mapping import local_adjustment as bundle
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
@@ -76,16 +76,18 @@ def window_ms(frames: int, ties: int, times: int = 50) -> float:
     seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
     last = int(seen[-1])
     first = last - frames + 1
-    held = [Held.of(m, m.motion, drive.camera) for m in moved[first : last + 1]]
+    held = [
+        WindowFrame.of(m, m.motion, drive.camera, TrackSettings()) for m in moved[first : last + 1]
+    ]
     rays = np.array(
         [(d := p.to_camera(drive.signs[0]))[:2] / d[2] for p in drive.poses[first : last + 1]]
     )
-    sighted = bundle.Sighted(np.arange(frames), rays, np.full(frames, 1e-4))
+    sighted = bundle.LandmarkRays(np.arange(frames), rays, np.full(frames, 1e-4))
     point = held[-1].motion.pose.to_world(drive.poses[last].to_camera(drive.signs[0]))
     spent = []
     for _ in range(times):
         start = time.process_time()
-        bundle.adjust_together(held, frames - 1, sighted, point)
+        bundle.adjust_jointly(held, frames - 1, sighted, point, LocalAdjustmentSettings())
         spent.append(time.process_time() - start)
     return 1000 * float(np.median(spent))
 

@@ -16,7 +16,7 @@ from accept import (
     DRIVES,
     PRESETS,
     ROOT,
-    Drive,
+    BenchmarkDrive,
     in_short,
     judge,
     render,
@@ -67,7 +67,10 @@ def main() -> int:
     for preset in PRESETS:
         judged = [
             judge(
-                Drive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing), preset
+                BenchmarkDrive(
+                    name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing
+                ),
+                preset,
             )
             for name, spacing in HELD_OUT.items()
         ]

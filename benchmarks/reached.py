@@ -1,4 +1,4 @@
-"""How far the candidates on a face went: what the pages on seeing count."""
+"""The last step that the candidates on a face passed."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 
 ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""
 
 NOWHERE, CANDIDATE, JUDGED, PASSED, KEPT, SIGN = range(6)
-"""No box on the face; a box; one past the gate; one past the judge's bar; one that no better box covers; a sign's."""
+"""No box on the face; a box; above the pre-filter's threshold; the classifier's; not suppressed; part of a sign."""
 
 STOPPED = (
     "no candidate",
-    "refused by the gate",
-    "refused by the judge",
-    "covered by another box",
-    "not made a sign of",
+    "rejected by the pre-filter",
+    "rejected by the box classifier",
+    "suppressed by another box",
+    "not part of a reported sign",
 )
 """Where a face stopped, by how far it went."""
 
@@ -41,10 +41,10 @@ _REACHED = {
 def reached(
     box: Sequence[float], boxes: NDArray[np.floating[Any]], verdicts: NDArray[np.str_]
 ) -> int:
-    """How far the best went of the candidates `boxes` (n, 4) with `verdicts` (n,) that show the face in `box`."""
+    """The last step passed by the best candidate (`boxes` (n, 4), `verdicts` (n,)) that overlaps the face `box`."""
     if len(boxes) == 0:
         return NOWHERE
-    on = overlap_of(np.asarray(box, np.float64)[None], boxes)[0] >= ON_FACE
+    on = iou_matrix(np.asarray(box, np.float64)[None], boxes)[0] >= ON_FACE
     return max((_REACHED.get(str(verdict), KEPT) for verdict in verdicts[on]), default=NOWHERE)
 
 

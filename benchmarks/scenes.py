@@ -1,11 +1,12 @@
-"""Which faces of real pictures are seen by a judge that has seen no picture of their source, and where the others stop.
+"""Recall on real images by classifiers not trained on their source, and the step that loses each missed face.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/scenes.py [--real FOLDER] [--drives FOLDER] [--every N]
 
-The judges are learned anew as `make learn` does it, in two groups, from every fourth rendered learning drive and the
-sources of the scenes; then the pictures of each source go through the stages of a run with the judge of the group
-that it is not in, and with a ranking and a gate learned from the drives alone. Writes benchmarks/scenes.md and prints
-every face that was not seen and every false box. The scenes are not part of the repository: without them it says so
+The classifiers are learned again as `make learn` does it, in two groups, from every fourth rendered learning drive and
+the sources of the scenes; then the images of each source go through the stages of a run with the classifier of the
+group that it is not in, and with a ranking and a pre-filter learned from the drives alone. Writes
+benchmarks/scenes.md and prints every face that was not seen and every false box. The scenes are not part of
+the repository: without them it says so
 and ends with status 2. Wants what `make learn` installs.
 """
 
@@ -37,10 +38,10 @@ from reached import (
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import gather, learning_logs
-from wayside.pipeline.learning.gating import learn_gate, learn_ranking
-from wayside.pipeline.learning.judging import learn_judges
+from wayside.pipeline.learning.detector import learn_detector
+from wayside.pipeline.learning.prefilter import learn_prefilter, learn_ranking
 from wayside.pipeline.learning.samples import NEAR_FACE
-from wayside.pipeline.learning.scenes import read_scenes, scene_pictures, scene_sources
+from wayside.pipeline.learning.scenes import read_scenes, scene_images, scene_sources
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
@@ -48,7 +49,7 @@ from wayside.schemas.detections import COLORS, VERDICTS, Candidates
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Frame
 from wayside.schemas.models import NetworkModel, TreeModel
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "benchmarks" / "scenes.md"
@@ -57,12 +58,12 @@ SMALLEST_PX = 10.0
 """Lower faces are not counted."""
 HEIGHTS = (10, 15, 20, 25, 35, 50, 100)
 STAGES = (CANDIDATE, JUDGED, PASSED, KEPT)
-HEAD = ("faces", "candidate", "past the gate", "past the judge", "seen")
+HEAD = ("faces", "candidate", "passed pre-filter", "passed classifier", "detected")
 
 
 @dataclass(frozen=True, slots=True)
-class Seeing:
-    """All that looks at one picture: ranking, judge of one view with its gate, network that moves boxes onto faces."""
+class SceneModels:
+    """Models applied to one image: ranking, box classifier with its pre-filter, box regression."""
 
     ranking: TreeModel
     judge: TreeModel
@@ -70,7 +71,7 @@ class Seeing:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class FaceOutcome:
     """One labelled face: how far its candidates went, and the best score on it above the bar (nan: none)."""
 
     source: str
@@ -88,11 +89,11 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The pictures of one source: faces, pictures of which all faces are boxed, and false boxes in those."""
+    """The images of one source: faces, images in which all faces are labelled, and false boxes in those."""
 
     name: str
-    pictures: int
-    faces: tuple[Seen, ...]
+    images: int
+    faces: tuple[FaceOutcome, ...]
     complete: int
     false: tuple[tuple[str, tuple[float, ...], float], ...]
 
@@ -130,24 +131,24 @@ def say(text: str) -> None:
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     """Every source, looked at with models that have not seen it; and how they were learned, in words."""
     samples = gather(logs, real, SEED, say)
-    judges = learn_judges(
-        samples.drives, samples.see, samples.draw, SEED, "", samples.scenes
-    ).strangers
+    judges = learn_detector(
+        samples.drives, samples.features_of, samples.patches_of, SEED, "", samples.scenes
+    ).out_of_fold
     ranking = learn_ranking(samples.drives, (), SEED, "")
-    _, gate = learn_gate(samples.drives, SEED, "")
+    _, gate = learn_prefilter(samples.drives, SEED, "")
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():
         judge, face_box = judges[source]
-        by = Seeing(ranking, replace(judge, gate=gate), face_box)
+        by = SceneModels(ranking, replace(judge, prefilter=gate), face_box)
         found.append(looked_at(source, real, listed, by))
-        say(f"looked at the {len(listed)} pictures of {source}")
-    pictures = sum(drive.frames for drive in samples.drives)
-    return found, f"{len(samples.drives)} rendered drives ({pictures} pictures)"
+        say(f"looked at the {len(listed)} images of {source}")
+    images = sum(drive.frames for drive in samples.drives)
+    return found, f"{len(samples.drives)} rendered drives ({images} images)"
 
 
-def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Source:
+def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Source:
     """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
-    faces: list[Seen] = []
+    faces: list[FaceOutcome] = []
     false: list[tuple[str, tuple[float, ...], float]] = []
     for scene, own in zip(scenes, looks(real, scenes, by), strict=True):
         verdicts = names_of(own)
@@ -156,15 +157,15 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing)
             if box[3] - box[1] < SMALLEST_PX:
                 continue
             level = reached(box, own.regions.box, verdicts)
-            score = best_score(box, own) - by.judge.accept
-            faces.append(Seen(source, scene["file"], box, sign["color"], level, score))
+            score = best_score(box, own) - by.judge.threshold
+            faces.append(FaceOutcome(source, scene["file"], box, sign["color"], level, score))
         if scene["complete"]:
             known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
             false += [
                 (
                     scene["file"],
                     tuple(own.regions.box[row].tolist()),
-                    own.score[row] - by.judge.accept,
+                    own.score[row] - by.judge.threshold,
                 )
                 for row in strays(own, known)
             ]
@@ -172,19 +173,22 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: Seeing)
     return Source(source, len(scenes), tuple(faces), complete, tuple(false))
 
 
-def looks(real: Path, scenes: list[dict[str, Any]], by: Seeing) -> Iterator[Candidates]:
-    """The candidates of each picture after all stages that look at one picture."""
+def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator[Candidates]:
+    """The candidates of each image after all stages that look at one picture."""
     settings, _ = load_settings("default")
     models = replace(
-        load_models(settings), ranking=by.ranking, judge=by.judge, face_box=by.face_box
+        load_models(settings),
+        region_ranking=by.ranking,
+        box_classifier=by.judge,
+        box_regressor=by.face_box,
     )
     flow = Flow(settings, models, StageClock())
     return (look.candidates for look in flow.detect(scene_frames(real, scenes)))
 
 
 def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:
-    """The pictures as they are stored, as frames of a log."""
-    for scene, picture in zip(scenes, scene_pictures(real, scenes), strict=True):
+    """The images as they are stored, as frames of a log."""
+    for scene, picture in zip(scenes, scene_images(real, scenes), strict=True):
         yield replace(picture.frame, data=(real / "scenes" / scene["file"]).read_bytes())
 
 
@@ -195,7 +199,7 @@ def names_of(candidates: Candidates) -> NDArray[np.str_]:
 
 def best_score(box: tuple[float, ...], candidates: Candidates) -> float:
     """Best score of the candidates on a face; nan where none was judged."""
-    on = overlap_of(np.array([box]), candidates.regions.box)[0] >= 0.5
+    on = iou_matrix(np.array([box]), candidates.regions.box)[0] >= 0.5
     scores = candidates.score[on & np.isfinite(candidates.score)]
     return float(scores.max()) if len(scores) else float("nan")
 
@@ -205,34 +209,36 @@ def strays(candidates: Candidates, known: NDArray[np.float64]) -> NDArray[np.int
     kept = candidates.open_rows()
     if len(known) == 0 or len(kept) == 0:
         return kept
-    near = overlap_of(candidates.regions.box[kept], known).max(axis=1) >= NEAR_FACE
+    near = iou_matrix(candidates.regions.box[kept], known).max(axis=1) >= NEAR_FACE
     return np.asarray(kept[~near])
 
 
 def page(sources: Sequence[Source], learned: str) -> str:
     """The page: by source, by colour, by height."""
     faces = [face for source in sources for face in source.faces]
-    pictures, complete = sum(s.pictures for s in sources), sum(s.complete for s in sources)
+    images, complete = sum(s.images for s in sources), sum(s.complete for s in sources)
     lines = [
-        "# Real scenes: which faces are seen in one picture",
+        "# Recall on single real images",
         "",
-        "Made by `python benchmarks/scenes.py` where the scenes are at hand; they are not part of the repository.",
-        f"{pictures} single pictures with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
-        "source is looked at with a judge learned as `make learn` does it, in two groups with every other source and",
-        f"every other of {learned}: the one of the group that it is not in. Ranking and gate",
+        "Made by `python benchmarks/scenes.py` where the scenes are available; they are not part of the repository.",
+        f"{images} single images with hand-made boxes, {len(faces)} faces at least {SMALLEST_PX:g} px tall. Each",
+        "source is evaluated with a classifier learned as `make learn` does it, in two groups with every other source",
+        "and",
+        f"every other of {learned}: the one of the group that it is not in. Ranking and pre-filter",
         "are learned from these drives alone.",
-        "Many pictures are of one place and the sources are few: a share of 50 faces is known to seven per cent at",
-        "best, that of a rare colour hardly at all.",
+        "Many images show one place and the sources are few: a fraction of 50 faces has a standard error of seven per",
+        "cent at best, that of a rare colour hardly at all.",
         "",
-        "*candidate*: a box on the face (IoU .5); *past the gate*, *past the judge*: one that they accept; *seen*: one",
-        "that no better box covers, which is what goes on to be followed. *False*: boxes kept on no face, in those",
-        f"pictures of which all faces are boxed ({complete} of {pictures}); far signs that nobody boxed may be",
+        "*candidate*: a box on the face (IoU .5); *passed pre-filter*, *passed classifier*: one above the threshold of",
+        "that model; *detected*: one that survives non-maximum suppression and goes on to tracking. *False*: boxes",
+        f"kept that overlap no face, in those images in which all faces are labelled ({complete} of {images}); distant",
+        "unlabelled signs may be",
         "among them.",
         "",
         "## By source",
         "",
         *table(
-            ("source", "pictures", *HEAD, "false a picture", "in pictures"),
+            ("source", "images", *HEAD, "false per image", "in images"),
             [source_row(source) for source in sources],
         ),
         "",
@@ -258,11 +264,11 @@ def source_row(source: Source) -> list[str]:
     """One line of the first table."""
     rate = f"{len(source.false) / source.complete:.1f}" if source.complete else "-"
     cells = shares((f.level for f in source.faces), STAGES)
-    return [source.name, str(source.pictures), *cells, rate, str(source.complete)]
+    return [source.name, str(source.images), *cells, rate, str(source.complete)]
 
 
 def groups(
-    faces: Sequence[Seen], names: Sequence[str], name_of: Callable[[Seen], str]
+    faces: Sequence[FaceOutcome], names: Sequence[str], name_of: Callable[[FaceOutcome], str]
 ) -> Iterator[list[str]]:
     """One line a group that has faces, and one for all."""
     for name in (*names, "**all**"):

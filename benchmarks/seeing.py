@@ -1,10 +1,10 @@
-"""What is seen of signs on rendered drives: by height and colour of the face, by stage; what a confidence is worth.
+"""Recall on rendered drives by height and colour of the face and by stage; reliability of the confidence.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/seeing.py [--only NAME]
 
 Runs preset `default` as shipped on each drive that `make accept` measures, with all regions listed; then again, and on
-drives of the same specifications from other seeds, with a judge of places that refuses hardly any. Writes
-benchmarks/seeing.md and docs/seeing.png, and prints every face of some height that is no view of a sign; with --only it
+drives of the same specifications from other seeds, with a landmark classifier with a very low threshold. Writes
+benchmarks/seeing.md and docs/seeing.png, and prints every face of some height that is no part of a sign; with --only it
 prints the page and writes nothing.
 """
 
@@ -23,7 +23,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
-from accept import DRIVES, RENDERED, Drive, render
+from accept import DRIVES, RENDERED, BenchmarkDrive, render
 from confidence import Result, Row, confidence_lines, judged_at, reliability
 from reached import (
     CANDIDATE,
@@ -53,7 +53,14 @@ HEIGHTS = (10, 12, 15, 20, 25, 35, 50, 100)
 CLEAR_PX = 15.0
 """Height from which a face should have a candidate."""
 STAGES = (CANDIDATE, JUDGED, PASSED, SIGN)
-HEAD = ("faces", "candidate", "past the gate", "past the judge", "view of a sign", "of wanted ones")
+HEAD = (
+    "faces",
+    "candidate",
+    "passed pre-filter",
+    "passed classifier",
+    "part of a sign",
+    "of wanted",
+)
 HARDLY_ANY = -12.0
 """Log odds below which the judge of places refuses, where rows of low confidence are wanted."""
 OTHER_SEEDS = {"straight": 9778, "curve": 9775, "town": 9774, "report": 9776}
@@ -61,10 +68,10 @@ OTHER_SEEDS = {"straight": 9778, "curve": 9775, "town": 9774, "report": 9776}
 
 
 @dataclass(frozen=True, slots=True)
-class Face:
-    """The front of a sign in one picture: where it is, what it shows, and how far its candidates went.
+class FaceOutcome:
+    """The front of a sign in one image: where it is, what it shows, and how far its candidates went.
 
-    wanted: whether it is seen in pictures enough to be reported.
+    wanted: whether it is seen in images enough to be reported.
     """
 
     drive: str
@@ -83,15 +90,15 @@ class Face:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """One drive as shipped: faces, pictures, candidates and those past the gate, cost of proposing.
+class DriveOutcome:
+    """One drive as shipped: faces, images, candidates and those that pass the pre-filter, cost of proposing.
 
-    decodes: processor time of proposing in that of decoding a JPEG of the drive; None where its pictures are raw.
+    decodes: processor time of proposing in that of decoding a JPEG of the drive; None where its images are raw.
     """
 
     name: str
-    faces: tuple[Face, ...]
-    pictures: int
+    faces: tuple[FaceOutcome, ...]
+    images: int
     candidates: int
     judged: int
     decodes: float | None
@@ -134,12 +141,12 @@ def main() -> int:
     return 0
 
 
-def drive_of(name: str, folder: Path, spacing: str) -> Drive:
+def drive_of(name: str, folder: Path, spacing: str) -> BenchmarkDrive:
     """A rendered drive of a folder."""
-    return Drive(name, folder / f"{name}.mcap", folder / f"{name}.truth.json", spacing)
+    return BenchmarkDrive(name, folder / f"{name}.mcap", folder / f"{name}.truth.json", spacing)
 
 
-def fresh_drives(names: Sequence[str]) -> Iterator[Drive]:
+def fresh_drives(names: Sequence[str]) -> Iterator[BenchmarkDrive]:
     """Drives of the specifications `names` from other seeds, rendered where they are not there yet."""
     folder = DRIVES.parent / "fresh"
     (folder / "specs").mkdir(parents=True, exist_ok=True)
@@ -158,13 +165,14 @@ def reseeded(text: str, name: str) -> str:
     return re.sub(r"^seed = \d+$", f"seed = {OTHER_SEEDS[name]}", text, count=1, flags=re.M)
 
 
-def result_of(drive: Drive, folder: Path, bar: float | None) -> Result:
+def result_of(drive: BenchmarkDrive, folder: Path, bar: float | None) -> Result:
     """Rows of `signs.parquet` but backs, all regions listed, and the truth; `bar` replaces that of the place judge."""
     options = {"read.spacing_m": parse_length(drive.spacing)} if drive.spacing else {}
     settings, _ = load_settings("default", None, [], options | {"run.workers": 1})
     models = load_models(settings)
-    if bar is not None and models.place is not None:
-        models = replace(models, place=replace(models.place, accept=bar))
+    if bar is not None and models.landmark_classifier is not None:
+        landmark = replace(models.landmark_classifier, threshold=bar)
+        models = replace(models, landmark_classifier=landmark)
     run_log(drive.log, folder / drive.name, settings, models, arguments=[], every_region=True)
     print(drive.name, file=sys.stderr, flush=True)
     truth: Row = json.loads(drive.truth.read_text())
@@ -172,7 +180,7 @@ def result_of(drive: Drive, folder: Path, bar: float | None) -> Result:
     return [row for row in rows if row["status"] != "back"], truth
 
 
-def seen_on(drive: Drive, out: Path) -> Seen:
+def seen_on(drive: BenchmarkDrive, out: Path) -> DriveOutcome:
     """What the tables of a run say about the faces of its drive."""
     truth = json.loads(drive.truth.read_text())
     listed = pq.read_table(out / OBSERVATIONS.file, columns=["frame", "box", "verdict"])
@@ -183,7 +191,7 @@ def seen_on(drive: Drive, out: Path) -> Seen:
     verdicts = np.array(listed["verdict"].to_pylist())
     rows = {index: np.flatnonzero(frame == index) for index in used}
     faces = [
-        Face(
+        FaceOutcome(
             drive.name,
             sign["id"],
             sign["kind"],
@@ -197,7 +205,7 @@ def seen_on(drive: Drive, out: Path) -> Seen:
         if view["frame"] in rows
     ]
     cost = json.loads((out / "run.json").read_text())["times"]["cpu_s_by_stage"]
-    return Seen(
+    return DriveOutcome(
         drive.name,
         tuple(faces),
         len(used),
@@ -217,25 +225,25 @@ def fronts(truth: Row) -> Iterator[tuple[Row, Row]]:
                 yield sign, view
 
 
-def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
+def page(seen: Sequence[DriveOutcome], confidence: Sequence[str]) -> str:
     """The page, with the part on confidence at its end."""
     faces = [face for drive in seen for face in drive.faces]
     clear = [face for face in faces if face.height_px >= CLEAR_PX]
     heights = bin_names(HEIGHTS, "px")
     lines = [
-        "# What is seen",
+        "# Recall by face",
         "",
         "Made by `python benchmarks/seeing.py`, preset `default`, on the rendered drives that `make accept` measures;",
-        "no model was learned from them. A face is the front of a sign in one picture, at least half visible.",
+        "no model was learned from them. A face is the front of a sign in one image, at least half visible.",
         "",
-        "![Share of faces against height, share of true rows against confidence](../docs/seeing.png)",
+        "![Recall against face height, precision against confidence](../docs/seeing.png)",
         "",
         "## By height of the face",
         "",
-        "*candidate*: a box on it (IoU .5), where need be after it was moved onto the face; *past the gate*, *past the",
-        "judge*: one that they accept, each at its shipped bar; *view of a sign*: one that is part of a row of",
-        "`signs.parquet` (verdict `sign`). Signs seen in fewer than three pictures are not wanted, and many large",
-        "faces stand where a drive begins: *of wanted ones* is the same without them.",
+        "*candidate*: a box on it (IoU .5), if necessary after box regression; *passed pre-filter*, *passed",
+        "classifier*: one above the threshold of that model; *part of a sign*: one that is part of a row of",
+        "`signs.parquet` (verdict `sign`). Signs seen in fewer than three images are not wanted, and many large",
+        "faces stand where a drive begins: *of wanted* is the same without them.",
         "",
         *table(
             ("height", *HEAD),
@@ -248,18 +256,18 @@ def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
         "",
         "## Candidates",
         "",
-        f"*covered*: share of faces from {CLEAR_PX:g} px with a candidate, and with one that the gate, a few trees",
-        "on a glance, lets pass to the judge. Cost is processor time, in that of decoding one JPEG of the drive;",
-        "the pictures of `raw` are not compressed.",
+        f"*covered*: fraction of faces from {CLEAR_PX:g} px with a candidate, and with one that passes the",
+        "pre-filter. Cost is processor time, in that of decoding one JPEG of the drive;",
+        "the images of `raw` are not compressed.",
         "",
         *table(
             (
                 "drive",
-                "pictures",
+                "images",
                 "faces",
-                "candidates a picture",
+                "candidates per image",
                 "covered",
-                "past the gate",
+                "passed pre-filter",
                 "covered",
                 "cost of proposing, decodes",
             ),
@@ -271,38 +279,36 @@ def page(seen: Sequence[Seen], confidence: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def lost_lines(faces: Sequence[Face]) -> Iterator[str]:
-    """Every face of some height that is no view of a sign, with where it stopped."""
+def lost_lines(faces: Sequence[FaceOutcome]) -> Iterator[str]:
+    """Every face of some height that is no part of a sign, with where it stopped."""
     for face in faces:
         if face.level < SIGN and face.height_px >= CLEAR_PX:
             box = ",".join(f"{v:.0f}" for v in face.box)
             where = f"{face.drive} frame {face.frame}  {box}  sign {face.sign}"
             words = (
-                STOPPED[face.level]
-                if face.wanted
-                else f"{STOPPED[face.level]}, in too few pictures"
+                STOPPED[face.level] if face.wanted else f"{STOPPED[face.level]}, in too few images"
             )
             yield f"lost  {where}  {face.color} {face.kind}  {words}"
 
 
-def candidates_row(drive: Seen) -> list[str]:
+def candidates_row(drive: DriveOutcome) -> list[str]:
     """One drive: what proposing finds and costs."""
     clear = [face.level for face in drive.faces if face.height_px >= CLEAR_PX]
     faces, covered, passing = shares(clear, (CANDIDATE, JUDGED))
     return [
         drive.name,
-        str(drive.pictures),
+        str(drive.images),
         faces,
-        f"{drive.candidates / drive.pictures:.0f}",
+        f"{drive.candidates / drive.images:.0f}",
         covered,
-        f"{drive.judged / drive.pictures:.0f}",
+        f"{drive.judged / drive.images:.0f}",
         passing,
         "-" if drive.decodes is None else f"{drive.decodes:.1f}",
     ]
 
 
 def groups(
-    faces: Sequence[Face], names: Sequence[str], name_of: Callable[[Face], str]
+    faces: Sequence[FaceOutcome], names: Sequence[str], name_of: Callable[[FaceOutcome], str]
 ) -> Iterator[list[str]]:
     """One line a group that has faces, and one for all."""
     for name in (*names, "**all**"):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+import wayside
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
@@ -79,9 +80,7 @@ def common(
 ) -> None:
     """Options of every command."""
     if version:
-        from importlib.metadata import version as installed
-
-        typer.echo(f"wayside {installed('wayside')}")
+        typer.echo(f"wayside {wayside.__version__}")
         raise typer.Exit
 
 
@@ -231,7 +230,9 @@ def _process(
     from wayside.pipeline.reading.frames import ReadReport
     from wayside.pipeline.run import RunObserver, run_log
     from wayside.pipeline.summary import print_summary
+    from wayside.pipeline.tuning import tune_process, watched_compilation
 
+    tune_process()
     models = load_models(settings)
 
     def open_observer(report: ReadReport) -> RunObserver | None:
@@ -239,10 +240,10 @@ def _process(
             return None
         from wayside.pipeline.view.sinks import open_observer
 
-        return open_observer(viewing, folder, log.stem, models.location, report)
+        return open_observer(viewing, folder, log.stem, models.location_classes, report)
 
     size = log.stat().st_size if log.exists() else 0
-    with FrameProgress(log.name, size) as progress:
+    with FrameProgress(log.name, size) as progress, watched_compilation(progress.compiling):
         result = run_log(
             log,
             folder,
@@ -310,12 +311,16 @@ def settings(
     preset: PresetOption = Preset.default,
     file: SettingsFile = None,
     assignments: Assignments = None,
+    every: Annotated[
+        bool,
+        typer.Option("--all", help="Also what is rarely changed, and where each default is from."),
+    ] = False,
 ) -> None:
-    """Print every setting: value, unit, default, where it comes from. The output is a settings file."""
+    """Print the settings: value, unit, default, where it comes from. The output is a settings file."""
     from wayside.pipeline.settings_file import format_settings, load_settings
 
     chosen, origins = load_settings(preset.value, file, assignments or [], {})
-    typer.echo(format_settings(chosen, origins))
+    typer.echo(format_settings(chosen, origins, expert=every), nl=False)
 
 
 app.command(

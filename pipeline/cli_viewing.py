@@ -131,12 +131,11 @@ def evidence(
     ] = None,
 ) -> None:
     """Write a sheet of pictures, maps and figures for every sign, and an index to filter them."""
-    import cv2
-
     from wayside.pipeline.evidence.write import write_evidence
     from wayside.pipeline.progress import SheetProgress
+    from wayside.pipeline.tuning import tune_process
 
-    cv2.setNumThreads(1)
+    tune_process()
     with SheetProgress("evidence") as progress:
         written = write_evidence(
             out,

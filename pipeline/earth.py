@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from wayside.schemas.frame import Fix, Pose
+from wayside.stages.geometry import cross_matrix
 from wayside.stages.georeference import Trajectory
 from wayside.stages.kernels import Array
 
@@ -68,9 +69,7 @@ class Earth:
         """
         row = self.rows[frame]
         rotation = self.path.rotation[row]
-        x, y, z = rotation @ position
-        turn = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-        slopes = np.hstack([np.eye(3), turn])
+        slopes = np.hstack([np.eye(3), -cross_matrix(rotation @ position)])
         camera = self.path.covariance[row, :6, :6]
         return np.asarray(slopes @ camera @ slopes.T + rotation @ covariance @ rotation.T)
 

@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from wayside.pipeline.evaluate_real import judge_real
 from wayside.pipeline.evaluate_rendered import judge_rendered
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation, Spread
+from wayside.pipeline.result import read_rows
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.tables import OBSERVATIONS, SIGNS, Table
+from wayside.schemas.tables import OBSERVATIONS, SIGNS
 
 _SIGN_COLUMNS = (
     "sign_id status color shape best_frame best_box right_m down_m ahead_m panel_width_m panel_height_m bottom_m "
@@ -40,11 +38,11 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
         One of them is missing, damaged or something else.
     """
     facts = _read_truth(truth)
-    rows = _read_table(out, SIGNS, _SIGN_COLUMNS)
+    rows = read_rows(out, SIGNS, _SIGN_COLUMNS)
     signs, backs = ([row for row in rows if row["status"] == kind] for kind in ("sign", "back"))
     try:
         if _LABEL_KEYS <= facts.keys():
-            observations = _read_table(out, OBSERVATIONS, ["sign_id", "frame", "box"])
+            observations = read_rows(out, OBSERVATIONS, ["sign_id", "frame", "box"])
             return judge_real(signs, observations, facts)
         return judge_rendered(signs, facts, backs)
     except (KeyError, TypeError, AttributeError, IndexError) as error:
@@ -153,20 +151,3 @@ def _read_truth(file: Path) -> dict[str, Any]:
             "(signs, stride, distractors)"
         )
     return dict(facts)
-
-
-def _read_table(out: Path, table: Table, columns: list[str]) -> list[dict[str, Any]]:
-    file = out / table.file
-    if not file.is_file():
-        raise InputError(
-            f"{out} is not a result folder: it has no {table.file}; `wayside run LOG -o {out}` writes one"
-        )
-    try:
-        present = pq.read_schema(file).names
-        absent = [name for name in columns if name not in present]
-        if absent:
-            raise InputError(f"{file} lacks the column {absent[0]}: it was not written by wayside")
-        rows: list[dict[str, Any]] = pq.read_table(file, columns=columns).to_pylist()
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{file} cannot be read: {error}") from error
-    return rows

@@ -19,10 +19,11 @@ from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
-from wayside.stages.detection import BoxClassifier, judge, propose
+from wayside.stages.detection import BoxClassifier, detect, propose
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
+from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
 from wayside.stages.segmentation import segment
 
@@ -64,34 +65,38 @@ class Flow:
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
         m = self.models
-        colored = self.stage("color", classify_color(segmented, model=m.color, gate=True))
-        return self.stage("shape", classify_shape(colored, model=m.shape, gate=True))
+        colored = self.stage("color", classify_color(segmented, model=m.color_classes, gate=True))
+        return self.stage("shape", classify_shape(colored, model=m.shape_classes, gate=True))
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """More regions, and a learned classifier on each."""
         stage, s, m = self.stage, self.settings, self.models
-        proposed = stage("propose", propose(segmented, settings=s.candidates, ranking=m.ranking))
-        colored = stage("color", classify_color(proposed, model=m.color, gate=False))
+        proposed = stage(
+            "propose", propose(segmented, settings=s.candidates, ranking=m.region_ranking)
+        )
+        colored = stage("color", classify_color(proposed, model=m.color_classes, gate=False))
         detected = stage(
             "detect",
-            judge(
+            detect(
                 colored,
-                trees=m.judge,
                 settings=s.candidates,
-                color=m.face_color,
-                shape=m.face_shape,
-                box=m.face_box,
-                back=m.back,
+                classifier=m.box_classifier,
+                regressor=m.box_regressor,
+                color=m.color_network,
+                shape=m.shape_network,
+                back=m.back_classifier,
             ),
         )
-        return stage("shape", classify_shape(detected, model=m.shape, gate=False))
+        return stage("shape", classify_shape(detected, model=m.shape_classes, gate=False))
 
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order: motion, tracks, landmarks."""
         stage, s, m = self.stage, self.settings, self.models
         posed = stage("motion", estimate_motion(detections, settings=s.motion))
         tracked = stage("track", self._tracked(posed))
-        located = stage("location", classify_location(tracked, model=m.location, settings=s.locate))
+        located = stage(
+            "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
+        )
         return stage("assemble", assemble(located, settings=s.assembly))
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
@@ -100,9 +105,24 @@ class Flow:
         if s.track.matching == "sift":
             return match_by_descriptors(posed, settings=s.mapping)
         by_report = s.candidates.judge == "report"
-        front = SideClassifiers(None if by_report else BoxClassifier(m.judge), m.place)
-        back = None if m.back is None else SideClassifiers(BoxClassifier(m.back), m.back_place)
-        return track(posed, settings=s.mapping, front=front, back=back)
+        boxes = None if by_report else BoxClassifier(m.box_classifier)
+        front = SideClassifiers(boxes, m.landmark_classifier)
+        back = None
+        if m.back_classifier is not None:
+            back = SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
+        return track(
+            posed,
+            settings=s.mapping,
+            front=front,
+            back=back,
+            panel=self.panel_method(),
+            adjustment=s.local_adjustment,
+        )
+
+    def panel_method(self) -> PanelMethod:
+        """How panels are measured as planes."""
+        s = self.settings
+        return PanelMethod(self.models.outline_weights, s.panel, s.registration, s.outline)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

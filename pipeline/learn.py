@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learning.appearance import through_other_cameras
-from wayside.pipeline.learning.backs import BackJudges, learn_backs
-from wayside.pipeline.learning.faces import Face, real_faces
-from wayside.pipeline.learning.gating import learn_ranking
+from wayside.pipeline.learning.backs import TrainedBackClassifier, learn_back_classifier
+from wayside.pipeline.learning.camera_augmentation import through_other_cameras
+from wayside.pipeline.learning.detector import TrainedDetector, learn_detector
+from wayside.pipeline.learning.face_naming import learn_name_network
+from wayside.pipeline.learning.faces import FaceSample, real_faces
 from wayside.pipeline.learning.gaussians import (
     color_model,
     location_model,
@@ -32,30 +33,30 @@ from wayside.pipeline.learning.gaussians import (
     plain_variant,
     shape_model,
 )
-from wayside.pipeline.learning.judging import Judges, learn_judges
-from wayside.pipeline.learning.names import learn_names
-from wayside.pipeline.learning.places import (
+from wayside.pipeline.learning.landmarks import (
     ACCEPT,
     ACCEPT_BACK,
-    Places,
-    Tracked,
-    gather_places,
+    LandmarkSamples,
+    PosedDrive,
+    gather_landmarks,
     joined,
-    learn_place_judge,
+    learn_landmark_classifier,
 )
+from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
+from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
-    Drive,
-    Views,
+    CandidateSamples,
+    TrainingDrive,
+    distractor_positions,
+    read_box_features,
     read_drive,
     read_patches,
     read_truth,
-    read_views,
-    stray_places,
 )
 from wayside.pipeline.learning.scenes import (
     read_scenes,
     scene_drive,
-    scene_pictures,
+    scene_images,
     scene_sources,
 )
 from wayside.pipeline.model_files import load_models
@@ -64,7 +65,8 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
-from wayside.schemas.models import Model, NetworkModel, TreeModel, digest, model_to_json
+from wayside.schemas.model_json import digest, model_to_json
+from wayside.schemas.models import Model, NetworkModel, TreeModel
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import decode
 from wayside.stages.odometry import estimate_motion
@@ -90,55 +92,57 @@ LENIENT = (0.0, 1.0)
 PROCESSES = 2
 """How many drives are tracked at a time."""
 
-Say = Callable[[str], None]
+Notify = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Samples:
+class TrainingData:
     """All that is learned from: drives, real pictures as a drive a source, and their pictures, once more, by name.
 
     crops: clear faces of real pictures; strays (n, 2): where things stand that are no signs, metres right and up.
     """
 
-    drives: tuple[Drive, ...]
-    scenes: tuple[Drive, ...]
-    crops: tuple[Face, ...]
-    strays: NDArray[np.float64]
-    again: dict[str, Callable[[], Iterator[Image]]]
+    drives: tuple[TrainingDrive, ...]
+    scenes: tuple[TrainingDrive, ...]
+    crops: tuple[FaceSample, ...]
+    distractors: NDArray[np.float64]
+    reread: dict[str, Callable[[], Iterator[Image]]]
 
-    def see(self, drive: Drive, views: Views) -> NDArray[np.float32]:
+    def features_of(
+        self, drive: TrainingDrive, candidates: CandidateSamples
+    ) -> NDArray[np.float32]:
         """What the judge sees of some candidates of a drive, (n, features): goes through its pictures again."""
-        return read_views(self.again[drive.name](), views)
+        return read_box_features(self.reread[drive.name](), candidates)
 
-    def draw(self, drive: Drive, views: Views) -> NDArray[np.uint8]:
+    def patches_of(self, drive: TrainingDrive, candidates: CandidateSamples) -> NDArray[np.uint8]:
         """The pixels of some candidates of a drive, (n, 32, 32, 3): goes through its pictures again."""
-        return read_patches(self.again[drive.name](), views)
+        return read_patches(self.reread[drive.name](), candidates)
 
 
-def gather(logs: Sequence[Path], real: Path | None, seed: int, say: Say) -> Samples:
+def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -> TrainingData:
     """Go through all drives and real pictures; raises InputError where one cannot be used."""
-    drives: list[Drive] = []
-    strays: list[NDArray[np.float64]] = []
-    again: dict[str, Callable[[], Iterator[Image]]] = {}
+    drives: list[TrainingDrive] = []
+    distractors: list[NDArray[np.float64]] = []
+    reread: dict[str, Callable[[], Iterator[Image]]] = {}
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
         name = truth["name"]
-        again[name] = partial(_shown, log, seed)
+        reread[name] = partial(_shown, log, seed)
         masks = log.with_suffix(".masks")
-        drives.append(read_drive(pictures(log), again[name](), truth, masks))
-        strays.append(stray_places(truth))
-        say(
+        drives.append(read_drive(images(log), reread[name](), truth, masks))
+        distractors.append(distractor_positions(truth))
+        notify(
             f"{log.stem}: {drives[-1].frames} pictures, {len(drives[-1].faces)} clear faces, "
-            f"{len(drives[-1].views.frame)} candidates"
+            f"{len(drives[-1].candidates.frame)} candidates"
         )
-    scenes: list[Drive] = []
+    scenes: list[TrainingDrive] = []
     if real is not None:
         for source, listed in scene_sources(read_scenes(real)).items():
-            again[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
-            scenes.append(scene_drive(again[source](), source, SCENE_COPIES * listed))
-            say(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
+            reread[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
+            scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed))
+            notify(f"{source}: {scenes[-1].frames} pictures, {len(scenes[-1].signs)} faces")
     crops = () if real is None else tuple(real_faces(real))
-    return Samples(tuple(drives), tuple(scenes), crops, np.concatenate(strays), again)
+    return TrainingData(tuple(drives), tuple(scenes), crops, np.concatenate(distractors), reread)
 
 
 def learning_logs(folder: Path) -> list[Path]:
@@ -151,7 +155,7 @@ def learning_logs(folder: Path) -> list[Path]:
     return logs
 
 
-def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> dict[str, str]:
+def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify) -> dict[str, str]:
     """Learn every model and write it into `out`; the digests by file name.
 
     Raises
@@ -162,45 +166,55 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, say: Say) -> di
         If a file cannot be written.
     """
     logs = learning_logs(drives)
-    samples = gather(logs, real, seed, say)
+    samples = gather(logs, real, seed, notify)
     origin = _origin(samples.drives, samples.crops, seed)
-    models = gaussian_models(samples.drives, samples.crops, samples.strays, origin)
-    judges = learn_judges(samples.drives, samples.see, samples.draw, seed, origin, samples.scenes)
-    say(judges.judge.provenance)
+    models = gaussian_models(samples.drives, samples.crops, samples.distractors, origin)
+    judges = learn_detector(
+        samples.drives, samples.features_of, samples.patches_of, seed, origin, samples.scenes
+    )
+    notify(judges.judge.provenance)
     models |= {"judge.json": judges.judge, "face_box.json": judges.box}
     models["ranking.json"] = learn_ranking(samples.drives, samples.scenes, seed, origin)
-    backs: BackJudges | None = None
+    backs: TrainedBackClassifier | None = None
     try:
-        backs = learn_backs(judges.passed, seed, origin)
+        backs = learn_back_classifier(judges.passed, seed, origin)
     except InputError as error:
-        say(f"back.json not written, backs of panels are not looked for: {error}")
+        notify(f"back.json not written, backs of panels are not looked for: {error}")
     else:
         models["back.json"] = backs.judge
     for what in ("color", "shape"):
         try:
-            models[f"face_{what}.json"] = learn_names(judges.passed, what, seed, origin)
+            models[f"face_{what}.json"] = learn_name_network(judges.passed, what, seed, origin)
         except InputError as error:
-            say(f"face_{what}.json not written, the {what} of a face is its nearest class: {error}")
-    digests = {name: _write(out / name, model, say) for name, model in models.items()}
+            notify(
+                f"face_{what}.json not written, the {what} of a face is its nearest class: {error}"
+            )
+    try:
+        models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
+    except InputError as error:
+        notify(f"outline.json not written, the model that ships is used: {error}")
+    digests = {name: _write(out / name, model, notify) for name, model in models.items()}
     places = _places(logs, judges, backs, out)
-    for name, back, accept in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
+    for name, back, threshold in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
         try:
-            place = learn_place_judge(places.side(back=back), origin, accept)
+            place = learn_landmark_classifier(places.side(back=back), origin, threshold)
         except InputError as error:
-            say(f"{name}.json not written, such places are judged by their fit alone: {error}")
+            notify(f"{name}.json not written, such places are judged by their fit alone: {error}")
         else:
-            digests[f"{name}.json"] = _write(out / f"{name}.json", place, say)
+            digests[f"{name}.json"] = _write(out / f"{name}.json", place, notify)
     return digests
 
 
-def _places(logs: Sequence[Path], judges: Judges, backs: BackJudges | None, folder: Path) -> Places:
+def _places(
+    logs: Sequence[Path], judges: TrainedDetector, backs: TrainedBackClassifier | None, folder: Path
+) -> LandmarkSamples:
     """What tracking finds on each drive, two drives at a time, judged by trees that have not seen it.
 
     The models of colour and shape are those just written into `folder`.
     """
     names = [read_truth(log.with_suffix(".truth.json"))["name"] for log in logs]
-    behind = [None if backs is None else backs.strangers[name] for name in names]
-    faces = [judges.strangers[name] for name in names]
+    behind = [None if backs is None else backs.out_of_fold[name] for name in names]
+    faces = [judges.out_of_fold[name] for name in names]
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
@@ -209,38 +223,52 @@ def _places(logs: Sequence[Path], judges: Judges, backs: BackJudges | None, fold
 
 def _places_of(
     folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
-) -> Places:
-    return gather_places(_tracked(folder, log, face, back))
+) -> LandmarkSamples:
+    return gather_landmarks(_tracked(folder, log, face, back))
 
 
 def _tracked(
     folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
-) -> Iterator[Tracked]:
+) -> Iterator[PosedDrive]:
     """A drive up to its motion, with its truth, once for each bar of the judge of views."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
     truth = read_truth(log.with_suffix(".truth.json"))
     stranger, box = face
     for lower in LENIENT:
-        judge = replace(stranger, accept=stranger.accept - lower)
-        seen_by = replace(models, judge=judge, face_box=box, back=back)
+        judge = replace(stranger, threshold=stranger.threshold - lower)
+        seen_by = replace(models, box_classifier=judge, box_regressor=box, back_classifier=back)
         flow = Flow(settings, seen_by, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(flow.detect(frames), settings.motion)
-        yield Tracked(moved, judge, back, truth)
+        yield PosedDrive(moved, judge, back, truth, flow.panel_method())
+
+
+def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
+    """The candidates of the outlines of all faces of the drives; views are registered with the model that ships."""
+    settings, _ = load_settings()
+    method = Flow(settings, load_models(settings), StageClock()).panel_method()
+    choices: list[OutlineChoice] = []
+    for log in logs:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        choices += gather_choices(images(log), truth, method, seed)
+    return choices
 
 
 def gaussian_models(
-    drives: Sequence[Drive], crops: Sequence[Face], strays: NDArray[np.float64], origin: str
+    drives: Sequence[TrainingDrive],
+    crops: Sequence[FaceSample],
+    distractors: NDArray[np.float64],
+    origin: str,
 ) -> dict[str, Model]:
     """Colours, shapes and places, by the name of their file.
 
     The report's classes are those of its one camera, as far as there are drives with pictures of that size.
     """
-    like_report = [drive for drive in drives if drive.size == REPORT_PICTURE] or drives
-    faces = [*(face for drive in like_report for face in drive.faces), *crops]
+    report_drives = [drive for drive in drives if drive.size == REPORT_PICTURE] or drives
+    faces = [*(face for drive in report_drives for face in drive.faces), *crops]
     background = np.concatenate(
-        [d.views.regions.rgb[d.views.overlap < BACKGROUND_OVERLAP] for d in drives]
+        [d.candidates.regions.rgb[d.candidates.overlap < BACKGROUND_OVERLAP] for d in drives]
     )
     places = np.concatenate([d.places for d in drives])
     return {
@@ -248,26 +276,26 @@ def gaussian_models(
         "color.json": color_model(faces, background, "log_chromaticity", origin),
         "shape.json": shape_model(faces, "fourier6", origin, plain_variant),
         "shape_oriented.json": shape_model(faces, "fourier6_oriented", origin, oriented_variant),
-        "location.json": location_model(places, strays, origin),
+        "location.json": location_model(places, distractors, origin),
     }
 
 
-def pictures(log: Path) -> Iterator[Image]:
+def images(log: Path) -> Iterator[Image]:
     """Every picture of a log, decoded, in order."""
     return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
 def _shown(log: Path, seed: int) -> Iterator[Image]:
     """The pictures of a log as the judge is taught with them."""
-    return through_other_cameras(pictures(log), seed)
+    return through_other_cameras(images(log), seed)
 
 
 def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iterator[Image]:
     """Real pictures as the judge is taught with them."""
-    return through_other_cameras(scene_pictures(folder, scenes), seed)
+    return through_other_cameras(scene_images(folder, scenes), seed)
 
 
-def _origin(drives: Sequence[Drive], crops: Sequence[Face], seed: int) -> str:
+def _origin(drives: Sequence[TrainingDrive], crops: Sequence[FaceSample], seed: int) -> str:
     counted = ", ".join(f"{d.name} ({d.frames} pictures, {len(d.faces)} faces)" for d in drives)
     real = f"; {len(crops)} faces of real pictures" if crops else ""
     packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn", "torch"))
@@ -282,7 +310,7 @@ def _version(package: str) -> str:
         return "absent"
 
 
-def _write(path: Path, model: Model, say: Say) -> str:
+def _write(path: Path, model: Model, notify: Notify) -> str:
     text = model_to_json(model)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -291,7 +319,7 @@ def _write(path: Path, model: Model, say: Say) -> str:
         raise OutputError(
             f"{path}: wanted to write a model, found {error}; choose another -o"
         ) from error
-    say(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}")
+    notify(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}")
     return digest(text)
 
 

@@ -10,58 +10,55 @@ from pathlib import Path
 from typing import TypeVar
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import (
-    GaussianModel,
-    Model,
-    NetworkModel,
-    TreeModel,
-    digest,
-    model_from_json,
-    model_to_json,
-)
+from wayside.schemas.model_json import digest, model_from_json, model_to_json
+from wayside.schemas.models import GaussianModel, LinearModel, Model, NetworkModel, TreeModel
 from wayside.schemas.settings import Settings
 
-REPORT_PLACE = "report"
-"""The class of the location model that is the report's single mean; the others are the mixture."""
+REPORT_CLASS = "report"
+"""The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel)
+Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
 
 
 @dataclass(frozen=True, slots=True)
 class Models:
     """Everything learned that a run uses.
 
-    `place` judges a place over all its views; `face_color` and `face_shape` name the face in a view, `face_box` says
-    where it ends; `back` and `back_place` judge what is seen of panels from behind; `ranking` says which regions are
-    likely faces at all; where they exist.
+    color_classes, shape_classes: Gaussian classes of regions; box_classifier: of boxes in one image; location_classes:
+    where signs stand; landmark_classifier: of a landmark by all its observations; color_network, shape_network: names
+    of a face in one image; box_regressor: box regression; back_classifier, back_landmark_classifier: of panels seen
+    from behind; region_ranking: which regions are the most probable faces; outline_weights: which of several
+    concentric outlines of a panel is the outer one. None where there is no such file.
     """
 
-    color: GaussianModel
-    shape: GaussianModel
-    judge: TreeModel
-    location: GaussianModel
-    place: TreeModel | None = None
-    face_color: NetworkModel | None = None
-    face_shape: NetworkModel | None = None
-    face_box: NetworkModel | None = None
-    back: TreeModel | None = None
-    back_place: TreeModel | None = None
-    ranking: TreeModel | None = None
+    color_classes: GaussianModel
+    shape_classes: GaussianModel
+    box_classifier: TreeModel
+    location_classes: GaussianModel
+    outline_weights: LinearModel
+    landmark_classifier: TreeModel | None = None
+    color_network: NetworkModel | None = None
+    shape_network: NetworkModel | None = None
+    box_regressor: NetworkModel | None = None
+    back_classifier: TreeModel | None = None
+    back_landmark_classifier: TreeModel | None = None
+    region_ranking: TreeModel | None = None
 
     def digests(self) -> dict[str, str]:
-        """SHA-256 of each model's text, by its name."""
+        """SHA-256 of each model's text, by the name of its file."""
         named: dict[str, Model | None] = {
-            "color": self.color,
-            "shape": self.shape,
-            "judge": self.judge,
-            "location": self.location,
-            "place": self.place,
-            "face_color": self.face_color,
-            "face_shape": self.face_shape,
-            "face_box": self.face_box,
-            "back": self.back,
-            "back_place": self.back_place,
-            "ranking": self.ranking,
+            "color": self.color_classes,
+            "shape": self.shape_classes,
+            "judge": self.box_classifier,
+            "location": self.location_classes,
+            "outline": self.outline_weights,
+            "place": self.landmark_classifier,
+            "face_color": self.color_network,
+            "face_shape": self.shape_network,
+            "face_box": self.box_regressor,
+            "back": self.back_classifier,
+            "back_place": self.back_landmark_classifier,
+            "ranking": self.region_ranking,
         }
         return {
             name: digest(model_to_json(model)) for name, model in named.items() if model is not None
@@ -69,7 +66,7 @@ class Models:
 
 
 def load_models(settings: Settings) -> Models:
-    """The models that the settings ask for: the report's colours, shapes and single mean, or the default ones.
+    """The models that the settings ask for: the report's colours, shapes and single mean, or those of `default`.
 
     Each file is taken from the folder `models.folder` where it is there, else from those that ship.
 
@@ -83,7 +80,7 @@ def load_models(settings: Settings) -> Models:
     color = _gaussian(folder, "color_rgb.json" if by_report else "color.json")
     shape = _gaussian(folder, "shape.json" if by_report else "shape_oriented.json")
     location = _gaussian(folder, "location.json")
-    wanted = tuple(c for c in location.classes if (c.name == REPORT_PLACE) == by_report)
+    wanted = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
 
     def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
         return load(folder, name) if _exists(folder, name) and not by_report else None
@@ -93,6 +90,7 @@ def load_models(settings: Settings) -> Models:
         shape,
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
+        _linear(folder, "outline.json"),
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),
@@ -157,3 +155,4 @@ def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
 _gaussian = _of_kind(GaussianModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
+_linear = _of_kind(LinearModel)

@@ -18,6 +18,8 @@ from rich.progress import (
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.schemas.landmarks import TrackedFrame
 
+COMPILING = "compiling, once after installation"
+
 
 class _Shown:
     """A bar on stderr while its block runs; `what` says how far the work is."""
@@ -47,24 +49,29 @@ class _Shown:
 
 
 class FrameProgress(_Shown):
-    """Shows pictures done, their rate and the time left, estimated from the bytes read."""
+    """Shows images done, their rate and the time left, estimated from the bytes read."""
 
     def __init__(self, label: str, total_bytes: int) -> None:
         super().__init__(
-            TextColumn("{task.fields[frames]} pictures, {task.fields[rate]:.1f}/s"),
+            TextColumn("{task.fields[frames]} images, {task.fields[rate]:.1f}/s"),
             TimeElapsedColumn(),
             TextColumn("left"),
             TimeRemainingColumn(),
         )
+        self._label = label
         self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
         self._frames = 0
 
     def watch(self, settled: TrackedFrame, report: ReadReport) -> None:
-        """One more picture is done; what was read of the log so far tells how much is left."""
+        """One more image is done; what was read of the log so far tells how much is left."""
         self._frames += 1
         elapsed = self._bar.tasks[0].elapsed or 0.0
         rate = self._frames / elapsed if elapsed > 0 else 0.0
         self._bar.update(self._task, completed=report.bytes_read, frames=self._frames, rate=rate)
+
+    def compiling(self, active: bool) -> None:
+        """Say that kernels are compiled, in place of the label, so that a first run explains its minute."""
+        self._bar.update(self._task, description=COMPILING if active else self._label)
 
 
 class SheetProgress(_Shown):

@@ -21,17 +21,20 @@ from wayside.schemas.tables import Table
 RUN_FILE = "run.json"
 
 
-def read_rows(
-    out: Path, table: Table, columns: Sequence[str], where: Mapping[str, str] | None = None
-) -> list[dict[str, Any]]:
-    """Rows of one table of a result, null as None.
+def read_table(
+    out: Path,
+    table: Table,
+    columns: Sequence[str] | None = None,
+    where: Mapping[str, str] | None = None,
+) -> pa.Table:
+    """One table of a result.
 
     Parameters
     ----------
     out
         Folder written by `wayside run`.
     table, columns
-        Which table, and which of its columns.
+        Which table, and which of its columns; None: all.
     where
         Only rows that hold these texts, by column name, listed in `columns` or not.
 
@@ -43,17 +46,24 @@ def read_rows(
     file = out / table.file
     if not file.is_file():
         raise _no_result(out, table.file)
+    wanted = table.schema.names if columns is None else list(columns)
     try:
         present = pq.read_schema(file).names
-        absent = [name for name in columns if name not in present]
+        absent = [name for name in wanted if name not in present]
         if absent:
             raise InputError(f"{file} lacks the column {absent[0]}: it was not written by wayside")
         conditions = [pc.field(name) == text for name, text in (where or {}).items()]
-        wanted = reduce(and_, conditions) if conditions else None
-        read = pq.read_table(file, columns=list(columns), filters=wanted)
-        rows: list[dict[str, Any]] = read.to_pylist()
+        filters = reduce(and_, conditions) if conditions else None
+        return pq.read_table(file, columns=wanted, filters=filters)
     except (pa.ArrowException, OSError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
+
+
+def read_rows(
+    out: Path, table: Table, columns: Sequence[str], where: Mapping[str, str] | None = None
+) -> list[dict[str, Any]]:
+    """Rows of one table of a result, null as None; parameters and errors are those of `read_table`."""
+    rows: list[dict[str, Any]] = read_table(out, table, columns, where).to_pylist()
     return rows
 
 

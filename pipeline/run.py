@@ -9,12 +9,10 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
-
-import cv2
 
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import Inventory, InventoryWriter
@@ -27,7 +25,6 @@ from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
-from wayside.stages.heap import keep_heap
 
 RECORDING = "drive.rrd"
 """The recording of every step, beside the tables where it is asked for."""
@@ -88,7 +85,60 @@ def run_log(
     open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
     rate: float | None = None,
 ) -> RunResult:
-    """Process one log and write its tables and `run.json` into `folder`.
+    """Process one log to its end, as `process_log` does.
+
+    Parameters
+    ----------
+    log, folder, settings, models, arguments, every_region, open_observer, rate
+        As in `process_log`.
+    watch
+        Called with every settled frame on its way to the tables.
+
+    Raises
+    ------
+    InputError, OutputError, StageError
+        As in `process_log`.
+    """
+    run = Run()
+    for settled in process_log(
+        log,
+        folder,
+        settings,
+        models,
+        run,
+        arguments=arguments,
+        every_region=every_region,
+        open_observer=open_observer,
+        rate=rate,
+    ):
+        watch(settled, run.report)
+    assert run.result is not None
+    return run.result
+
+
+@dataclass(slots=True)
+class Run:
+    """A run under way: what reading came across so far, and the result once it is complete."""
+
+    report: ReadReport = field(default_factory=ReadReport)
+    result: RunResult | None = None
+
+
+def process_log(
+    log: Path,
+    folder: Path,
+    settings: Settings,
+    models: Models,
+    run: Run,
+    *,
+    arguments: list[str],
+    every_region: bool = False,
+    open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
+    rate: float | None = None,
+) -> Iterator[TrackedFrame]:
+    """Process one log, frame by frame, and write its tables and `run.json` into `folder` after the last one.
+
+    A generator: nothing happens before the first frame is asked for; closed early, it leaves no table.
 
     Parameters
     ----------
@@ -96,12 +146,12 @@ def run_log(
         The MCAP file; the output folder, made where it is missing.
     settings, models
         What the stages work with.
+    run
+        Filled while the generator runs; its `result` is there after the last frame.
     arguments
         The command line, for `run.json`.
     every_region
         List regions that the colour gate refused, too.
-    watch
-        Called with every settled frame on its way to the tables.
     open_observer
         Called with what reading chose, when the folder is there and the log can be read; what it gives sees every
         item of every stage.
@@ -111,18 +161,16 @@ def run_log(
     Raises
     ------
     InputError
-        The log cannot be used, or none of its pictures can.
+        The log cannot be used, or none of its images can.
     OutputError
         The folder cannot be written.
     StageError
         A stage failed; its name and the frame are in the message.
     """
-    cv2.setNumThreads(1)  # the workers share the cores; OpenCV's own pool would fight them
-    keep_heap()
     started = time.perf_counter()
     _make_folder(folder)
     (folder / RECORDING).unlink(missing_ok=True)  # that of an earlier run would tell of other signs
-    report, clock = ReadReport(), StageClock()
+    report, clock = run.report, StageClock()
     frames = read_frames(log, settings.read, report)
     if rate is not None:
         frames = paced(frames, rate)
@@ -141,7 +189,7 @@ def run_log(
         for settled in flow.track(_with_first(first, frames)):
             statuses[settled.frame.status] += 1
             writer.append(settled)
-            watch(settled, report)
+            yield settled
         if not statuses[USED]:
             raise InputError(_no_picture(log, statuses))
     except BaseException:
@@ -155,7 +203,7 @@ def run_log(
         observer.finish(inventory)
         faults = observer.close()
     wall = time.perf_counter() - started
-    result = RunResult(
+    run.result = RunResult(
         log,
         folder,
         inventory,
@@ -166,8 +214,7 @@ def run_log(
         tuple(faults),
         None if observer is None else observer.images,
     )
-    _write_run(result, settings, models, arguments)
-    return result
+    _write_run(run.result, settings, models, arguments)
 
 
 def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:

@@ -67,26 +67,49 @@ def load_settings(
     return settings, origins
 
 
-def format_settings(settings: Settings, origins: Mapping[str, str]) -> str:
-    """Write all settings as TOML that `load_settings` reads back; unit, default, origin and words in comments."""
-    lines = [
-        "# Settings of wayside: value  # unit | default | where the value is from | what it does"
-    ]
+def format_settings(settings: Settings, origins: Mapping[str, str], *, expert: bool = False) -> str:
+    """Write settings as TOML that `load_settings` reads back to the same values.
+
+    Parameters
+    ----------
+    settings, origins
+        As `load_settings` gives them.
+    expert
+        Also those that a user would not turn, and of each where its default comes from. Without, of those only the
+        ones that differ from their default are written.
+
+    Returns
+    -------
+    A table a group; unit, default, origin of the value and words in comments.
+    """
+    heads = ["value  # unit", "default", "where the value is from", "what it does"]
+    if expert:
+        heads.append("where the default is from")
+    lines = ["# Settings of wayside: " + " | ".join(heads)]
+    left_out = 0
     for group in fields(settings):
-        lines += ["", f"# {type(getattr(settings, group.name)).__doc__}", f"[{group.name}]"]
+        values = getattr(settings, group.name)
         rows = []
-        for leaf in fields(getattr(settings, group.name)):
-            name = f"{group.name}.{leaf.name}"
-            value = getattr(getattr(settings, group.name), leaf.name)
-            about = (
+        for leaf in fields(values):
+            value = getattr(values, leaf.name)
+            if leaf.metadata["expert"] and not expert and value == leaf.default:
+                left_out += 1
+                continue
+            about = [
                 leaf.metadata["unit"] or "-",
                 _toml(leaf.default),
-                origins.get(name, DEFAULT),
+                origins.get(f"{group.name}.{leaf.name}", DEFAULT),
                 leaf.metadata["words"],
-            )
+            ]
+            if expert:
+                about.append(leaf.metadata["origin"] or "-")
             rows.append((f"{leaf.name} = {_toml(value)}", " | ".join(about)))
-        width = max((len(left) for left, _ in rows), default=0)
-        lines += [f"{left:<{width}}  # {right}" for left, right in rows]
+        if rows:
+            lines += ["", f"# {type(values).__doc__}", f"[{group.name}]"]
+            width = max(len(left) for left, _ in rows)
+            lines += [f"{left:<{width}}  # {right}" for left, right in rows]
+    if left_out:
+        lines += ["", f"# {left_out} more that are rarely changed: wayside settings --all"]
     return "\n".join(lines) + "\n"
 
 
@@ -173,7 +196,8 @@ def _convert(name: str, value: Any, origin: str) -> Any:
     leaves = _leaves()
     if name not in leaves:
         raise UsageError(
-            f"unknown setting {name} ({origin}){_nearest(name, leaves)}; `wayside settings` lists all"
+            f"unknown setting {name} ({origin}){_nearest(name, leaves)}; "
+            "`wayside settings --all` lists all"
         )
     leaf = leaves[name]
     kind: type[Any] = type(leaf.default)

@@ -16,11 +16,16 @@ from wayside.pipeline.simulated_drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import MappingSettings, MotionSettings, TrackSettings
+from wayside.schemas.settings import (
+    LocalAdjustmentSettings,
+    MappingSettings,
+    MotionSettings,
+    TrackSettings,
+)
 from wayside.stages.geometry import point_bound, rays_of_ideal, step_bound
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import track
-from wayside.stages.odometry import motion_slopes
+from wayside.stages.odometry import motion_jacobian
 
 AXES = ("along", "lateral", "up")
 _ORDER = [2, 0, 1]
@@ -35,7 +40,7 @@ BOUNDED = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class SimulationResult:
     """Errors of the signs that were found, in the camera of the closest whole view: along, lateral, up, metres.
 
     error, sigma (n, 3): reported minus true; as stated; bound (m, 3): Cramér-Rao, of some of them; nearest (n,):
@@ -78,7 +83,7 @@ class Simulated:
         }
 
 
-def simulate(survey: Survey) -> Simulated:
+def simulate(survey: Survey) -> SimulationResult:
     """Drive a survey and judge what comes out.
 
     Raises
@@ -91,7 +96,9 @@ def simulate(survey: Survey) -> Simulated:
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
     mapping = MappingSettings(settings)
     found: dict[int, tuple[Array, Array, float, int]] = {}
-    for settled in track(drive.moved(MotionSettings()), mapping):
+    for settled in track(
+        drive.moved(MotionSettings()), mapping, adjustment=LocalAdjustmentSettings()
+    ):
         for place in settled.landmarks:
             if place.verdict != "sign":
                 continue
@@ -111,7 +118,7 @@ def simulate(survey: Survey) -> Simulated:
     bounds = _bounds(drive, sorted(found)[:: -(-len(found) // BOUNDED)])
     error, sigma = (np.array([found[i][k] for i in sorted(found)]) for k in (0, 1))
     nearest = np.array([found[i][2] for i in sorted(found)])
-    return Simulated(survey, wanted, error, sigma, bounds, nearest)
+    return SimulationResult(survey, wanted, error, sigma, bounds, nearest)
 
 
 def check(survey: Survey) -> None:
@@ -157,7 +164,7 @@ def view_of_focal(survey: Survey) -> float:
     return 2 * degrees(atan(survey.width / 2 / survey.focal_px))
 
 
-def sweep(survey: Survey) -> Iterator[Simulated]:
+def sweep(survey: Survey) -> Iterator[SimulationResult]:
     """The survey with other spacings and focal lengths around those given; those that show no sign are left out."""
     for spacing in SWEEP_SPACING:
         for focal in SWEEP_FOCAL:
@@ -170,12 +177,12 @@ def sweep(survey: Survey) -> Iterator[Simulated]:
                 continue
 
 
-def reaches(one: Simulated, target_m: float) -> bool:
+def reaches(one: SimulationResult, target_m: float) -> bool:
     """Whether 95 % of all signs were placed within the target; a sign that was not found was not."""
     return bool((one.total < target_m).sum() >= 0.95 * one.wanted)
 
 
-def write_simulation(tried: Sequence[Simulated], file: Path) -> None:
+def write_simulation(tried: Sequence[SimulationResult], file: Path) -> None:
     """Write the figures of one survey, or of all that a sweep tried, as JSON.
 
     Raises
@@ -190,7 +197,7 @@ def write_simulation(tried: Sequence[Simulated], file: Path) -> None:
         raise OutputError(f"figures could not be written to {file}: {error.strerror}") from error
 
 
-def format_simulation(one: Simulated) -> str:
+def format_simulation(one: SimulationResult) -> str:
     """The figures as plain text."""
     s = one.survey
     given = "poses given" if s.pose_m is not None else "spacing given"
@@ -216,7 +223,7 @@ def format_simulation(one: Simulated) -> str:
     return "\n".join(lines)
 
 
-def format_sweep(tried: Sequence[Simulated], target_m: float) -> str:
+def format_sweep(tried: Sequence[SimulationResult], target_m: float) -> str:
     """One line a combination, those that reach the target marked."""
     lines = [
         f"95 % of the signs within {target_m:g} m:",
@@ -296,7 +303,7 @@ def bound_of_step(
     direction = np.ascontiguousarray(step.centre / baseline)
     previous, current = (rays_of_ideal(camera, uv) for uv in pixels)
     focal = 0.5 * (camera.fx + camera.fy)
-    _, slopes = motion_slopes(previous, current, step.rotation, direction, focal)
+    _, slopes = motion_jacobian(previous, current, step.rotation, direction, focal)
     toward = step.rotation.T @ direction
     outward = current - toward[:2] / toward[2]
     outward /= np.linalg.norm(outward, axis=1)[:, None]

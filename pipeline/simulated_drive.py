@@ -21,14 +21,14 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry import (
-    Drive,
-    Expectation,
-    Step,
-    Tied,
-    Vehicle,
-    View,
+    KeypointImage,
+    MotionPrior,
+    Mount,
+    RegisteredTies,
+    RelativePose,
+    VisualOdometry,
     fit_coarse_motion,
-    fit_ties,
+    fit_relative_pose,
 )
 from wayside.stages.segmentation import unsegmented
 
@@ -102,7 +102,7 @@ class Survey:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class PanelObservations:
     """Panels in one picture: which (k,), and the same number of boxes (k, 4) and centres (k, 2), px."""
 
     sign: NDArray[np.int64]
@@ -132,14 +132,14 @@ class SimulatedDrive:
             np.full(survey.signs, survey.lateral_m),
             np.full(survey.signs, survey.camera_height_m + survey.up_m),
         )
-        self.seen: list[Seen] = []
+        self.seen: list[PanelObservations] = []
         self._visible: dict[int, NDArray[np.int64]] = {}
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
     def moved(self, settings: MotionSettings) -> Iterator[PosedDetections]:
         """Every frame with its candidates and the motion that the project's own numerics find."""
-        drive = Drive(settings, measure=self._measure)
+        drive = VisualOdometry(settings, measure=self._measure)
         for index, pose in enumerate(self.poses):
             frame = self._frame(index)
             motion = drive.advance(self._view(index), frame)
@@ -248,16 +248,21 @@ class SimulatedDrive:
             pose=prior, spacing_m=s.spacing_m,
         )  # fmt: skip
 
-    def _view(self, index: int) -> View:
+    def _view(self, index: int) -> KeypointImage:
         """A view whose corners are true projections and whose descriptors are the numbers of the points."""
         rows = self.visible(index)
         uv = self.project(index, self._points[rows])
         codes = np.append(rows, index).astype(np.int64)[:, None].view(np.uint8)
-        return View(self.camera, _NO_PIXELS, uv.astype(np.float32), codes, uv)
+        return KeypointImage(self.camera, _NO_PIXELS, uv.astype(np.float32), codes, uv)
 
     def _measure(
-        self, before: View, now: View, expected: Expectation, vehicle: Vehicle, fewest: int
-    ) -> Step | None:
+        self,
+        before: KeypointImage,
+        now: KeypointImage,
+        expected: MotionPrior,
+        vehicle: Mount,
+        fewest: int,
+    ) -> RelativePose | None:
         """Ties of two pictures with their errors; the motion that fits them."""
         (*old, first), (*new, second) = (v.descriptors.view(np.int64)[:, 0] for v in (before, now))
         shared = self.common(int(first), int(second))
@@ -278,10 +283,12 @@ class SimulatedDrive:
         growth = self._depths(int(first), shared) / self._depths(int(second), shared)
         warp = np.column_stack([growth, np.zeros(len(rows)), growth])
         sigma = np.zeros(len(rows))  # nothing here slides
-        tied = Tied(
+        tied = RegisteredTies(
             previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
         )
-        step = fit_ties(before, now, tied, (coarse.rotation, coarse.direction), expected.prior)
+        step = fit_relative_pose(
+            before, now, tied, (coarse.rotation, coarse.direction), expected.prior
+        )
         return step if step.inlier.sum() >= fewest else None
 
     def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
@@ -296,7 +303,7 @@ class SimulatedDrive:
         waves = np.cos(np.einsum("nk,cwk->ncw", uv, wave) + phase).sum(axis=2)
         return np.asarray(np.sqrt(2 / DRIFT_WAVES) * waves)
 
-    def _observe(self, index: int, pose: Pose) -> Seen:
+    def _observe(self, index: int, pose: Pose) -> PanelObservations:
         """Panels as boxes, square and upright, with noise of centre and size."""
         s, rng = self.survey, self._rng
         local = pose.to_camera(self.signs)
@@ -315,10 +322,10 @@ class SimulatedDrive:
         gross = rng.random(len(sign)) < s.outliers
         centre[gross] += rng.normal(0, GROSS_SIGN_PX, (int(gross.sum()), 2))
         box = np.column_stack([centre - half, centre + half]) + 0.5
-        return Seen(np.asarray(sign, np.int64), box, centre)
+        return PanelObservations(np.asarray(sign, np.int64), box, centre)
 
 
-def _table(seen: Seen) -> Candidates:
+def _table(seen: PanelObservations) -> Candidates:
     count = len(seen.sign)
     regions = Regions(
         seen.box.astype(np.float32),

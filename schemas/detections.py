@@ -33,7 +33,7 @@ COLOR_RGB = {
     "brown": (140, 90, 50),
     "fluorescent_yellow_green": (190, 240, 50),
 }
-"""What a class is drawn in: the colour of the signs, bright enough on a dark ground."""
+"""Colours in which the classes are drawn: those of the signs, bright enough on a dark ground."""
 SHAPES = (
     "rectangle",
     "diamond",
@@ -47,8 +47,8 @@ SHAPES = (
     "other",
 )
 SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved")
-"""Where a region comes from: K-means pass one or two, a level of a map, two of these one above the other, the place
-that other frames say (the box of a thing found there), or any of these with its box moved onto the face it lies on."""
+"""Where a region comes from: K-means pass one or two, a level of a contrast map, two of these one above the other, a
+landmark of other frames projected into this one, or any of these with its box moved by box regression."""
 
 VERDICTS = (
     "open",
@@ -68,7 +68,8 @@ VERDICTS = (
     "place_score",
     "duplicate",
 )
-"""How far a region went: `open` while undecided, `sign`, or the reason it went no further."""
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance` is the older name
+of the pre-filter, `place_score` that of the landmark classifier."""
 NONE = -1
 
 
@@ -79,7 +80,7 @@ def verdict_code(name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """Connected regions of one picture that passed the size gate, n parallel rows.
+    """Connected regions of one image that passed the size gate, n parallel rows.
 
     box (n, 4) float32, area_px (n,) int32, rgb (n, 3) float32 mean colour, source (n,) uint8 into `SOURCES`.
     """
@@ -121,21 +122,21 @@ class Regions:
         )
 
 
-def middles(box: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Middle (n, 2) of boxes (n, 4), pixel centres at integers."""
+def box_centers(box: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Centres (n, 2) of boxes (n, 4), pixel centres at integers."""
     return np.asarray((box[:, :2] + box[:, 2:] - 1).astype(np.float64) / 2)
 
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Regions with what is judged of them; a row is never dropped, its `verdict` says where it stopped.
+    """Regions with their classification; a row is never dropped, its `verdict` says where it stopped.
 
-    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same
-    without lens distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance,
-    shape_distance (n,) float32 Mahalanobis distances, nan where not computed; score (n,) float32 log odds
-    of being a sign face, nan where not judged; verdict (n,) uint8 into `VERDICTS`. color_odds (n, colours),
-    shape_odds (n, shapes) float32: logarithms of the chances of each name, nan where not named; None: nothing is.
-    back_score (n,) float32: log odds of being a panel seen from behind, nan where that is not possible; None: nowhere.
+    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same without lens
+    distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance, shape_distance (n,) float32
+    Mahalanobis distances, nan where not computed; score (n,) float32 log odds of being a sign face, nan where not
+    scored; verdict (n,) uint8 into `VERDICTS`. color_odds (n, colours), shape_odds (n, shapes) float32: log probability
+    of each name, nan where not computed; None: for no row. back_score (n,) float32: log odds of being a panel seen from
+    behind, nan where not accepted; None: for no row.
     """
 
     regions: Regions
@@ -147,8 +148,8 @@ class Candidates:
     shape_distance: NDArray[np.float32]
     score: NDArray[np.float32]
     verdict: NDArray[np.uint8]
-    color_odds: NDArray[np.float32] | None = None
-    shape_odds: NDArray[np.float32] | None = None
+    color_log_probability: NDArray[np.float32] | None = None
+    shape_log_probability: NDArray[np.float32] | None = None
     back_score: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
@@ -170,7 +171,7 @@ class Candidates:
         return np.flatnonzero(~np.isnan(self.back_score))
 
     def joined(self, others: Candidates) -> Candidates:
-        """These rows and then the others; chances that one of both lacks are nan there."""
+        """These rows and then the others; columns that only one of both has are nan in the rows of the other."""
 
         def column(name: str) -> NDArray[Any] | None:
             parts = [getattr(self, name), getattr(others, name)]
@@ -187,22 +188,28 @@ class Candidates:
         rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
         return Candidates(self.regions.joined(others.regions), **rest)  # type: ignore[arg-type]
 
-    def moved(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> Candidates:
-        """The same with boxes moved to `box` (m, 4), and so other centres, in `rows` (m,)."""
+    def with_verdict(self, rows: NDArray[np.int64], name: str) -> Candidates:
+        """The same with this verdict in `rows` (m,)."""
+        verdict = self.verdict.copy()
+        verdict[rows] = verdict_code(name)
+        return replace(self, verdict=verdict)
+
+    def with_boxes(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> Candidates:
+        """The same with the boxes `box` (m, 4) and their centres in `rows` (m,), source `moved`."""
         boxes, source, center = (
             self.regions.box.copy(),
             self.regions.source.copy(),
             self.center.copy(),
         )
-        boxes[rows], source[rows], center[rows] = box, SOURCES.index("moved"), middles(box)
+        boxes[rows], source[rows], center[rows] = box, SOURCES.index("moved"), box_centers(box)
         regions = replace(self.regions, box=boxes, source=source)
         return replace(self, regions=regions, center=center, ideal=center.copy())
 
     @staticmethod
     def of(regions: Regions) -> Candidates:
-        """Unjudged rows; centres start at the middle of the boxes."""
+        """Rows before classification; centres start at those of the boxes."""
         n = len(regions)
-        middle = middles(regions.box)
+        middle = box_centers(regions.box)
         return Candidates(
             regions,
             middle,

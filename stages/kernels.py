@@ -25,22 +25,30 @@ def compiled(function: Kernel) -> Kernel:
 
 
 def compiled_exact(function: Kernel) -> Kernel:
-    """Like `compiled`, and multiply-adds may be fused: for kernels whose results are exact either way."""
+    """Like `compiled`, with fused multiply-adds allowed: for kernels whose results do not depend on it."""
     return _compile(function, {"contract"})
+
+
+def compiled_within(function: Kernel) -> Kernel:
+    """Like `compiled`, for kernels that close over other kernels.
+
+    Their machine code is part of each kernel that calls them and is cached there, so they have no cache of their own.
+    """
+    return cast(Kernel, numba.njit(nogil=True)(function))
 
 
 def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
     try:
         return cast(Kernel, numba.njit(nogil=True, cache=True, fastmath=fastmath)(function))
     except RuntimeError:
-        # No folder to keep it in: a read-only installation compiles anew in every process.
+        # No writable folder for the cache: a read-only installation compiles in every process.
         return cast(Kernel, numba.njit(nogil=True, fastmath=fastmath)(function))
 
 
 def require_array(
     array: NDArray[Any], name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
 ) -> None:
-    """Refuse an array of another type, shape (None: any length) or layout than a kernel was made for.
+    """Refuse an array whose type, shape (None: any length) or layout a kernel does not take.
 
     Raises
     ------
@@ -63,8 +71,8 @@ def require_array(
         )
 
 
-def require_picture(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
-    """Refuse anything but a C-contiguous (height, width, 3) uint8 picture."""
+def require_image(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
+    """Refuse anything but a C-contiguous (height, width, 3) uint8 image."""
     require_array(rgb, name, np.uint8, (None, None, 3))
 
 

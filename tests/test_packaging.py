@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+import wayside
 
 ROOT = Path(__file__).parents[1]
 LAYERS = ("pipeline", "stages", "schemas")
@@ -41,7 +44,7 @@ def test_every_folder_with_modules_is_a_listed_package(project: dict[str, Any]) 
         for path in (ROOT / layer).rglob("*.py")
         if "__pycache__" not in path.parts
     }
-    assert set(project["tool"]["setuptools"]["packages"]) == folders
+    assert set(project["tool"]["setuptools"]["packages"]) == {"wayside", *folders}
 
 
 def test_every_package_has_an_init_module(project: dict[str, Any]) -> None:
@@ -50,8 +53,21 @@ def test_every_package_has_an_init_module(project: dict[str, Any]) -> None:
         assert (folder / "__init__.py").is_file(), name
 
 
-def test_every_layer_is_marked_as_typed() -> None:
-    assert all((ROOT / layer / "py.typed").is_file() for layer in LAYERS)
+def test_the_package_is_marked_as_typed() -> None:
+    assert (ROOT / "py.typed").is_file()
+
+
+def test_the_checkout_is_the_package(project: dict[str, Any]) -> None:
+    assert project["tool"]["setuptools"]["package-dir"] == {"wayside": "."}
+    assert Path(wayside.__file__) == ROOT / "__init__.py"
+    assert wayside.__version__ == project["project"]["version"]
+
+
+def test_the_repository_holds_no_symbolic_link() -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", "-s"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert not [line for line in listed.stdout.splitlines() if line.startswith("120000")]
 
 
 def test_every_data_file_is_packed_with_the_package_it_lies_in(project: dict[str, Any]) -> None:
@@ -60,7 +76,7 @@ def test_every_data_file_is_packed_with_the_package_it_lies_in(project: dict[str
     packed = {
         path
         for name, folder in folders.items()
-        for pattern in (*setuptools["package-data"]["*"], *setuptools["package-data"].get(name, ()))
+        for pattern in setuptools["package-data"].get(name, ())
         for path in folder.glob(pattern)
     }
     for layer in LAYERS:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from wayside.pipeline.learning.judging import Passed, fit_judge, found_at
+from wayside.pipeline.learning.cross_validation import out_of_fold_models
+from wayside.pipeline.learning.detector import PrefilteredDrive, detection_rates, fit_box_classifier
 from wayside.pipeline.learning.samples import ON, labelled
-from wayside.pipeline.learning.strangers import for_strangers
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel
 from wayside.stages.classifiers import log_odds
@@ -23,14 +23,16 @@ FEWEST = 5
 
 
 @dataclass(frozen=True, slots=True)
-class BackJudges:
+class TrainedBackClassifier:
     """The judge taught with all drives, and for each drive, by name, one that never saw it."""
 
     judge: TreeModel
-    strangers: dict[str, TreeModel]
+    out_of_fold: dict[str, TreeModel]
 
 
-def learn_backs(passed: Sequence[Passed], seed: int, provenance: str) -> BackJudges:
+def learn_back_classifier(
+    passed: Sequence[PrefilteredDrive], seed: int, provenance: str
+) -> TrainedBackClassifier:
     """Learn the judge from what the gate let pass of rendered drives: nobody has boxed the backs of real pictures.
 
     Raises
@@ -41,7 +43,7 @@ def learn_backs(passed: Sequence[Passed], seed: int, provenance: str) -> BackJud
         Without scikit-learn, which only the learning needs.
     """
     seen = [of_backs(one) for one in passed if not one.real]
-    on = [int((one.views.label == ON).sum()) for one in seen]
+    on = [int((one.candidates.label == ON).sum()) for one in seen]
     fewest = min(sum(group) for group in (on[0::2], on[1::2]) if group)
     if fewest < FEWEST:
         raise InputError(
@@ -49,23 +51,27 @@ def learn_backs(passed: Sequence[Passed], seed: int, provenance: str) -> BackJud
             f"found {fewest}; add drives"
         )
     names = [one.drive.name for one in seen]
-    judge, others = for_strangers(names, seen, lambda some: fit_judge(some, seed))
-    held = found_at(
+    judge, others = out_of_fold_models(names, seen, lambda some: fit_box_classifier(some, seed))
+    rates = detection_rates(
         seen,
         [log_odds(others[n], one.values) for n, one in zip(names, seen, strict=True)],
         FALSE_PER_PICTURE,
     )
-    words = f"{provenance}; backs of panels, {held.words()}; accept at {FALSE_PER_PICTURE:g} false boxes a picture"
-    return BackJudges(
-        replace(judge, accept=held.accept, provenance=words),
-        {name: replace(other, accept=held.accept) for name, other in others.items()},
+    words = f"{provenance}; backs of panels, {rates.words()}; accept at {FALSE_PER_PICTURE:g} false boxes a picture"
+    return TrainedBackClassifier(
+        replace(judge, threshold=rates.threshold, provenance=words),
+        {name: replace(other, threshold=rates.threshold) for name, other in others.items()},
     )
 
 
-def of_backs(one: Passed) -> Passed:
+def of_backs(one: PrefilteredDrive) -> PrefilteredDrive:
     """The same candidates, labelled by the backs that the pictures show instead of the faces."""
-    backs, views = one.drive.backs, one.views
-    drive = replace(one.drive, shown=backs, wanted=backs.teaches)
+    backs, candidates = one.drive.backs, one.candidates
+    drive = replace(one.drive, true_faces=backs, wanted=backs.is_example)
     return replace(
-        one, drive=drive, views=labelled(views.regions, views.glance, views.frame, backs)
+        one,
+        drive=drive,
+        candidates=labelled(
+            candidates.regions, candidates.prefilter_values, candidates.frame, backs
+        ),
     )

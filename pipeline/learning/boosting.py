@@ -18,10 +18,10 @@ class Boosting:
 
     trees: int = 250
     leaves: int = 24
-    pace: float = 0.08
-    shrinkage: float = 5.0
+    learning_rate: float = 0.08
+    weight_decay: float = 5.0
     smallest_leaf: int = 20
-    share_of_features: float = 0.3
+    feature_fraction: float = 0.3
 
 
 def needs(package: str) -> UsageError:
@@ -52,10 +52,10 @@ def fit_trees(
     classifier = HistGradientBoostingClassifier(
         max_iter=how.trees,
         max_leaf_nodes=how.leaves,
-        learning_rate=how.pace,
-        l2_regularization=how.shrinkage,
+        learning_rate=how.learning_rate,
+        l2_regularization=how.weight_decay,
         min_samples_leaf=how.smallest_leaf,
-        max_features=how.share_of_features,
+        max_features=how.feature_fraction,
         early_stopping=False,
         random_state=seed,
     )
@@ -63,7 +63,7 @@ def fit_trees(
 
 
 def exported_trees(
-    classifier: Any, names: tuple[str, ...], accept: float, provenance: str
+    classifier: Any, names: tuple[str, ...], threshold: float, provenance: str
 ) -> TreeModel:
     """The fitted trees as a model of ours: the same sum of leaves, without scikit-learn."""
     trees = [predictor.nodes for stage in classifier._predictors for predictor in stage]
@@ -87,6 +87,6 @@ def exported_trees(
         column("left", np.int32, -1),
         column("right", np.int32, -1),
         value,
-        accept,
+        threshold,
         provenance,
     )

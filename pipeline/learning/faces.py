@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.stages.detection import overlap_of
+from wayside.stages.geometry import iou_matrix
 from wayside.stages.report import region_sequences
 
-CLEAR_SHARE, CLEAR_PX = 0.8, 15
+CLEAR_FRACTION, CLEAR_PX = 0.8, 15
 """A face teaches colour and shape where this share of it is seen and it is so tall."""
 
 WHOLE = 0.75
@@ -24,7 +24,7 @@ WHOLE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
-class Face:
+class FaceSample:
     """One clear view of one sign: a name for all its views, truth, mean colour of the main patch, outline.
 
     rgb (3,); outline (64,) complex, nan where none was found; aspect: width by height of the box.
@@ -44,11 +44,11 @@ def clear_faces(
     mask: NDArray[np.uint8],
     here: list[tuple[dict[str, Any], dict[str, Any]]],
     drive: str,
-) -> list[Face]:
+) -> list[FaceSample]:
     """The faces of one picture that are clear enough to teach colour and shape."""
     found = []
     for sign, view in here:
-        clear = share_seen(view) >= CLEAR_SHARE and height_of(view) >= CLEAR_PX
+        clear = visible_fraction(view) >= CLEAR_FRACTION and height_px(view) >= CLEAR_PX
         pixels = rgb[mask == sign["id"]] if clear else rgb[:0, 0]
         if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
             continue
@@ -57,7 +57,7 @@ def clear_faces(
         size = box[0, 2:] - box[0, :2]
         outline = region_sequences(rgb, box, mean[None])[0]
         found.append(
-            Face(
+            FaceSample(
                 f"{drive}/{sign['id']}",
                 sign["color"],
                 sign["shape"],
@@ -83,7 +83,7 @@ def main_color(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
     return np.asarray(middle)
 
 
-def real_faces(folder: Path) -> list[Face]:
+def real_faces(folder: Path) -> list[FaceSample]:
     """Faces of the signs boxed in real pictures: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
     scenes = folder / "scenes"
     try:
@@ -93,7 +93,7 @@ def real_faces(folder: Path) -> list[Face]:
         raise InputError(
             f"{scenes}: wanted scenes.json and crops/crops.json, found {error}; correct --real"
         ) from error
-    found: list[Face] = []
+    found: list[FaceSample] = []
     for scene in listed:
         rgb = _read_rgb(scenes / scene["file"])
         for number, sign in enumerate(scene["signs"]):
@@ -110,7 +110,7 @@ def real_faces(folder: Path) -> list[Face]:
 
 def _real_face(
     rgb: NDArray[np.uint8], sign: dict[str, Any], box: NDArray[Any], name: str
-) -> list[Face]:
+) -> list[FaceSample]:
     x0, y0, x1, y1 = (max(0, round(float(v))) for v in box)
     pixels = rgb[y0:y1, x0:x1].reshape(-1, 3)
     if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
@@ -118,7 +118,7 @@ def _real_face(
     mean = main_color(pixels)
     outline = region_sequences(rgb, np.array([box], np.float64), mean[None])[0]
     aspect = (x1 - x0) / (y1 - y0)
-    face = Face(name, sign["color"], sign["shape"], False, aspect, mean, _whole(outline, box))
+    face = FaceSample(name, sign["color"], sign["shape"], False, aspect, mean, _whole(outline, box))
     return [face]
 
 
@@ -129,7 +129,7 @@ def _whole(outline: NDArray[np.complex128], box: NDArray[Any]) -> NDArray[np.com
     low = np.array([outline.real.min(), outline.imag.min()])
     high = np.array([outline.real.max(), outline.imag.max()]) + 1
     around = np.concatenate([low, high])[None]
-    whole = overlap_of(around, np.asarray(box, np.float64)[None])[0, 0] >= WHOLE
+    whole = iou_matrix(around, np.asarray(box, np.float64)[None])[0, 0] >= WHOLE
     return outline if whole else np.full_like(outline, complex(np.nan, np.nan))
 
 
@@ -140,11 +140,11 @@ def _read_rgb(path: Path) -> NDArray[np.uint8]:
     return np.ascontiguousarray(pixels, np.uint8)
 
 
-def share_seen(view: dict[str, Any]) -> float:
+def visible_fraction(view: dict[str, Any]) -> float:
     """Share of a face that is visible in a view of the truth."""
     return float(view["visible_fraction"] or 0.0)
 
 
-def height_of(view: dict[str, Any]) -> float:
+def height_px(view: dict[str, Any]) -> float:
     """Height of a face in a view of the truth, pixels."""
     return float(view["box"][3] - view["box"][1])

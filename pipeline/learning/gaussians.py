@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.faces import Face
+from wayside.pipeline.learning.faces import FaceSample
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.imaging import to_space
@@ -31,7 +31,7 @@ MOST = "99 of 100 of its own samples"
 
 
 def color_model(
-    faces: Sequence[Face], background: NDArray[Any], space: str, provenance: str
+    faces: Sequence[FaceSample], background: NDArray[Any], space: str, provenance: str
 ) -> GaussianModel:
     """Colour classes in `space`; thresholds at the knee against `background`, (n, 3) mean colours of regions."""
     values = to_space(np.array([f.rgb for f in faces]), space)
@@ -48,7 +48,7 @@ def color_model(
 
 
 def shape_model(
-    faces: Sequence[Face], space: str, provenance: str, variant: Callable[[Face], str]
+    faces: Sequence[FaceSample], space: str, provenance: str, variant: Callable[[FaceSample], str]
 ) -> GaussianModel:
     """Shape classes in `space`, one for each `variant` of a shape; thresholds at the knee against the other shapes."""
     values = sequence_features(np.array([f.outline for f in faces]), space)
@@ -68,12 +68,12 @@ def shape_model(
     return GaussianModel(space, tuple(classes), provenance)
 
 
-def plain_variant(face: Face) -> str:
+def plain_variant(face: FaceSample) -> str:
     """One class a shape, as in the report."""
     return face.shape
 
 
-def oriented_variant(face: Face) -> str:
+def oriented_variant(face: FaceSample) -> str:
     """Triangles by their point, rectangles by their aspect: each a class of its own, under one name."""
     if face.shape == "triangle":
         return f"triangle/{'up' if face.point_up else 'down'}"
@@ -120,8 +120,8 @@ def location_model(
 
 def balanced(signs: Sequence[str]) -> NDArray[np.float64]:
     """Weights (n,) that sum to 1 and give every sign the same, however many views it has."""
-    views = Counter(signs)
-    weight = np.array([1.0 / views[s] for s in signs])
+    candidates = Counter(signs)
+    weight = np.array([1.0 / candidates[s] for s in signs])
     return np.asarray(weight / weight.sum())
 
 

@@ -14,15 +14,15 @@ from wayside.schemas.models import NetworkModel
 
 
 @dataclass(frozen=True, slots=True)
-class Descent:
+class NetworkTraining:
     """How a network is fitted: hidden units, weight of the squares, step, samples of one step.
 
     rounds: times that as many samples are gone through as there are; they are drawn by weight, twice as many.
     """
 
     hidden: int
-    shrinkage: float
-    pace: float
+    weight_decay: float
+    learning_rate: float
     rounds: int
     batch: int
 
@@ -31,7 +31,7 @@ def fit_network(
     values: NDArray[np.float32],
     target: NDArray[Any],
     weight: NDArray[np.float64],
-    how: Descent,
+    how: NetworkTraining,
     seed: int,
     features: tuple[str, ...],
 ) -> NetworkModel:
@@ -63,8 +63,8 @@ def fit_network(
     )
     estimator = (MLPRegressor if target.ndim == 2 else MLPClassifier)(
         hidden_layer_sizes=(how.hidden,),
-        alpha=how.shrinkage,
-        learning_rate_init=how.pace,
+        alpha=how.weight_decay,
+        learning_rate_init=how.learning_rate,
         batch_size=min(how.batch, len(drawn)),
         max_iter=max(how.rounds // 2, 1),
         random_state=seed,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +13,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.faces import Face, clear_faces, height_of, share_seen
+from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, visible_fraction
 from wayside.schemas.detections import Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
 from wayside.stages.detection import (
-    MOST,
     SIDE,
+    box_feature_names,
+    box_features,
     drawn_patches,
-    gate_features,
-    overlap_of,
+    prefilter_features,
     propose,
-    shared_of,
-    view_features,
-    view_names,
 )
+from wayside.stages.geometry import intersection_areas, iou_matrix
 from wayside.stages.imaging import pyramid
 from wayside.stages.segmentation import segment
 
-FACE_SHARE, FACE_PX = 0.4, 8
+FACE_FRACTION, FACE_PX = 0.4, 8
 """A box on a face is an example for the judge from here on; fainter ones count as neither."""
 
 ON_FACE, NEAR_FACE = 0.5, 0.3
@@ -43,7 +42,7 @@ a box that shows a second face as well is no example rather than a bad one."""
 
 OFF, ON, NEITHER = 0, 1, -1
 
-Seen = list[tuple[dict[str, Any], dict[str, Any]]]
+SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
 """Signs of which a picture shows the front (or the back), each with its view there (box, share visible)."""
 
 INVENTED = "invented"
@@ -51,7 +50,7 @@ INVENTED = "invented"
 
 
 @dataclass(frozen=True, slots=True)
-class Views:
+class CandidateSamples:
     """Candidates of one drive, n rows, as the gate sees them.
 
     regions; glance (n, features) float32; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`; overlap (n,)
@@ -59,24 +58,28 @@ class Views:
     """
 
     regions: Regions
-    glance: NDArray[np.float32]
+    prefilter_values: NDArray[np.float32]
     frame: NDArray[np.int32]
     label: NDArray[np.int8]
     overlap: NDArray[np.float32]
     face: NDArray[np.int32]
 
-    def select(self, rows: NDArray[Any]) -> Views:
+    def select(self, rows: NDArray[Any]) -> CandidateSamples:
         """Those rows, in that order."""
-        rest = (self.glance, self.frame, self.label, self.overlap, self.face)
-        return Views(self.regions.select(rows), *(column[rows] for column in rest))
+        rest = (self.prefilter_values, self.frame, self.label, self.overlap, self.face)
+        return CandidateSamples(self.regions.select(rows), *(column[rows] for column in rest))
 
-    def joined(self, others: Views) -> Views:
+    def joined(self, others: CandidateSamples) -> CandidateSamples:
         """These rows and then the others."""
-        return _joined([self, others])
+        rest = (
+            np.concatenate([getattr(self, f.name), getattr(others, f.name)])
+            for f in fields(self)[1:]
+        )
+        return CandidateSamples(self.regions.joined(others.regions), *rest)
 
 
 @dataclass(frozen=True, slots=True)
-class FaceName:
+class FaceLabel:
     """A sign with the colour and shape that its face should be named by."""
 
     sign: str
@@ -85,7 +88,7 @@ class FaceName:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class TrueFaces:
     """All views of faces of a drive, m rows in order of their pictures.
 
     frame (m,) int64; box (m, 4) float64; teaches (m,) bool: whether a box on it is an example. complete (pictures,)
@@ -94,25 +97,28 @@ class Shown:
 
     frame: NDArray[np.int64]
     box: NDArray[np.float64]
-    teaches: NDArray[np.bool_]
+    is_example: NDArray[np.bool_]
     complete: NDArray[np.bool_]
 
     @staticmethod
-    def of(seen: Sequence[Seen], complete: Sequence[bool]) -> Shown:
+    def of(seen: Sequence[SignViews], complete: Sequence[bool]) -> TrueFaces:
         """The views of each picture; how much of a back is visible nobody knows."""
-        views = [view for here in seen for _, view in here]
-        clear = [view.get("side") == "back" or share_seen(view) >= FACE_SHARE for view in views]
-        tall = [height_of(view) >= FACE_PX for view in views]
-        return Shown(
+        candidates = [view for here in seen for _, view in here]
+        clear = [
+            view.get("side") == "back" or visible_fraction(view) >= FACE_FRACTION
+            for view in candidates
+        ]
+        tall = [height_px(view) >= FACE_PX for view in candidates]
+        return TrueFaces(
             np.array([index for index, here in enumerate(seen) for _ in here], np.int64),
-            np.array([view["box"] for view in views], np.float64).reshape(-1, 4),
+            np.array([view["box"] for view in candidates], np.float64).reshape(-1, 4),
             np.array(clear, bool) & np.array(tall, bool),
             np.array(complete, bool),
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class TrainingDrive:
     """Everything that one rendered drive teaches.
 
     wanted (m,) bool: which views of faces a judge should find (10 px tall, half visible); signs (m,): whose face each
@@ -122,13 +128,13 @@ class Drive:
 
     name: str
     frames: int
-    faces: tuple[Face, ...]
-    views: Views
-    shown: Shown
+    faces: tuple[FaceSample, ...]
+    candidates: CandidateSamples
+    true_faces: TrueFaces
     wanted: NDArray[np.bool_]
-    signs: tuple[FaceName, ...]
+    signs: tuple[FaceLabel, ...]
     places: NDArray[np.float64]
-    backs: Shown
+    backs: TrueFaces
     size: tuple[int, int] | None = None
 
 
@@ -147,100 +153,100 @@ def read_truth(path: Path) -> dict[str, Any]:
 
 
 def read_drive(
-    pictures: Iterable[Image], shown: Iterable[Image], truth: dict[str, Any], masks: Path
-) -> Drive:
-    """Go through a drive: clear faces from `pictures`, candidates from the same as they are `shown` to the judge.
+    images: Iterable[Image], altered: Iterable[Image], truth: dict[str, Any], masks: Path
+) -> TrainingDrive:
+    """Go through a drive: clear faces from `images`, candidates from the same as `altered` for the detector.
 
     Both in order; `masks` is the folder of FRAME.png with sign ids. Clear faces are for the classes of the report,
     which were those of a catalogue: invented faces teach none.
     """
-    seen: dict[int, Seen] = {}
-    behind: dict[int, Seen] = {}
+    seen: dict[int, SignViews] = {}
+    behind: dict[int, SignViews] = {}
     for sign in truth["signs"]:
         for view in sign["frames"]:
             if sign["faces_travel"]:
                 seen.setdefault(view["frame"], []).append((sign, view))
             if view["side"] == "back":
                 behind.setdefault(view["frame"], []).append((sign, view))
-    faces: list[Face] = []
-    for picture in pictures:
-        if picture.rgb is None:
+    faces: list[FaceSample] = []
+    for image in images:
+        if image.rgb is None:
             continue
-        index = picture.frame.index
-        mask = _read_mask(masks / f"{index:04d}.png", picture.rgb.shape[:2])
+        index = image.frame.index
+        mask = _read_mask(masks / f"{index:04d}.png", image.rgb.shape[:2])
         listed = [one for one in seen.get(index, []) if one[0]["kind"] != INVENTED]
-        faces.extend(clear_faces(picture.rgb, mask, listed, truth["name"]))
+        faces.extend(clear_faces(image.rgb, mask, listed, truth["name"]))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
     here = [seen.get(index, []) for index in range(last + 1)]
-    drive = read_drive_pictures(truth["name"], shown, here, [True] * len(here))
+    drive = read_drive_images(truth["name"], altered, here, [True] * len(here))
     size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
     backs = [behind.get(index, []) for index in range(last + 1)]
     return replace(
         drive,
         faces=tuple(faces),
-        places=sign_places(truth),
-        backs=Shown.of(backs, [True] * len(backs)),
+        places=sign_positions(truth),
+        backs=TrueFaces.of(backs, [True] * len(backs)),
         size=size,
     )
 
 
-def read_drive_pictures(
+def read_drive_images(
     name: str,
-    pictures: Iterable[Image],
-    seen: Sequence[Seen],
+    images: Iterable[Image],
+    seen: Sequence[SignViews],
     complete: Sequence[bool],
-) -> Drive:
+) -> TrainingDrive:
     """Candidates of all pictures, labelled by the faces `seen` in each; no clear faces, no places.
 
     Where the faces of a picture are not `complete`, what is on none of them counts as neither.
     """
-    shown = Shown.of(seen, complete)
-    parts = [_views(item, shown) for item in _candidates(pictures) if item.image.rgb is not None]
+    true_faces = TrueFaces.of(seen, complete)
+    parts = [_views(item, true_faces) for item in _candidates(images) if item.image.rgb is not None]
     if not parts:
         raise InputError(f"{name}: wanted pictures, found none that can be used")
     faces = [face for here in seen for face in here]
-    return Drive(
+    return TrainingDrive(
         name,
         len(parts),
         (),
-        _joined(parts),
-        shown,
-        np.array([share_seen(v) >= 0.5 and height_of(v) >= 10 for _, v in faces], bool),
-        tuple(FaceName(f"{name}/{s['id']}", s["color"], s["shape"]) for s, _ in faces),
+        reduce(CandidateSamples.joined, parts),
+        true_faces,
+        np.array([visible_fraction(v) >= 0.5 and height_px(v) >= 10 for _, v in faces], bool),
+        tuple(FaceLabel(f"{name}/{s['id']}", s["color"], s["shape"]) for s, _ in faces),
         np.zeros((0, 2)),
-        Shown.of([[]] * len(seen), complete),
+        TrueFaces.of([[]] * len(seen), complete),
     )
 
 
-def read_views(pictures: Iterable[Image], views: Views) -> NDArray[np.float32]:
-    """What the judge sees of `views`, (n, features): a second way through the `pictures` of their drive."""
-    seen = np.zeros((len(views.frame), len(view_names())), np.float32)
-    for rows, levels, regions, camera in _again(pictures, views):
-        seen[rows] = view_features(levels, regions, camera)
+def read_box_features(images: Iterable[Image], candidates: CandidateSamples) -> NDArray[np.float32]:
+    """What the judge sees of `candidates`, (n, features): a second way through the `images` of their drive."""
+    seen = np.zeros((len(candidates.frame), len(box_feature_names())), np.float32)
+    for rows, levels, regions, camera in _revisited(images, candidates):
+        seen[rows] = box_features(levels, regions, camera)
     return seen
 
 
-def read_patches(pictures: Iterable[Image], views: Views) -> NDArray[np.uint8]:
-    """The pixels of `views` and their surroundings, (n, 32, 32, 3): another way through the `pictures`."""
-    seen = np.zeros((len(views.frame), SIDE, SIDE, 3), np.uint8)
-    for rows, levels, regions, _ in _again(pictures, views):
+def read_patches(images: Iterable[Image], candidates: CandidateSamples) -> NDArray[np.uint8]:
+    """The pixels of `candidates` and their surroundings, (n, 32, 32, 3): another way through the `images`."""
+    seen = np.zeros((len(candidates.frame), SIDE, SIDE, 3), np.uint8)
+    for rows, levels, regions, _ in _revisited(images, candidates):
         seen[rows] = drawn_patches(levels, regions.box)
     return seen
 
 
-def _again(
-    pictures: Iterable[Image], views: Views
+def _revisited(
+    images: Iterable[Image], candidates: CandidateSamples
 ) -> Iterator[tuple[NDArray[np.int64], tuple[NDArray[np.uint8], ...], Regions, Camera]]:
     """Rows of the views that each picture has, its levels, the views as regions, and its camera."""
-    for picture in pictures:
-        rows = np.flatnonzero(views.frame == picture.frame.index)
-        camera = picture.frame.camera
-        if picture.rgb is not None and camera is not None and len(rows):
-            yield rows, pyramid(picture.rgb), views.regions.select(rows), camera
+    for image in images:
+        rows = np.flatnonzero(candidates.frame == image.frame.index)
+        camera = image.frame.camera
+        if image.rgb is not None and camera is not None and len(rows):
+            yield rows, pyramid(image.rgb), candidates.regions.select(rows), camera
 
 
-def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:
+def sign_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
     """Right of the path and above the camera's path of the signs that face the travel, (n, 2) metres."""
     height = truth["camera"]["mount"]["height_m"]
     rows = [
@@ -251,7 +257,7 @@ def sign_places(truth: dict[str, Any]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
-def stray_places(truth: dict[str, Any]) -> NDArray[np.float64]:
+def distractor_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
     """Right of the camera and above it of things that are no signs, (n, 2) metres, where each is seen first."""
     frames = {frame["index"]: frame for frame in truth["frames"]}
     rows = []
@@ -277,45 +283,48 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _candidates(pictures: Iterable[Image]) -> Iterator[Segmentation]:
+def _candidates(images: Iterable[Image]) -> Iterator[Segmentation]:
     """The pictures with all candidates that a run of preset `default` ranks."""
-    segmented = segment(iter(pictures), SegmentSettings(), GateSettings())
-    return propose(segmented, settings=CandidateSettings(most=MOST))
+    segmented = segment(iter(images), SegmentSettings(), GateSettings())
+    settings = CandidateSettings()
+    return propose(segmented, settings=replace(settings, most=settings.most_compared))
 
 
-def _views(item: Segmentation, shown: Shown) -> Views:
+def _views(item: Segmentation, true_faces: TrueFaces) -> CandidateSamples:
     rgb, camera, regions = item.image.rgb, item.frame.camera, item.regions
     if rgb is None or camera is None:
         raise InputError("learning: wanted pictures with calibration, found one without")
-    glance = gate_features(pyramid(rgb), regions, camera)
-    return labelled(regions, glance, np.full(len(regions), item.frame.index), shown)
+    prefilter_values = prefilter_features(pyramid(rgb), regions, camera)
+    return labelled(regions, prefilter_values, np.full(len(regions), item.frame.index), true_faces)
 
 
 def labelled(
     regions: Regions,
-    glance: NDArray[np.float32],
+    prefilter_values: NDArray[np.float32],
     frame: NDArray[np.integer[Any]],
-    shown: Shown,
-) -> Views:
+    true_faces: TrueFaces,
+) -> CandidateSamples:
     """Regions (n,) of some pictures, `frame` (n,), labelled by the faces shown there."""
     n = len(regions)
     overlap, nearest = np.zeros(n, np.float32), np.full(n, -1, np.int32)
     label = np.full(n, OFF, np.int8)
     for index in np.unique(frame):
-        rows, own = np.flatnonzero(frame == index), np.flatnonzero(shown.frame == index)
+        rows, own = np.flatnonzero(frame == index), np.flatnonzero(true_faces.frame == index)
         box = regions.box[rows]
         if len(own):
-            gaps = overlap_of(box, shown.box[own])
+            gaps = iou_matrix(box, true_faces.box[own])
             overlap[rows] = gaps.max(axis=1)
             nearest[rows] = np.where(overlap[rows] > 0, own[gaps.argmax(axis=1)], -1)
-            label[rows] = face_labels(box, shown.box[own], shown.teaches[own])
-        if not shown.complete[index]:
+            label[rows] = face_labels(box, true_faces.box[own], true_faces.is_example[own])
+        if not true_faces.complete[index]:
             label[rows] = np.where(label[rows] == OFF, NEITHER, label[rows])
-    return Views(regions, glance, frame.astype(np.int32), label, overlap, nearest)
+    return CandidateSamples(
+        regions, prefilter_values, frame.astype(np.int32), label, overlap, nearest
+    )
 
 
 def face_labels(
-    box: NDArray[np.floating[Any]], faces: NDArray[np.floating[Any]], teaches: NDArray[np.bool_]
+    box: NDArray[np.floating[Any]], faces: NDArray[np.floating[Any]], is_example: NDArray[np.bool_]
 ) -> NDArray[np.int8]:
     """What each box (n, 4) teaches the judge, (n,): `ON` a face (m, 4), `OFF` all, or `NEITHER`.
 
@@ -323,45 +332,34 @@ def face_labels(
     or a second face as well is none: a judge that takes both for a face loses the plaque below a sign. Faces that do
     not teach (m,) bool make no examples of the boxes near them.
     """
-    overlap = overlap_of(box, faces)
-    shared = shared_of(box, faces)
+    overlap = iou_matrix(box, faces)
+    shared = intersection_areas(box, faces)
     best = overlap.argmax(axis=1)
     rows = np.arange(len(box))
     nearest = overlap[rows, best]
     tight = overlap.max(axis=0)[best] >= TIGHT
     label = np.where(nearest >= NEAR_FACE, NEITHER, OFF).astype(np.int8)
-    label[(nearest >= np.where(tight, TIGHT, ON_FACE)) & teaches[best]] = ON
+    label[(nearest >= np.where(tight, TIGHT, ON_FACE)) & is_example[best]] = ON
     own = np.prod(box[:, 2:] - box[:, :2], axis=1)
     part = (shared[rows, best] > INSIDE * own) & (nearest < ON_FACE)
-    label[part & tight & teaches[best]] = OFF
+    label[part & tight & is_example[best]] = OFF
     # a second face in the box, that does not itself lie on the first
     area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
-    apart = shared_of(faces, faces) < 0.3 * np.minimum(area[:, None], area[None])
-    second = ((shared > 0.5 * area) & apart[best] & teaches).any(axis=1)
+    apart = intersection_areas(faces, faces) < 0.3 * np.minimum(area[:, None], area[None])
+    second = ((shared > 0.5 * area) & apart[best] & is_example).any(axis=1)
     label[second & (nearest < UNION) & tight] = OFF
     label[second & (nearest >= UNION)] = NEITHER
     return label
 
 
-def face_weights(views: Views) -> NDArray[np.float64]:
+def face_weights(candidates: CandidateSamples) -> NDArray[np.float64]:
     """Weights (n,) that give each view of a face the same, however many boxes are on it; 1 off the faces.
 
     Narrow and torn faces (mile posts, crossbucks) have few boxes, and would hardly be taught otherwise.
     """
-    on = views.label == ON
-    weight = np.ones(len(views.label))
+    on = candidates.label == ON
+    weight = np.ones(len(candidates.label))
     if on.any():
-        _, which, count = np.unique(views.face[on], return_inverse=True, return_counts=True)
+        _, which, count = np.unique(candidates.face[on], return_inverse=True, return_counts=True)
         weight[on] = count.mean() / count[which]
     return weight
-
-
-def _joined(parts: Sequence[Views]) -> Views:
-    def column(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    def region(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part.regions, name) for part in parts])
-
-    regions = Regions(region("box"), region("area_px"), region("rgb"), region("source"))
-    return Views(regions, *(column(n) for n in ("glance", "frame", "label", "overlap", "face")))

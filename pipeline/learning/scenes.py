@@ -14,11 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from wayside.pipeline.learning.samples import Drive, read_drive_pictures
+from wayside.pipeline.learning.samples import TrainingDrive, read_drive_images
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Frame, Image
 
-FOCAL_SHARE = 0.9
+FOCAL_FRACTION = 0.9
 """Focal length of the unknown cameras as a share of the picture's longer side."""
 
 
@@ -41,7 +41,7 @@ def scene_sources(scenes: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]
     return sources
 
 
-def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
+def scene_images(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
     """The pictures of some scenes, numbered from 0."""
     for index, scene in enumerate(scenes):
         path = folder / "scenes" / scene["file"]
@@ -51,7 +51,7 @@ def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image
                 f"{path}: wanted a picture, found none that can be read; correct --real"
             )
         height, width = rgb.shape[:2]
-        focal = FOCAL_SHARE * max(width, height)
+        focal = FOCAL_FRACTION * max(width, height)
         camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
         frame = Frame(index, index, None, USED, "jpeg", b"", camera, width, height)
         pixels = np.ascontiguousarray(rgb, np.uint8)
@@ -59,7 +59,9 @@ def scene_pictures(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image
         yield Image(frame, pixels, grey)
 
 
-def scene_drive(pictures: Iterable[Image], source: str, scenes: list[dict[str, Any]]) -> Drive:
+def scene_drive(
+    images: Iterable[Image], source: str, scenes: list[dict[str, Any]]
+) -> TrainingDrive:
     """The scenes of one source as a drive without places or clear faces, from their pictures in the same order.
 
     Only complete scenes show what is no sign.
@@ -75,4 +77,4 @@ def scene_drive(pictures: Iterable[Image], source: str, scenes: list[dict[str, A
         for scene in scenes
     ]
     complete = [bool(scene["complete"]) for scene in scenes]
-    return read_drive_pictures(source, pictures, here, complete)
+    return read_drive_images(source, images, here, complete)

@@ -31,7 +31,7 @@ Frame: TypeAlias = tuple[bytes | Bytes, FrameViews]
 """A picture, as JPEG or bgr8 array, and what it shows."""
 
 
-class Drive:
+class RenderedDrive:
     """One drive, ready to render its frames in any order."""
 
     def __init__(self, spec: DriveSpec) -> None:
@@ -81,11 +81,11 @@ def _one_thread() -> Iterator[None]:
 def _share(spec: DriveSpec, masks: Path | None, indices: Sequence[int]) -> list[Frame]:
     """Some frames of a drive, made in a process of their own."""
     with _one_thread():
-        drive = Drive(spec)
+        drive = RenderedDrive(spec)
         return [drive.frame(index, masks) for index in indices]
 
 
-def _frames(drive: Drive, masks: Path | None, jobs: int) -> list[Frame]:
+def _frames(drive: RenderedDrive, masks: Path | None, jobs: int) -> list[Frame]:
     """All frames of a drive in order, made by so many processes."""
     count = drive.spec.frames
     jobs = min(jobs, count)
@@ -110,7 +110,7 @@ def render(spec: DriveSpec, output: Output, jobs: int = 1) -> None:
         if masks is not None:
             masks.mkdir()
         with _one_thread():
-            drive = Drive(spec)
+            drive = RenderedDrive(spec)
             frames = _frames(drive, masks, jobs)
         _write(drive, frames, made)
         if output.pictures:
@@ -121,7 +121,7 @@ def render(spec: DriveSpec, output: Output, jobs: int = 1) -> None:
     write_stamp(spec, output)
 
 
-def _write(drive: Drive, frames: Sequence[Frame], output: Output) -> None:
+def _write(drive: RenderedDrive, frames: Sequence[Frame], output: Output) -> None:
     """Log and truth of a drive."""
     spec, views = drive.spec, [view for _, view in frames]
     log = output.path(spec, "mcap")

@@ -4,6 +4,7 @@
 `run.json` need no list of their own. Values of the preset `report` that differ stand in `REPORT`.
 """
 
+from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.landmark import (
@@ -20,6 +21,12 @@ from wayside.schemas.settings.mapping import (
     TrackSettings,
 )
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.panel import (
+    LocalAdjustmentSettings,
+    OutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.tree import REPORT, Settings
@@ -27,18 +34,23 @@ from wayside.schemas.settings.tree import REPORT, Settings
 __all__ = [
     "REPORT",
     "AcceptanceSettings",
+    "AdjustmentSettings",
     "AssemblySettings",
     "AssociationSettings",
     "CandidateSettings",
     "FeatureSettings",
     "GateSettings",
     "LandmarkSettings",
+    "LocalAdjustmentSettings",
     "LocateSettings",
     "MappingSettings",
     "ModelSettings",
     "MotionSettings",
+    "OutlineSettings",
+    "PanelSettings",
     "PredictionSettings",
     "ReadSettings",
+    "RegistrationSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",

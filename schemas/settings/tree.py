@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.landmark import (
     AssemblySettings,
@@ -20,6 +21,12 @@ from wayside.schemas.settings.mapping import (
     TrackSettings,
 )
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
+from wayside.schemas.settings.panel import (
+    LocalAdjustmentSettings,
+    OutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
@@ -40,6 +47,11 @@ class Settings:
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
+    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
+    panel: PanelSettings = field(default_factory=PanelSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    outline: OutlineSettings = field(default_factory=OutlineSettings)
+    local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     models: ModelSettings = field(default_factory=ModelSettings)

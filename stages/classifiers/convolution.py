@@ -12,7 +12,7 @@ TOGETHER = 32
 """Patches evaluated at once: what they need between two layers stays in the processor's cache."""
 
 
-def convolved(
+def convolution_output(
     model: ConvolutionModel, patches: NDArray[np.float32], values: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """What the network says of each patch, shape (n,).
@@ -45,11 +45,11 @@ def convolved(
 def _evaluate(
     model: ConvolutionModel, samples: NDArray[np.float32], values: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    for weight, bias, halved in zip(model.filters, model.biases, model.halved, strict=True):
+    for weight, bias, halved in zip(model.filters, model.biases, model.pooled, strict=True):
         samples = filtered(samples, weight) + bias
-        samples = largest_of_four(samples) if halved else samples
+        samples = max_pool(samples) if halved else samples
         np.maximum(samples, np.float32(0), out=samples)
-    scaled = np.clip((values - model.mean) / model.scale, -model.farthest, model.farthest)
+    scaled = np.clip((values - model.mean) / model.scale, -model.feature_limit, model.feature_limit)
     joined = np.concatenate([samples.reshape(len(samples), -1), scaled], axis=1)
     hidden = np.maximum(joined @ model.hidden + model.hidden_bias, np.float32(0))
     return np.asarray(hidden @ model.output + model.output_bias, np.float32)
@@ -67,7 +67,7 @@ def filtered(samples: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArr
     return np.asarray(beside @ weight.reshape(9 * channels, -1), np.float32)
 
 
-def largest_of_four(samples: NDArray[np.float32]) -> NDArray[np.float32]:
+def max_pool(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     """The largest of each 2 x 2 samples: (n, rows / 2, columns / 2, channels)."""
     across = np.maximum(samples[:, :, 0::2], samples[:, :, 1::2])
     return np.maximum(across[:, 0::2], across[:, 1::2])

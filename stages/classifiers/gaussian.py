@@ -11,7 +11,9 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel
 
 
-def check_model(model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]) -> None:
+def require_gaussian_model(
+    model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]
+) -> None:
     """Refuse a model that has no class, an unknown name or space, or another number of dimensions than its space.
 
     Parameters
@@ -59,7 +61,7 @@ def nearest_class(
     values
         Coordinates in the model's space; rows that are not finite belong to no class.
     model
-        Classes with thresholds, as `check_model` wants them.
+        Classes with thresholds, as `require_gaussian_model` wants them.
     names
         The names that a class may bear; the code of a class is its position here.
 

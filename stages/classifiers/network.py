@@ -12,7 +12,7 @@ FARTHEST = 6.0
 """Standard deviations from the mean beyond which a feature says no more: the network has not seen such."""
 
 
-def log_chances(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def log_probabilities(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Logarithm of the chance of each class for each row of `values` (n, features): (n, classes).
 
     Raises
@@ -20,12 +20,12 @@ def log_chances(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.
     ValueError
         If the values are of another type or number of columns than the model's.
     """
-    raw = outputs(model, values)
+    raw = network_outputs(model, values)
     raw -= raw.max(axis=1, keepdims=True, initial=-np.inf)
     return np.asarray(raw - np.log(np.exp(raw).sum(axis=1, keepdims=True)), np.float32)
 
 
-def outputs(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def network_outputs(model: NetworkModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """What the network says of each row of `values` (n, features), before it is made a chance: (n, classes).
 
     Raises

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import TreeModel
-from wayside.stages.classifiers.network import outputs
+from wayside.stages.classifiers.network import network_outputs
 from wayside.stages.kernels import compiled, require_array
 
 
 def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Sum over the trees plus bias for each row of `values` (n, features of the model): (n,) log odds.
 
-    Where the model has a network beside its trees, what that says is added.
+    The output of the network of the model, where it has one, is added.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float3
     _sum_trees(
         values,
         np.ascontiguousarray(model.feature, np.int32),
-        np.ascontiguousarray(model.threshold, np.float32),
+        np.ascontiguousarray(model.split, np.float32),
         np.ascontiguousarray(model.left, np.int32),
         np.ascontiguousarray(model.right, np.int32),
         np.ascontiguousarray(model.value, np.float32),
@@ -42,7 +42,7 @@ def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float3
         result,
     )
     if model.network is not None:
-        result += outputs(model.network, values)[:, 0]
+        result += network_outputs(model.network, values)[:, 0]
     return result
 
 
@@ -50,7 +50,7 @@ def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float3
 def _sum_trees(
     values: Any,
     feature: Any,
-    threshold: Any,
+    split: Any,
     left: Any,
     right: Any,
     value: Any,
@@ -67,6 +67,6 @@ def _sum_trees(
                     break
                 v = values[i, feature[t, k]]
                 # Written so that nan goes left.
-                k = right[t, k] if v > threshold[t, k] else left[t, k]
+                k = right[t, k] if v > split[t, k] else left[t, k]
             total += value[t, k]
         result[i] = total

@@ -1,51 +1,41 @@
 """Regions of an image to detected sign faces: proposals, learned classifiers, box regression."""
 
-from wayside.stages.detection.box_regression import FARTHEST, SIDES
-from wayside.stages.detection.boxes import overlap_of, shared_of, suppressed_boxes
-from wayside.stages.detection.detector import (
-    OVERLAP,
-    REACH,
-    BoxClassifier,
-    face_chances,
-    gate_features,
-    gate_names,
-    judge,
-    moved_regions,
-    view_features,
-    view_names,
-    view_odds,
+from wayside.stages.detection.box_classifier import BoxClassifier
+from wayside.stages.detection.box_regression import SIDES, regressed_regions
+from wayside.stages.detection.detector import detect, name_log_probabilities
+from wayside.stages.detection.feature_vectors import (
+    REGION_FEATURES,
+    box_feature_names,
+    box_features,
+    prefilter_feature_names,
+    prefilter_features,
 )
-from wayside.stages.detection.patch_cnn import DARK, FEATURES, patch_odds, told_of
+from wayside.stages.detection.patch_cnn import (
+    PATCH_CNN_FEATURES,
+    PATCH_DARK_LEVEL,
+    patch_log_odds,
+    placement_features,
+)
 from wayside.stages.detection.patch_features import INNER, SIDE, drawn_patches
-from wayside.stages.detection.proposals import MOST, SHORTEST_PX, propose
-from wayside.stages.detection.region_features import REGION_FEATURES
+from wayside.stages.detection.proposals import propose
 
 __all__ = [
-    "DARK",
-    "FARTHEST",
-    "FEATURES",
     "INNER",
-    "MOST",
-    "OVERLAP",
-    "REACH",
+    "PATCH_CNN_FEATURES",
+    "PATCH_DARK_LEVEL",
     "REGION_FEATURES",
-    "SHORTEST_PX",
     "SIDE",
     "SIDES",
     "BoxClassifier",
+    "box_feature_names",
+    "box_features",
+    "detect",
     "drawn_patches",
-    "face_chances",
-    "gate_features",
-    "gate_names",
-    "judge",
-    "moved_regions",
-    "overlap_of",
-    "patch_odds",
+    "name_log_probabilities",
+    "patch_log_odds",
+    "placement_features",
+    "prefilter_feature_names",
+    "prefilter_features",
     "propose",
-    "shared_of",
-    "suppressed_boxes",
-    "told_of",
-    "view_features",
-    "view_names",
-    "view_odds",
+    "regressed_regions",
 ]

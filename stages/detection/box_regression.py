@@ -1,54 +1,49 @@
-"""Where a face ends: the boxes of candidates moved onto the face that they lie on.
+"""Bounding-box regression: the boxes of candidates moved onto the faces that they overlap.
 
-A region shows only part of a face where the face has several colours, or where a side of it looks like what stands
-behind. A network that sees the box and its surroundings says how far each side of the face lies from that of the box
-(bounding-box regression: Girshick et al. 2014, appendix C).
+A region covers only part of a face where the face has several colours, or where a side of it resembles the background.
+A network on the features of the box and its surroundings predicts how far each side of the face lies from that of the
+box (Girshick et al. 2014, appendix C).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.errors import InputError
+from wayside.schemas.detections import SOURCES, Regions
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import NetworkModel
-from wayside.stages.classifiers import outputs
-from wayside.stages.detection.proposals import NARROWEST, SHORTEST_PX, WIDEST
+from wayside.schemas.settings import CandidateSettings
+from wayside.stages.classifiers import network_outputs
+from wayside.stages.detection.feature_vectors import feature_columns
 
 SIDES = ("left", "top", "right", "bottom")
-"""What the network tells: how far that side of the face lies right of or below that of the box, in box sizes."""
-
-FARTHEST = 1.5
-"""Sides farther away, in box sizes, are neither taught nor believed."""
+"""Outputs of the network: how far that side of the face lies right of or below that of the box, in box sizes."""
 
 
-def check_box_network(network: NetworkModel, names: tuple[str, ...]) -> None:
-    """Refuse a network that looks at other features than `names` or does not tell the sides; raises InputError."""
-    strange = sorted(set(network.features) - set(names))
-    if strange or network.classes != SIDES:
-        raise InputError(
-            f"box network: wanted known features and the outputs {', '.join(SIDES)}, found "
-            f"{strange[0] if strange else ', '.join(network.classes)}; learn it again"
-        )
-
-
-def moved_boxes(
+def regressed_regions(
     network: NetworkModel,
     values: NDArray[np.float32],
-    box: NDArray[np.float32],
+    regions: Regions,
+    settings: CandidateSettings,
     camera: Camera | None = None,
-) -> NDArray[np.float32]:
-    """The boxes (n, 4) where the network sees the face; those that would be no box of a face any more stay.
+) -> Regions:
+    """The regions (source `moved`) with the boxes that the network predicts from their `box_features`.
 
-    values (n, features) float32: what the network looks at, its columns. Moved boxes end at the border of the camera's
-    picture, where one is given.
+    Boxes end at the border of the camera's image, where one is given; those that would be too small or of an aspect
+    that no face has stay as they are.
     """
+    columns = np.ascontiguousarray(values[:, feature_columns(network.features)])
+    box = regions.box
     size = box[:, 2:] - box[:, :2]
-    by = np.clip(outputs(network, values), -FARTHEST, FARTHEST)
-    moved = (box + by * size[:, [0, 1, 0, 1]]).astype(np.float32)
+    offset = np.clip(
+        network_outputs(network, columns), -settings.largest_offset, settings.largest_offset
+    )
+    moved = (box + offset * size[:, [0, 1, 0, 1]]).astype(np.float32)
     if camera is not None:
         moved = np.clip(moved, 0, np.array([camera.width, camera.height] * 2, np.float32))
-    wide, tall = moved[:, 2] - moved[:, 0], moved[:, 3] - moved[:, 1]
-    fits = (tall >= SHORTEST_PX) & (wide >= NARROWEST * tall) & (wide <= WIDEST * tall)
-    return np.where(fits[:, None], moved, box)
+    moved = np.where(settings.fits_face(moved)[:, None], moved, box)
+    source = np.full(len(regions), SOURCES.index("moved"), np.uint8)
+    return replace(regions, box=moved, source=source)

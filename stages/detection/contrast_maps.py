@@ -1,4 +1,4 @@
-"""Maps of one value in which a sign face is brighter than what surrounds it."""
+"""Contrast maps: images of one value in which a sign face is brighter than its surroundings."""
 
 from __future__ import annotations
 
@@ -8,53 +8,65 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_picture
+from wayside.stages.kernels import compiled, require_array, require_image
 
 MAPS = ("red", "blue", "green", "yellow", "lighter", "darker")
 """Red over green; blue over red; green over red; red and green over blue; lighter and darker.
 
-Each less what the neighbourhood has of it. Orange and brown show in the first and fourth, fluorescent yellow-green in
-the third and fourth.
+Each less that of the neighbourhood. Orange and brown show in the first and fourth, fluorescent yellow-green in the
+third and fourth.
 """
 
-LOWEST = (12, 10, 8, 14, 10, 10)
-"""First level of each map that can matter: below it lie road, sky and foliage."""
 
-DARK_LEVEL = 64
-"""Added to the largest channel before a difference of channels is divided by it: keeps the noise of shadows down."""
-
-NEIGHBOURHOOD = 104
-"""Side of the square whose mean stands for the neighbourhood, pixels of the map."""
-
-
-def neighbourhood(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Mean colour of the `NEIGHBOURHOOD` of each pixel, on a grid of every eighth pixel, between them linear."""
+def neighbourhood(rgb: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
+    """Mean colour of the square around each pixel, exact for every eighth pixel, between them linear."""
     height, width = rgb.shape[:2]
     coarse = (max(1, width // 8), max(1, height // 8))
     small = cv2.resize(rgb, coarse, interpolation=cv2.INTER_AREA)
-    side = NEIGHBOURHOOD // 8
+    side = side_px // 8
     mean = cv2.blur(small, (side, side), borderType=cv2.BORDER_REFLECT)
     return np.asarray(cv2.resize(mean, (width, height)), np.uint8)
 
 
-def face_maps(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The maps of a picture or band: shape (6, height, width) uint8, in the order of `MAPS`.
+def contrast_maps(
+    rgb: NDArray[np.uint8], dark_level: int, neighbourhood_px: int
+) -> NDArray[np.uint8]:
+    """The maps of an image or band: shape (6, height, width) uint8, in the order of `MAPS`.
 
-    The four chromatic ones are differences of channels over the largest channel (a face in shadow keeps its
-    value), times 256.
+    The four chromatic ones are differences of channels over the largest channel plus `dark_level` (a face in shadow
+    keeps its value), times 256. Raises ValueError where `rgb` is not (height, width, 3) uint8.
     """
-    require_picture(rgb)
+    require_image(rgb)
     result = np.empty((len(MAPS), *rgb.shape[:2]), np.uint8)
     if rgb.size:
         own = np.stack(cv2.split(rgb))
-        near = np.stack(cv2.split(neighbourhood(rgb)))
-        _face_maps(own.astype(np.uint8, copy=False), near.astype(np.uint8, copy=False), result)
+        near = np.stack(cv2.split(neighbourhood(rgb, neighbourhood_px)))
+        _contrast_maps(
+            own.astype(np.uint8, copy=False), near.astype(np.uint8, copy=False), dark_level, result
+        )
+    return result
+
+
+def foreground_means(
+    rgb: NDArray[np.uint8], values: NDArray[np.uint8], box: NDArray[np.float32], samples: int
+) -> NDArray[np.float32]:
+    """Mean colour (n, 3) of the brighter part of a map in each box: where `values` is at least its mean there.
+
+    rgb (height, width, 3) and values (height, width) uint8; boxes (n, 4) inside the image. About `samples` each way are
+    taken from a box. Raises ValueError where an array is of another type or shape.
+    """
+    require_image(rgb)
+    require_array(values, "values", np.uint8, rgb.shape[:2])
+    box = np.ascontiguousarray(box, np.float32)
+    require_array(box, "box", np.float32, (None, 4))
+    result = np.zeros((len(box), 3), np.float32)
+    _foreground_means(rgb, values, box, samples, result)
     return result
 
 
 @compiled
 def _excess(a: Any, b: Any, over: Any, p: Any, q: Any, around: Any, result: Any) -> None:
-    """By how much a exceeds b, relative to `over`, less the same of the neighbourhood, p, q and `around`: one row."""
+    """Excess of a over b, relative to `over`, less that of the neighbourhood, p over q by `around`: one row."""
     for x in range(a.size):
         own = (np.float32(a[x]) - np.float32(b[x])) * over[x]
         near = max(np.float32(p[x]) - np.float32(q[x]), np.float32(0)) * around[x]
@@ -74,9 +86,9 @@ def _smallest(a: Any, b: Any, c: Any, result: Any) -> None:
 
 
 @compiled
-def _scale(largest: Any, result: Any) -> None:
+def _scale(largest: Any, dark_level: Any, result: Any) -> None:
     for x in range(largest.size):
-        result[x] = np.float32(256) / (np.float32(largest[x]) + np.float32(DARK_LEVEL))
+        result[x] = np.float32(256) / (np.float32(largest[x]) + np.float32(dark_level))
 
 
 @compiled
@@ -86,8 +98,8 @@ def _above(a: Any, b: Any, result: Any) -> None:
 
 
 @compiled
-def _face_maps(own: Any, near: Any, result: Any) -> None:
-    """Row by row and one thing at a time, so that each loop runs over many pixels at once."""
+def _contrast_maps(own: Any, near: Any, dark_level: Any, result: Any) -> None:
+    """Row by row, one operation at a time, so that each loop is vectorised."""
     width = own.shape[2]
     value = np.empty((4, width), np.uint8)
     scale = np.empty((2, width), np.float32)
@@ -100,8 +112,8 @@ def _face_maps(own: Any, near: Any, result: Any) -> None:
         s = near[2, y]
         _largest(r, g, b, value[0])
         _largest(p, q, s, value[1])
-        _scale(value[0], scale[0])
-        _scale(value[1], scale[1])
+        _scale(value[0], dark_level, scale[0])
+        _scale(value[1], dark_level, scale[1])
         _excess(r, g, scale[0], p, q, scale[1], result[0, y])
         _excess(b, r, scale[0], s, p, scale[1], result[1, y])
         _excess(g, r, scale[0], q, p, scale[1], result[2, y])
@@ -112,3 +124,36 @@ def _face_maps(own: Any, near: Any, result: Any) -> None:
         _smallest(r, g, b, value[2])
         _smallest(p, q, s, value[3])
         _above(value[2], value[3], result[4, y])
+
+
+@compiled
+def _foreground_means(rgb: Any, values: Any, box: Any, samples: Any, result: Any) -> None:
+    height, width = values.shape
+    for i in range(box.shape[0]):
+        x0 = max(0, int(box[i, 0]))
+        y0 = max(0, int(box[i, 1]))
+        x1 = min(width, int(np.ceil(box[i, 2])))
+        y1 = min(height, int(np.ceil(box[i, 3])))
+        dx = max(1, (x1 - x0) // samples)
+        dy = max(1, (y1 - y0) // samples)
+        total = 0
+        n = 0
+        for y in range(y0, y1, dy):
+            for x in range(x0, x1, dx):
+                total += values[y, x]
+                n += 1
+        r = 0
+        g = 0
+        b = 0
+        m = 0
+        for y in range(y0, y1, dy):
+            for x in range(x0, x1, dx):
+                if values[y, x] * n >= total:
+                    r += rgb[y, x, 0]
+                    g += rgb[y, x, 1]
+                    b += rgb[y, x, 2]
+                    m += 1
+        if m > 0:
+            result[i, 0] = r / m
+            result[i, 1] = g / m
+            result[i, 2] = b / m

@@ -1,8 +1,10 @@
-"""What a box shows, as numbers: a patch of 32 x 32 samples with the box in its middle 20 x 20.
+"""Features of the pixels of a box: a patch of 32 x 32 samples with the box in its middle 20 x 20.
 
-Every box is drawn to the same size, whatever its own, so that the trees meet a far diamond and a near one in the
-same places. Colours are logarithms (brightness, R/G, B/G): light multiplies, a logarithm makes it an offset, which
-the features leave out.
+Every box is resampled to the same size, so that a far diamond and a near one have the same features. Colours are
+logarithms (brightness, R/G, B/G): illumination multiplies colours, so it is an offset of their logarithms, which the
+features remove.
+
+The sizes below are the layout of the feature vector that the models were learned with, no settings.
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.imaging import DARK_LEVEL
-from wayside.stages.kernels import compiled, require_array, require_picture
+from wayside.stages.imaging import DARK_LEVEL, Pyramid
+from wayside.stages.kernels import compiled, require_array, require_image
 
 SIDE, INNER = 32, 20
 """Samples of the patch and of the box in it, each way."""
@@ -57,22 +59,20 @@ def patch_feature_names() -> tuple[str, ...]:
     return (*cells, *gradients, "gradient_total", *spread, *outlines)
 
 
-def patch_features(
-    levels: tuple[NDArray[np.uint8], ...], box: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def patch_features(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
     """Features of each box, shape (n, columns of `patch_feature_names`).
 
     Parameters
     ----------
     levels
-        The picture at full, half and quarter size, (height, width, 3) uint8 each.
+        The image at full, half and quarter size, (height, width, 3) uint8 each.
     box
-        (n, 4) float32 `[x0, y0, x1, y1]`, half open, full-size pixels; what lies beyond the picture repeats its border.
+        (n, 4) float32 `[x0, y0, x1, y1]`, half open, full-size pixels; beyond the image its border is repeated.
 
     Raises
     ------
     ValueError
-        If a picture or the boxes are of another type or layout.
+        If an image or the boxes are of another type or layout.
     """
     box = _checked(levels, box)
     result = np.zeros((len(box), len(patch_feature_names())), np.float32)
@@ -93,10 +93,8 @@ def patch_features(
     return result
 
 
-def drawn_patches(
-    levels: tuple[NDArray[np.uint8], ...], box: NDArray[np.float32]
-) -> NDArray[np.uint8]:
-    """The patch of each box as a picture, (n, 32, 32, 3); arguments and errors are those of `patch_features`."""
+def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The patch of each box as an image, (n, 32, 32, 3); arguments and errors are those of `patch_features`."""
     box = _checked(levels, box)
     result = np.zeros((len(box), SIDE, SIDE, 3), np.uint8)
     full, half, quarter = levels
@@ -104,25 +102,21 @@ def drawn_patches(
     return result
 
 
-def _checked(
-    levels: tuple[NDArray[np.uint8], ...], box: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _checked(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
     """The boxes as the kernels want them; raises ValueError."""
     if len(levels) != 3:
-        raise ValueError(
-            f"levels: wanted full, half and quarter size, found {len(levels)} pictures"
-        )
+        raise ValueError(f"levels: wanted full, half and quarter size, found {len(levels)} images")
     for level in levels:
-        require_picture(level, "levels")
+        require_image(level, "levels")
         if level.size == 0:
-            raise ValueError("levels: wanted pictures with pixels, found an empty one")
+            raise ValueError("levels: wanted images with pixels, found an empty one")
     box = np.ascontiguousarray(box, np.float32)
     require_array(box, "box", np.float32, (None, 4))
     return box
 
 
 def _inside(outline: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far a point stands inside an outline that fills the square -1..1 (negative: outside), y down."""
+    """Depth of points inside an outline that fills the square -1..1 (negative: outside), y down."""
     ax, ay = np.abs(x), np.abs(y)
     if outline == "rectangle":
         return np.asarray(1 - np.maximum(ax, ay))
@@ -139,7 +133,7 @@ def _inside(outline: str, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDA
 
 
 def _rims() -> tuple[NDArray[np.int16], NDArray[np.uint8], NDArray[np.int32]]:
-    """Samples near each outline and their part: quadrant 0-3 of the inner strip, 4-7 of the outer one."""
+    """Samples near each outline and their segment: quadrant 0-3 of the inner strip, 4-7 of the outer one."""
     grid = (np.arange(SIDE) + 0.5 - SIDE / 2) / (INNER / 2)
     x, y = np.meshgrid(grid, grid)
     quadrant = (x > 0).astype(np.uint8) + 2 * (y > 0).astype(np.uint8)
@@ -168,14 +162,14 @@ def _draw(
     """Sample the patch (32, 32, 3), linear between pixels, from the size that is nearest above its own."""
     longest = max(x1 - x0, y1 - y0) / INNER
     scale = 1
-    picture = full
+    image = full
     if longest >= 4:
-        picture = quarter
+        image = quarter
         scale = 4
     elif longest >= 2:
-        picture = half
+        image = half
         scale = 2
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     dx = np.float32((x1 - x0) / (INNER * scale))
     dy = np.float32((y1 - y0) / (INNER * scale))
     left = np.float32(((x0 + x1) / scale - 1) / 2) - dx * np.float32((SIDE - 1) / 2)
@@ -189,8 +183,8 @@ def _draw(
         at[j, 2] = int((x - int(x)) * 256)
     for i in range(SIDE):
         y = min(max(top + i * dy, np.float32(0)), np.float32(height - 1))
-        above = picture[int(y)]
-        below = picture[min(int(y) + 1, height - 1)]
+        above = image[int(y)]
+        below = image[min(int(y) + 1, height - 1)]
         b = np.int32((y - int(y)) * 256)
         for j in range(SIDE):
             c0 = at[j, 0]
@@ -237,7 +231,7 @@ def _spread(patch: Any, row: Any, at: Any) -> None:
     n = INNER * INNER
     m = SIDE * SIDE - n
     for c in range(3):
-        # Sums of one column run beside each other, so that they are quick in the order written.
+        # One sum a column, so that the loops are vectorised in the order written.
         total = np.zeros(SIDE, np.float32)
         square = np.zeros(SIDE, np.float32)
         inner = np.zeros(SIDE, np.float32)
@@ -302,7 +296,7 @@ def _gradients(patch: Any, row: Any, at: Any, sine: Any, cosine: Any) -> None:
             if gy < 0 or (gy == 0 and gx < 0):
                 gx = -gx
                 gy = -gy
-            # The direction lies beyond each border that it has turned past.
+            # Number of bin borders that the direction lies beyond.
             bin_ = 0
             for k in range(HOG_BINS - 1):
                 bin_ += gy * cosine[k] - gx * sine[k] >= 0

@@ -1,9 +1,9 @@
-"""Regions at all levels of a picture of one value: a component tree, kept only where a box lasts.
+"""Stable regions of an image of one value: components of a threshold sweep whose box stays the same over levels.
 
-A sign face is one connected region at *some* level of *some* map, seldom at a level known beforehand. So
-all levels are swept from the top down; pixels join the components they touch (union-find), and a
-component's box is reported when it stayed nearly the same over several levels: the maximally stable
-regions of Matas et al. 2002, with the stability of the box in the place of the stability of the area.
+A sign face is one connected region at *some* level of *some* map, seldom at a level known beforehand. So all levels are
+swept from the top down; pixels join the components they touch (union-find), and a component's box is reported when it
+stayed nearly the same over several levels: the maximally stable extremal regions (MSER) of Matas et al. 2002, with the
+stability of the box in the place of the stability of the area.
 """
 
 from __future__ import annotations
@@ -16,98 +16,99 @@ from numpy.typing import NDArray
 
 from wayside.stages.kernels import compiled
 
-SAME_BOX = 0.8
-"""Overlap (IoU) down to which a growing component still has the box it had."""
-
 PARENT, AREA, BOX, STAMP, BORN, FIRST, LAST, SIZE = 0, 1, 2, 6, 7, 8, 12, 16
 COLUMNS = 17
-"""Columns of a component: the one it was joined to, pixels, box, level that last touched it, level since when it has
-the box, that box at first and at last, and its pixels at last."""
+"""Columns of a component: its parent, pixels, box, level that last touched it, level since when it has the box, that
+box at first and at last, and its pixels at last."""
 
 
 @dataclass(frozen=True, slots=True)
-class LevelRegions:
-    """Boxes that lasted, m rows.
+class StableRegions:
+    """Stable boxes, m rows.
 
-    box (m, 4) float32 `[x0, y0, x1, y1]`, half open; area (m,) int32 px; lasted (m,) int32 levels.
+    box (m, 4) float32 `[x0, y0, x1, y1]`, half open; area (m,) int32 px; lifetime (m,) int32 levels.
     """
 
     box: NDArray[np.float32]
     area: NDArray[np.int32]
-    lasted: NDArray[np.int32]
+    lifetime: NDArray[np.int32]
 
 
-def level_regions(
+def find_stable_regions(
     values: NDArray[np.uint8],
     *,
-    lowest: int,
-    step: int = 1,
-    lasting: int = 2,
-    smallest: tuple[int, int] = (5, 8),
-    largest: tuple[int, int] = (400, 400),
-    capacity: int = 20_000,
-) -> LevelRegions:
-    """Boxes of connected components (4 neighbours) of `values >= level` that last over levels.
+    first_level: int,
+    step: int,
+    min_lifetime: int,
+    same_iou: float,
+    smallest: tuple[int, int],
+    largest: tuple[int, int],
+    capacity: int,
+) -> StableRegions:
+    """Boxes of connected components (4 neighbours) of `values >= level` that stay the same over levels.
 
     Parameters
     ----------
     values : (height, width) uint8
         The map; faces are brighter than what surrounds them.
-    lowest : int
-        Pixels below never take part (at least 1): the sparser the map, the cheaper.
+    first_level : int
+        Pixels below take no part (at least 1): the sparser the map, the cheaper.
     step : int
-        Levels are `lowest, lowest + step, ...`; finer steps only meet noise.
-    lasting : int
-        Levels over which a box must last (IoU of at least `SAME_BOX` with its first).
+        Levels are `first_level, first_level + step, ...`; finer steps only meet noise.
+    min_lifetime : int
+        Levels over which a box must stay the same.
+    same_iou : float
+        A box is the same as the first of its component down to this IoU.
     smallest, largest : (width, height) in pixels
         Boxes outside are not reported.
     capacity : int
-        At most so many rows, the first ones met (from the top level down).
+        Most rows; the first ones met (from the top level down) are kept.
 
     Returns
     -------
-    LevelRegions
+    StableRegions
         In the order in which the boxes ended; the box reported is the mean of its first and last state.
 
     Raises
     ------
     ValueError
-        Where `values` is no two-dimensional uint8 array or `lowest`, `step` are not positive.
+        Where `values` is no two-dimensional uint8 array or `first_level`, `step` are not positive.
     """
     if values.ndim != 2 or values.dtype != np.uint8:
         raise ValueError(
             f"values must be a two-dimensional uint8 array, found {values.ndim} dimensions of {values.dtype}"
         )
-    if lowest < 1 or step < 1:
-        raise ValueError(f"lowest and step must be at least 1, found {lowest} and {step}")
+    if first_level < 1 or step < 1:
+        raise ValueError(f"first_level and step must be at least 1, found {first_level} and {step}")
     if values.size == 0:
-        return LevelRegions(
+        return StableRegions(
             np.zeros((0, 4), np.float32), np.zeros(0, np.int32), np.zeros(0, np.int32)
         )
-    box, area, lasted = _sweep(
+    box, area, lifetime = _sweep(
         np.ascontiguousarray(values),
-        lowest,
+        first_level,
         step,
-        lasting,
+        min_lifetime,
+        same_iou,
         np.array([*smallest, *largest], np.int32),
         capacity,
     )
-    return LevelRegions(box, area, lasted)
+    return StableRegions(box, area, lifetime)
 
 
 @compiled
-def _sorted_pixels(values: Any, lowest: Any, step: Any) -> Any:
+def _sorted_pixels(values: Any, first_level: Any, step: Any) -> Any:
     """Positions of the pixels that take part, by falling level, and where each level starts."""
-    levels = (255 - lowest) // step + 1
+    levels = (255 - first_level) // step + 1
     start = np.zeros(levels + 1, np.int64)
     flat = values.reshape(-1)
     rank = np.full(256, -1, np.int16)
-    for v in range(lowest, 256):
-        rank[v] = levels - 1 - (v - lowest) // step
+    for v in range(first_level, 256):
+        rank[v] = levels - 1 - (v - first_level) // step
     count = np.zeros(256, np.int64)
     for i in range(flat.size):
         count[flat[i]] += 1
-    for v in range(lowest, 256):
+    for v in range(first_level, 256):
         start[rank[v] + 1] += count[v]
     for k in range(levels):
         start[k + 1] += start[k]
@@ -116,7 +117,7 @@ def _sorted_pixels(values: Any, lowest: Any, step: Any) -> Any:
     for y in range(values.shape[0]):
         for x in range(values.shape[1]):
             v = values[y, x]
-            if v >= lowest:
+            if v >= first_level:
                 k = rank[v]
                 order[at[k]] = (y << 16) | x
                 at[k] += 1
@@ -132,19 +133,19 @@ def _root(part: Any, i: Any) -> Any:
 
 
 @compiled
-def _same_box(one: Any) -> Any:
-    """Whether the box that the component has now still is the one that it had first."""
+def _same_box(one: Any, same_iou: Any) -> Any:
+    """Whether the component's box overlaps the one that it had first by at least `same_iou`."""
     before = (one[FIRST + 2] - one[FIRST]) * (one[FIRST + 3] - one[FIRST + 1])
     now = (one[BOX + 2] - one[BOX]) * (one[BOX + 3] - one[BOX + 1])
-    return before >= SAME_BOX * now
+    return before >= same_iou * now
 
 
 @compiled
-def _report(one: Any, level: Any, limits: Any, lasting: Any, out: Any) -> None:
-    """Note the box that a component had since level `BORN`, if it lasted and has a size of interest."""
-    box, areas, lasted, m = out
+def _report(one: Any, level: Any, limits: Any, min_lifetime: Any, out: Any) -> None:
+    """Note the box that a component had since level `BORN`, if it lifetime and has a size of interest."""
+    box, areas, lifetime, m = out
     n = m[0]
-    if one[BORN] < 0 or level - one[BORN] < lasting or n >= len(areas):
+    if one[BORN] < 0 or level - one[BORN] < min_lifetime or n >= len(areas):
         return
     for k in range(4):
         box[n, k] = np.float32(0.5) * np.float32(one[FIRST + k] + one[LAST + k])
@@ -152,7 +153,7 @@ def _report(one: Any, level: Any, limits: Any, lasting: Any, out: Any) -> None:
     height = box[n, 3] - box[n, 1]
     if width >= limits[0] and height >= limits[1] and width <= limits[2] and height <= limits[3]:
         areas[n] = one[SIZE]
-        lasted[n] = level - one[BORN]
+        lifetime[n] = level - one[BORN]
         m[0] = n + 1
 
 
@@ -167,14 +168,16 @@ def _merge(a: Any, b: Any) -> None:
 
 
 @compiled
-def _settle(one: Any, level: Any, limits: Any, lasting: Any, out: Any) -> None:
+def _end_level(
+    one: Any, level: Any, limits: Any, min_lifetime: Any, same_iou: Any, out: Any
+) -> None:
     """At the end of a level: the box goes on, or it is reported and a new one begins."""
     width = one[BOX + 2] - one[BOX]
     height = one[BOX + 3] - one[BOX + 1]
     if width < limits[0] - 2 or height < limits[1] - 2:
         return
-    if one[BORN] < 0 or not _same_box(one):
-        _report(one, level, limits, lasting, out)
+    if one[BORN] < 0 or not _same_box(one, same_iou):
+        _report(one, level, limits, min_lifetime, out)
         if width > limits[2] + 2 or height > limits[3] + 2:
             one[BORN] = -1
             return
@@ -187,22 +190,30 @@ def _settle(one: Any, level: Any, limits: Any, lasting: Any, out: Any) -> None:
 
 
 @compiled
-def _sweep(values: Any, lowest: Any, step: Any, lasting: Any, limits: Any, capacity: Any) -> Any:
+def _sweep(
+    values: Any,
+    first_level: Any,
+    step: Any,
+    min_lifetime: Any,
+    same_iou: Any,
+    limits: Any,
+    capacity: Any,
+) -> Any:
     height, width = values.shape
-    order, start = _sorted_pixels(values, lowest, step)
+    order, start = _sorted_pixels(values, first_level, step)
     # Component of each pixel; a frame of one pixel spares the border tests.
     pitch = width + 2
     of = np.full((height + 2) * pitch, -1, np.int32)
-    # The pixels that begin a component are no neighbours of each other, so they are at most half of the picture. One
+    # The pixels that begin a component are no neighbours of each other, so they are at most half of the image. One
     # row for each component, since a pixel touches most of it.
     most = min(len(order), (values.size + 1) // 2)
     part = np.empty((most, COLUMNS), np.int32)
     touched = np.empty(len(part), np.int32)
     box = np.empty((capacity, 4), np.float32)
     area = np.empty(capacity, np.int32)
-    lasted = np.empty(capacity, np.int32)
+    lifetime = np.empty(capacity, np.int32)
     m = np.zeros(1, np.int64)
-    out = (box, area, lasted, m)
+    out = (box, area, lifetime, m)
     n = 0
     previous = -1
     c = -1
@@ -228,7 +239,7 @@ def _sweep(values: Any, lowest: Any, step: Any, lasting: Any, limits: Any, capac
                 elif r != c:
                     if part[r, AREA] > part[c, AREA]:
                         r, c = c, r
-                    _report(part[r], level, limits, lasting, out)
+                    _report(part[r], level, limits, min_lifetime, out)
                     part[r, PARENT] = c
                     _merge(part[c], part[r])
             if c < 0:
@@ -254,8 +265,8 @@ def _sweep(values: Any, lowest: Any, step: Any, lasting: Any, limits: Any, capac
                 t += 1
         for q in range(t):
             if part[touched[q], PARENT] == touched[q]:
-                _settle(part[touched[q]], level, limits, lasting, out)
+                _end_level(part[touched[q]], level, limits, min_lifetime, same_iou, out)
     for c in range(n):
         if part[c, PARENT] == c:
-            _report(part[c], len(start) - 1, limits, lasting, out)
-    return box[: m[0]].copy(), area[: m[0]].copy(), lasted[: m[0]].copy()
+            _report(part[c], len(start) - 1, limits, min_lifetime, out)
+    return box[: m[0]].copy(), area[: m[0]].copy(), lifetime[: m[0]].copy()

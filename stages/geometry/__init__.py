@@ -1,12 +1,24 @@
-"""Rotations, lens distortion, midpoints, offsets from a path."""
+"""Rotations, lens distortion, midpoints of rays, offsets from a path, linear algebra and Levenberg-Marquardt."""
 
 from wayside.stages.geometry.bound import point_bound, step_bound
+from wayside.stages.geometry.boxes import (
+    box_areas,
+    intersection_areas,
+    iou_matrix,
+    non_maximum_suppression,
+)
+from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
+from wayside.stages.geometry.linear_algebra import (
+    cholesky_solve,
+    cross_matrices,
+    cross_matrix,
+    invert_symmetric,
+)
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
-    across,
-    cholesky_solve,
     rotation_from_vector,
+    tangent_basis,
     vector_from_rotation,
 )
 from wayside.stages.geometry.undistortion import (
@@ -19,19 +31,28 @@ from wayside.stages.geometry.undistortion import (
 
 __all__ = [
     "FrenetOffset",
-    "across",
+    "Schedule",
+    "box_areas",
     "cholesky_solve",
+    "cross_matrices",
+    "cross_matrix",
     "distort_points",
     "frenet_offset",
     "ideal_of_rays",
     "ideal_points",
+    "intersection_areas",
+    "invert_symmetric",
+    "iou_matrix",
     "meet_rays",
     "midpoint",
+    "minimiser",
+    "non_maximum_suppression",
     "pair_residual",
     "point_bound",
     "rays_of_ideal",
     "rotation_from_vector",
     "step_bound",
+    "tangent_basis",
     "to_rays",
     "vector_from_rotation",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry.rotation import across
+from wayside.stages.geometry.rotation import tangent_basis
 from wayside.stages.kernels import Array, compiled, require_array
 
 
@@ -32,7 +32,7 @@ def step_bound(
     motion = np.linalg.inv(white.T @ white)
     spread = np.zeros((6, 5))
     spread[:3, :3] = np.eye(3)
-    spread[3:, 3:] = baseline_m * across(direction).T
+    spread[3:, 3:] = baseline_m * tangent_basis(direction).T
     result = spread @ motion @ spread.T
     result[3:, 3:] += sigma_m**2 * np.outer(direction, direction)
     return np.asarray((result + result.T) / 2)

@@ -1,4 +1,4 @@
-"""Rotations as matrices and rotation vectors, compiled: they stand in the inner loops of every adjustment."""
+"""Rotations as matrices and rotation vectors, for kernels; outside of kernels scipy's `Rotation` does the same."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def rotation_from_vector(vector: Array) -> Array:
 @compiled
 def vector_from_rotation(matrix: Array) -> Array:
     """Rotation vector (3,) in radians, angle in [0, pi], of a rotation matrix (3, 3)."""
-    # The quaternion by its largest component: exact for small angles and near half a turn alike.
+    # By the quaternion's largest component: accurate for small angles and for angles near pi.
     trace = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
     q = np.empty(4)  # x, y, z, w
     largest = 3
@@ -63,39 +63,7 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 @compiled
-def cholesky_solve(matrix: Array, right: Array, size: int) -> bool:
-    """Solve in place by Cholesky: the lower half of `matrix` becomes its factor, `right` the solution.
-
-    False, with both spoilt, where the leading (size, size) part is not positive definite.
-    """
-    for j in range(size):
-        total = matrix[j, j]
-        for k in range(j):
-            total -= matrix[j, k] * matrix[j, k]
-        if not total > 0:
-            return False
-        root = np.sqrt(total)
-        matrix[j, j] = root
-        for i in range(j + 1, size):
-            rest = matrix[i, j]
-            for k in range(j):
-                rest -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = rest / root
-    for i in range(size):
-        rest = right[i]
-        for k in range(i):
-            rest -= matrix[i, k] * right[k]
-        right[i] = rest / matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        rest = right[i]
-        for k in range(i + 1, size):
-            rest -= matrix[k, i] * right[k]
-        right[i] = rest / matrix[i, i]
-    return True
-
-
-@compiled
-def across(direction: Array) -> Array:
+def tangent_basis(direction: Array) -> Array:
     """Two unit vectors (2, 3) at right angles to a unit vector (3,) and to each other.
 
     For a direction near the camera's z axis they are nearly the x and the y axis.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.banded import BandedNormal, scatter_of_blocks
 from wayside.stages.georeference.measurements import SMALLEST_RAD, Chain, Seen
 from wayside.stages.kernels import Array
@@ -166,7 +167,7 @@ class _Fit:
         slopes = np.zeros((n - 1, 6, 13))
         slopes[:, :3, 3:6], slopes[:, :3, 9:12] = -back, back
         slopes[:, 3:, :3], slopes[:, 3:, 6:9] = -back, back
-        slopes[:, 3:, 3:6] = back @ _cross(way)
+        slopes[:, 3:, 3:6] = back @ cross_matrices(way)
         slopes[:, 3:, 12] = -wanted
         root = self.root[1:]
         white, slopes = -_times(root, residual), root @ slopes
@@ -192,7 +193,7 @@ class _Fit:
         place = self.centre[rows] + arm + slow * self.slow[rows] - speed * self.lag[rows, None]
         slopes = np.zeros((m, 6, SIZE))
         slopes[:, :3, CENTRE] = np.eye(3)
-        slopes[:, :3, TURN] = -_cross(arm)
+        slopes[:, :3, TURN] = -cross_matrices(arm)
         slopes[:, [0, 1, 2], [7, 8, 9]] = slow
         slopes[:, :3, LAG] = -speed
         residual = np.zeros((m, 6))
@@ -295,13 +296,3 @@ def _vector(matrices: Array) -> Array:
 
 def _times(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
-
-
-def _cross(vectors: Array) -> Array:
-    """Matrices (n, 3, 3) that multiply as the vector product from the left."""
-    result = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    result[:, 0, 1], result[:, 0, 2] = -z, y
-    result[:, 1, 0], result[:, 1, 2] = z, -x
-    result[:, 2, 0], result[:, 2, 1] = -y, x
-    return result

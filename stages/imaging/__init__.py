@@ -2,11 +2,12 @@
 
 from wayside.stages.imaging.colorspace import DARK_LEVEL, SPACES, to_space
 from wayside.stages.imaging.decoding import decode
-from wayside.stages.imaging.pyramids import halved, pyramid
+from wayside.stages.imaging.pyramids import Pyramid, halved, pyramid
 
 __all__ = [
     "DARK_LEVEL",
     "SPACES",
+    "Pyramid",
     "decode",
     "halved",
     "pyramid",

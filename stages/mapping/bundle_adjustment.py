@@ -1,15 +1,13 @@
-"""Bundle adjustment of a window of frames (report chapter 8, for more than two pictures).
+"""Bundle adjustment of a window of frames (report chapter 8, for more than two images).
 
-Unknown are the poses of all frames but one, which is held (the gauge), and the points. Known are the rows of points in
-the pictures (`numerics.window_rows`) and what is known of each step beforehand, its length above all: that gives the
-scale. The cost is the sum of squares in sigmas, robust for rows (Cauchy) as in `numerics.adjust`. Levenberg-Marquardt,
-points eliminated by the Schur complement: every point is a block of its own, so an iteration costs as much as there are
-rows, and one Cholesky solution for the poses.
+Unknown are the poses of all frames but one, which is held fixed (the gauge), and the points. Measured are the residual
+blocks of the points; constraints state what is known of each step beforehand, above all its length, which gives the
+scale. The cost is the sum of squares in sigmas, with a Cauchy cost for the blocks. Points are eliminated by the Schur
+complement: each is a block of its own, so an iteration is linear in the number of blocks, with one Cholesky solution
+for the poses.
 
-It ends when an iteration wins less than a share `SETTLED` of the cost, or after `iterations`, which bounds the time.
-With a quadratic cost seven do. Weights of a robust cost change with the residuals, so its convergence is linear: each
-iteration leaves about six tenths of what the cost is above its minimum. From chained two-view motion, with weights that
-fall from one sigma, 15 leave a place .003 of its sigma off the minimum (median; .16 in 95 %).
+With a quadratic cost seven iterations do. Weights of a robust cost change with the residuals, so convergence is linear:
+each iteration leaves about six tenths of what the cost is above its minimum.
 """
 
 from __future__ import annotations
@@ -19,28 +17,34 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cholesky_solve, rotation_from_vector
+from wayside.schemas.settings import AdjustmentSettings
+from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.mapping.normal_equations import (
-    Normal,
+    NormalEquations,
     linearise,
     point_spans,
     point_uncertainty,
     reduce_points,
 )
-from wayside.stages.mapping.residuals import Charts, Links, Rows, link_gaps, row_gaps
+from wayside.stages.mapping.residuals import (
+    PointAnchors,
+    ResidualBlocks,
+    StepConstraints,
+    block_residuals,
+    constraint_residuals,
+)
 
-SETTLED = 1e-9
-TRIES = 8
+DEFAULT = AdjustmentSettings()
 
 
-class Adjusted(NamedTuple):
+class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.
 
     rotations (n, 3, 3), centres (n, 3): poses, that of the held frame as given; points (p, 3): coordinates in their
-    charts; squares (m,): of each row, in sigmas; cost, iterations, history (iterations + 1,) of the cost. Of the point
-    asked for: place (3,) in the axes of the poses, covariance (3, 3) by the inverse of the normal equations, and gain
-    (m, 2, 3): how an error of a row, in units of its rays, moves it.
+    anchors; squares (m,): of each block, in sigmas; cost and iterations. Of the point asked for: position (3,) in the
+    axes of the poses, covariance (3, 3) by the inverse of the normal equations, and gain (m, 2, 3): its derivatives by
+    the targets of the blocks, in units of their rays.
     """
 
     rotations: Array
@@ -49,10 +53,31 @@ class Adjusted(NamedTuple):
     squares: Array
     cost: float
     iterations: int
-    history: Array
-    place: Array
+    position: Array
     covariance: Array
     gain: Array
+
+
+class _Problem(NamedTuple):
+    """What is measured and known of a window, which frame is held, and the normal equations."""
+
+    held: int
+    anchors: PointAnchors
+    blocks: ResidualBlocks
+    constraints: StepConstraints
+    normal: NormalEquations
+    reduced: Array
+    step: Array
+
+
+class _Estimate(NamedTuple):
+    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6)."""
+
+    rotations: Array
+    centres: Array
+    points: Array
+    residuals: Array
+    step_residuals: Array
 
 
 def adjust_window(
@@ -61,12 +86,12 @@ def adjust_window(
     held: int,
     points: Array,
     anchors: NDArray[np.int64],
-    rows: Rows,
-    links: Links,
+    blocks: ResidualBlocks,
+    constraints: StepConstraints,
     *,
     wanted: int = 0,
-    iterations: int = 15,
-) -> Adjusted:
+    settings: AdjustmentSettings = DEFAULT,
+) -> WindowAdjustment:
     """Adjust poses and points together.
 
     Parameters
@@ -74,25 +99,30 @@ def adjust_window(
     rotations, centres
         Poses to start from: world from camera (n, 3, 3), centres (n, 3) in metres.
     held
-        The frame whose pose is kept: the axes everything is relative to.
+        The frame whose pose is fixed.
     points
         Coordinates to start from (p, 3): ray (x/z, y/z) in the anchor's frame and one over the depth there.
     anchors
-        A frame of each point, from the start pose of which its coordinates count, (p,).
-    rows
-        Residuals of the points in the pictures.
-    links
+        The frame of each point, (p,), at whose start pose its coordinates are given.
+    blocks
+        Residuals of the points in the images.
+    constraints
         What is known of the steps.
     wanted
-        The point whose place, covariance and gain are asked for.
-    iterations
-        At most this many.
+        The point whose position, covariance and gain are asked for.
+    settings
+        Limits of the iteration.
 
     Returns
     -------
-    Adjusted
-        covariance and gain are nan where the normal equations cannot be solved, very large where nothing holds the
+    WindowAdjustment
+        covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures the
         point.
+
+    Raises
+    ------
+    ValueError
+        Where an array has another shape or type, or a number refers to no frame or point.
     """
     n, p = len(rotations), len(points)
     require_array(rotations, "rotations", np.float64, (n, 3, 3))
@@ -104,38 +134,48 @@ def adjust_window(
             f"wanted held and anchors below {n} frames and wanted below {p} points, "
             f"found {held}, {anchors.min(initial=0)} to {anchors.max(initial=0)}, {wanted}"
         )
-    rows, links = rows.checked(n, p), links.checked(n)
-    charts = Charts(rotations[anchors].copy(), centres[anchors].copy())
-    turned, moved, solid = rotations.copy(), centres.copy(), points.copy()
-    m = len(rows.point)
-    gaps, history = np.empty((m, 2)), np.empty(iterations + 1)
+    blocks, constraints = blocks.checked(n, p), constraints.checked(n)
+    origins = PointAnchors(rotations[anchors].copy(), centres[anchors].copy())
+    m = len(blocks.point)
+    start = _Estimate(
+        rotations.copy(),
+        centres.copy(),
+        points.copy(),
+        np.empty((m, 2)),
+        np.empty((len(constraints.frames), 6)),
+    )
     covariance, gain = np.full((3, 3), np.nan), np.full((m, 2, 3), np.nan)
-    done = _solve(
-        turned, moved, held, charts, solid, rows, links, wanted, iterations, gaps, history,
-        covariance, gain,
-    )  # fmt: skip
-    a, b, rho = solid[wanted]
-    ray = charts.rotation[wanted] @ np.array([a, b, 1.0])
-    to_place = np.column_stack([charts.rotation[wanted][:, :2], -ray / rho]) / rho
-    return Adjusted(
-        turned,
-        moved,
-        solid,
-        (gaps**2).sum(axis=1),
-        float(history[done]),
+    schedule = Schedule(
+        settings.window_iterations, settings.window_gain, damping=1e-4, least_damping=1e-10
+    )
+    best, cost, done = _adjust(
+        start, held, origins, blocks, constraints, wanted, schedule, covariance, gain
+    )
+    a, b, rho = best.points[wanted]
+    ray = origins.rotation[wanted] @ np.array([a, b, 1.0])
+    by_point = np.column_stack([origins.rotation[wanted][:, :2], -ray / rho]) / rho
+    return WindowAdjustment(
+        best.rotations,
+        best.centres,
+        best.points,
+        (best.residuals**2).sum(axis=1),
+        float(cost),
         int(done),
-        history[: done + 1],
-        charts.centre[wanted] + ray / rho,
-        to_place @ covariance @ to_place.T,
-        gain @ to_place.T,
+        origins.centre[wanted] + ray / rho,
+        by_point @ covariance @ by_point.T,
+        gain @ by_point.T,
     )
 
 
 @compiled
-def _total(gaps: Array, scale: Array, known: Array) -> float:
+def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+    rotations, centres, scale = estimate.rotations, estimate.centres, problem.blocks.scale
+    residuals, known = estimate.residuals, estimate.step_residuals
+    block_residuals(rotations, centres, problem.anchors, estimate.points, problem.blocks, residuals)
+    constraint_residuals(rotations, centres, problem.constraints, known)
     total = 0.0
-    for i in range(gaps.shape[0]):
-        square = gaps[i, 0] ** 2 + gaps[i, 1] ** 2
+    for i in range(residuals.shape[0]):
+        square = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
         total += scale[i] ** 2 * np.log1p(square / scale[i] ** 2)
     for i in range(known.shape[0]):
         for k in range(6):
@@ -144,22 +184,39 @@ def _total(gaps: Array, scale: Array, known: Array) -> float:
 
 
 @compiled
-def _take_step(
-    rotations: Array, centres: Array, points: Array, normal: Normal, step: Array,
-    out_r: Array, out_c: Array, out_p: Array,
-) -> None:  # fmt: skip
-    for f in range(rotations.shape[0]):
-        turn = rotation_from_vector(step[6 * f : 6 * f + 3])
+def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
+    linearise(
+        estimate.rotations,
+        estimate.centres,
+        problem.held,
+        problem.anchors,
+        estimate.points,
+        problem.blocks,
+        problem.constraints,
+        estimate.residuals,
+        estimate.step_residuals,
+        problem.normal,
+    )
+
+
+@compiled
+def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
+    normal, step = problem.normal, problem.step
+    reduce_points(normal, damping, problem.reduced, step)
+    if not cholesky_solve(problem.reduced, step, step.shape[0]):
+        return False
+    for f in range(estimate.rotations.shape[0]):
+        rotation = rotation_from_vector(step[6 * f : 6 * f + 3])
         for i in range(3):
-            out_c[f, i] = centres[f, i] + step[6 * f + 3 + i]
+            trial.centres[f, i] = estimate.centres[f, i] + step[6 * f + 3 + i]
             for j in range(3):
-                out_r[f, i, j] = 0.0
+                trial.rotations[f, i, j] = 0.0
                 for k in range(3):
-                    out_r[f, i, j] += turn[i, k] * rotations[f, k, j]
+                    trial.rotations[f, i, j] += rotation[i, k] * estimate.rotations[f, k, j]
     rest = np.empty(3)
-    for n in range(points.shape[0]):
+    for n in range(estimate.points.shape[0]):
         for k in range(3):
-            out_p[n, k] = points[n, k]
+            trial.points[n, k] = estimate.points[n, k]
         if normal.span[n, 1] < 0:
             continue
         for k in range(3):
@@ -169,61 +226,42 @@ def _take_step(
                     rest[k] -= normal.mixed[n, f, j, k] * step[6 * f + j]
         for k in range(3):
             for j in range(3):
-                out_p[n, k] += normal.inverse[n, k, j] * rest[j]
+                trial.points[n, k] += normal.inverse[n, k, j] * rest[j]
+    return True
+
+
+_minimise = minimiser(_evaluate, _linearise, _solve)
 
 
 @compiled
-def _solve(
-    rotations: Array,
-    centres: Array,
+def _adjust(
+    start: _Estimate,
     held: int,
-    charts: Charts,
-    points: Array,
-    rows: Rows,
-    links: Links,
+    anchors: PointAnchors,
+    blocks: ResidualBlocks,
+    constraints: StepConstraints,
     wanted: int,
-    iterations: int,
-    gaps: Array,
-    history: Array,
+    schedule: Schedule,
     covariance: Array,
     gain: Array,
-) -> int:
-    n, p, m, count = len(rotations), len(points), len(rows.point), len(links.frames)
+) -> tuple[_Estimate, float, int]:
+    n, p = len(start.rotations), len(start.points)
     span = np.empty((p, 2), np.int64)
-    normal = Normal(
+    normal = NormalEquations(
         np.empty((6 * n, 6 * n)), np.empty(6 * n), np.empty((p, n, 6, 3)), np.empty((p, 3, 3)),
         np.empty((p, 3)), np.empty((p, 3, 3)), span,
     )  # fmt: skip
     reduced, step = np.empty((6 * n, 6 * n)), np.empty(6 * n)
-    trial_r, trial_c, trial_p = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((p, 3))
-    known, trial_gaps, trial_known = np.empty((count, 6)), np.empty((m, 2)), np.empty((count, 6))
-    point_spans(rows, span)
-    row_gaps(rotations, centres, charts, points, rows, gaps)
-    link_gaps(rotations, centres, links, known)
-    history[0] = cost = _total(gaps, rows.scale, known)
-    damping, done, settled = 1e-4, 0, False
-    while True:
-        linearise(rotations, centres, held, charts, points, rows, links, gaps, known, normal)
-        if settled or done >= iterations:
-            break
-        done += 1
-        settled, better = True, cost
-        for _ in range(TRIES):
-            reduce_points(normal, damping, reduced, step)
-            if cholesky_solve(reduced, step, 6 * n):
-                _take_step(rotations, centres, points, normal, step, trial_r, trial_c, trial_p)
-                row_gaps(trial_r, trial_c, charts, trial_p, rows, trial_gaps)
-                link_gaps(trial_r, trial_c, links, trial_known)
-                better = _total(trial_gaps, rows.scale, trial_known)
-                if better < cost:
-                    settled = cost - better < SETTLED * cost
-                    rotations[:], centres[:], points[:] = trial_r, trial_c, trial_p
-                    gaps[:], known[:] = trial_gaps, trial_known
-                    cost = better
-                    break
-            damping *= 10.0
-        history[done] = cost
-        damping = max(1e-10, damping * 0.1)
-    point_uncertainty(rotations, centres, held, charts, points, rows, wanted, gaps, normal, reduced, step,
-                 covariance, gain)  # fmt: skip
-    return done
+    point_spans(blocks, span)
+    problem = _Problem(held, anchors, blocks, constraints, normal, reduced, step)
+    trial = _Estimate(
+        np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((p, 3)),
+        np.empty(start.residuals.shape), np.empty(start.step_residuals.shape),
+    )  # fmt: skip
+    best, cost, done = _minimise(problem, start, trial, schedule)
+    _linearise(problem, best, done)
+    point_uncertainty(
+        best.rotations, best.centres, held, anchors, best.points, blocks, wanted, best.residuals,
+        normal, reduced, step, covariance, gain,
+    )  # fmt: skip
+    return best, cost, done

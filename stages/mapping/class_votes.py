@@ -24,8 +24,9 @@ def voted_class(
 ) -> tuple[str | None, float]:
     """The class of most weight with its distance; None where no view has a class.
 
-    Where a network classified the views (`color_odds`, `shape_odds`), the weight is the mean log probability. Else
-    it is by the nearest classes of the views; where no view has one, other boxes on the same face vote.
+    Where a network classified the views (`color_log_probability`, `shape_log_probability`), the weight is the mean log
+    probability. Else it is by the nearest classes of the views; where no view has one, other boxes on the same face
+    vote.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def mean_log_probabilities(
     """
     total, weights = 0.0, 0.0
     for frame, row in views:
-        odds = getattr(frame.candidates, f"{what}_odds")
+        odds = getattr(frame.candidates, f"{what}_log_probability")
         own = frame.followed[row]
         if odds is None or np.isnan(odds[own]).any():
             continue

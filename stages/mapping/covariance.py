@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.stages.geometry import cross_matrix
+
 
 def point_covariance(
     rotations: NDArray[np.float64],
@@ -54,9 +56,8 @@ def point_covariance(
         if not beyond.any():
             continue
         before = rotations[step - 1]
-        x, y, z = (point - centres[step]) @ before
-        by_rotation = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
-        by_step = before @ np.concatenate([by_rotation, np.eye(3)], axis=1)
+        lever_arm = (point - centres[step]) @ before
+        by_step = before @ np.concatenate([-cross_matrix(lever_arm), np.eye(3)], axis=1)
         effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ by_step
         covariance += effect @ steps[step] @ effect.T
     return (covariance + covariance.T) / 2

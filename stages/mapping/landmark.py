@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
-from wayside.schemas.settings import LandmarkSettings
+from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import voted_class
 from wayside.stages.mapping.covariance import point_covariance
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.local_adjustment import Sighted, adjust_together
+from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.window import WindowFrame
 
@@ -33,8 +33,7 @@ def measure_landmark(
     window: Sequence[WindowFrame],
     settings: LandmarkSettings,
     panel: Panel | None = None,
-    *,
-    adjusted: bool = False,
+    adjustment: LocalAdjustmentSettings | None = None,
 ) -> LandmarkMeasurement:
     """The landmark by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
@@ -46,15 +45,16 @@ def measure_landmark(
         Errors of boxes.
     panel
         Its measured panel; None: the panel that the boxes show.
-    adjusted
-        Adjust it with the motion of the frames around it, where a prior of that is known.
+    adjustment
+        How it is adjusted with the motion of the frames around it, where that has a prior; None: it is not.
     """
     best = int(fit.frames[best_view(fit, window)])
     panel = panel or box_panel(fit, window, settings)
-    observed = Sighted(panel.frames, panel.rays, panel.ray_sigma)
-    joint = adjust_together(window, best, observed, panel.point) if adjusted else None
-    if joint is not None:
-        return LandmarkMeasurement(joint.point, joint.covariance, panel)
+    if adjustment is not None:
+        observed = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
+        joint = adjust_jointly(window, best, observed, panel.point, adjustment)
+        if joint is not None:
+            return LandmarkMeasurement(joint.point, joint.covariance, panel)
     unknown = np.diag(np.square(settings.step_sigma))
     steps = [unknown if f.motion.covariance is None else f.motion.covariance for f in window]
     covariance = point_covariance(
@@ -86,7 +86,7 @@ def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame], settings: Landmar
         sigma_facing_deg=settings.facing_sigma_deg,
         shape="",
         strength=0.0,
-        gap_px=fit.rms_px,
+        residual_px=fit.rms_px,
     )
 
 

@@ -84,4 +84,4 @@ def classify_landmark(features: NDArray[np.float64], model: TreeModel | None) ->
     if model is None:
         return float(features[FEATURES.index("views")] - 1), True
     score = float(log_odds(model, features[None].astype(np.float32))[0])
-    return score, score >= model.accept
+    return score, score >= model.threshold

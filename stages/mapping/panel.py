@@ -1,8 +1,8 @@
-"""The panel of a place as a plane, from the pictures of all its views together.
+"""The panel of a landmark measured as a plane, from the images of all its views together.
 
-The views are drawn on one plane across the path and brought into register to a few hundredths of a pixel; in register
-they show the outer outline of the face; where it lies in each view is the place again, seven times as exact as boxes;
-and how its width and height change from view to view tells the size and the facing.
+The images are rectified on one plane across the path and registered to a few hundredths of a pixel; together they show
+the outer outline of the face. Its centre in each view gives the position, seven times as exact as boxes; the change of
+its width and height from view to view gives the size and the facing.
 """
 
 from __future__ import annotations
@@ -13,33 +13,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.frame import Pose
+from wayside.schemas.settings import AdjustmentSettings, PanelSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.facing import Plane, solve_facing
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.outline_edges import ASPECT
-from wayside.stages.mapping.outline_fit import Face
-from wayside.stages.mapping.panel_views import (
-    LEAST_STRENGTH,
-    Registered,
-    outline_of,
-    register_views,
-    usable_views,
-)
 from wayside.stages.mapping.triangulation import triangulate_views
 from wayside.stages.mapping.window import WindowFrame
-
-CENTRE_SIGMA_PX, STRETCH_SIGMA, BLUR_SIGMA = 0.15, 0.003, 0.025
-"""Scatter of a registered centre and stretch beyond their own: motion from view to view; blur of views twice as far."""
-OVERCONFIDENT = 2.0
-"""Registration is so much less exact than its residuals say: they do not know of moving backgrounds (measured)."""
-TURN_SIGMA = float(np.radians(8.0))
-"""Scatter of the facing of panels along a road."""
-ASPECT_SIGMA = 0.02
-"""Scatter of the proportion of shapes that have one, outline included."""
-FARTHEST_SHARE, FARTHEST_OFF_M = 0.1, 1.0
-LARGEST_CHANGE = 2.5
-"""A panel that ends up farther from its boxes, or changes its size by more, is another thing."""
+from wayside.stages.panel import (
+    ASPECT,
+    FaceOutline,
+    PanelMethod,
+    PanelPlane,
+    PosedImage,
+    RegisteredViews,
+    outline_of,
+    register_views,
+    solve_facing,
+    usable_views,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +39,8 @@ class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
     frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `LandmarkFit`; centre_sigma
-    (2,): scatter of the centre across the face that all views share, metres; gap_px: RMS distance of the centres of the
-    registered pictures from the point they were fitted to.
+    (2,): scatter of the centre across the face that all views share, metres; residual_px: RMS distance of the centres
+    in the registered views from the point they were fitted to.
     """
 
     point: Array
@@ -63,26 +55,37 @@ class Panel:
     sigma_facing_deg: float
     shape: str
     strength: float
-    gap_px: float
+    residual_px: float
 
 
 def measure_panel(
-    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, drift_rad: float
+    fit: LandmarkFit,
+    held: Sequence[WindowFrame],
+    beside: FrenetOffset,
+    method: PanelMethod,
+    drift_rad: float,
 ) -> tuple[int, Panel | None]:
-    """How many pictures of a place look alike, and its panel; None where its outline or its place are not believed."""
+    """How many registered views a landmark has, and its panel; None where the outline or the position is refused."""
     plane = across_path(fit.point, held, beside)
-    seen = usable_views(plane, fit.metric, held)
-    if not seen:
+    images = [
+        PosedImage(k, h.motion.pose, h.frame.camera, h.rgb)
+        for k, h in enumerate(held)
+        if h.rgb is not None and h.frame.camera is not None
+    ]
+    usable = usable_views(plane, fit.metric, images, method.panel)
+    if not usable:
         return 0, None
-    group = register_views(plane, fit.metric, seen, fit.frames, held)
-    face = outline_of(group, fit.metric)
-    if face is None or face.strength < LEAST_STRENGTH:
-        return len(group.views), None
-    return len(group.views), solve_panel(fit, group, face, held, drift_rad)
+    registered = register_views(plane, fit.metric, usable, fit.frames, method)
+    outline = outline_of(registered, fit.metric, method)
+    if outline is None:
+        return len(registered.views), None
+    return len(registered.views), solve_panel(
+        fit, registered, outline, held, method.panel, drift_rad
+    )
 
 
-def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> Plane:
-    """The plane through a point across the path there, axes right, down and ahead."""
+def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> PanelPlane:
+    """The plane through a point across the path there."""
     stations = np.array([h.motion.station_m for h in held])
     after = int(np.clip(np.searchsorted(stations, beside.station), 1, max(len(held) - 1, 1)))
     pose = held[min(after, len(held) - 1)].motion.pose
@@ -91,100 +94,95 @@ def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset)
         travelled = pose.centre - held[after - 1].motion.pose.centre
         length = float(np.linalg.norm(travelled))
         ahead = travelled / length if length > 0 else ahead
-    up = -pose.rotation[:, 1]
-    up = up - (up @ ahead) * ahead
-    up /= np.linalg.norm(up)
-    return Plane(point, np.cross(ahead, up), -up, ahead)
+    return PanelPlane.across(point, ahead, -pose.rotation[:, 1])
 
 
 def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
-    """Rays (v, 2) of the centres of the boxes that a place was fitted to."""
+    """Rays (v, 2) of the centres of the boxes that a landmark was fitted to."""
     used = zip(fit.rows[fit.used], fit.frames[fit.used], strict=True)
     return np.array([held[frame].ray[row] for row, frame in used])
 
 
 def projected(point: Array, fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
-    """Rays (v, 2) of a point of the world in the frames that a place was fitted to."""
-    local = np.array([held[frame].motion.pose.to_camera(point) for frame in fit.frames[fit.used]])
-    return np.asarray(local[:, :2] / local[:, 2:])
+    """Rays (v, 2) of a point of the world in the frames that a landmark was fitted to."""
+    poses = [held[frame].motion.pose for frame in fit.frames[fit.used]]
+    return _rays(poses, np.broadcast_to(point, (len(poses), 3)))
 
 
 def solve_panel(
-    fit: LandmarkFit, group: Registered, face: Face, held: Sequence[WindowFrame], drift_rad: float
+    fit: LandmarkFit,
+    registered: RegisteredViews,
+    outline: FaceOutline,
+    held: Sequence[WindowFrame],
+    settings: PanelSettings,
+    drift_rad: float,
 ) -> Panel | None:
-    """Place, size and facing from where the outline lies in all views; None where it runs away from the boxes."""
-    plane, step = group.plane, group.step
-    drawn, found = zip(*group.views, strict=True)
-    frames = np.array([d.frame for d in drawn], np.int64)
-    poses = [held[k].motion.pose for k in frames]
-    focal = np.array([held[k].focal for k in frames])
-    depth = np.array([d.depth for d in drawn])
-    shift, stretch = (np.array([getattr(f, name) for f in found]) for name in ("shift", "stretch"))
-    middle = (np.array(drawn[0].grey.shape[::-1]) - 1) / 2
-    centre = ((face.box[:2] + face.box[2:]) / 2 - middle) * step
-    size = (face.box[2:] - face.box[:2]) * step
-    points = plane.points(centre * stretch + shift * step)
-    local = np.array([pose.to_camera(point) for pose, point in zip(poses, points, strict=True)])
-    covariances = np.array([f.covariance for f in found])
-    deviations = OVERCONFIDENT * np.sqrt(np.einsum("vii->vi", covariances))
+    """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
+    plane, step = registered.plane, registered.step
+    views, alignments = zip(*registered.views, strict=True)
+    frames = np.array([view.image.frame for view in views], np.int64)
+    poses = [view.image.pose for view in views]
+    centres = np.stack([pose.centre for pose in poses])
+    focal = np.array([view.image.focal for view in views])
+    depth = np.array([view.depth for view in views])
+    shift = np.array([a.shift for a in alignments])
+    stretch = np.array([a.stretch for a in alignments])
+    covariances = np.array([a.covariance for a in alignments])
+    deviations = settings.covariance_scale * np.sqrt(np.einsum("vii->vi", covariances))
+    middle = (np.array(views[0].grey.shape[::-1]) - 1) / 2
+    offset = ((outline.box[:2] + outline.box[2:]) / 2 - middle) * step
+    size = (outline.box[2:] - outline.box[:2]) * step
+    points = plane.points(offset * stretch + shift * step)
+    rays = _rays(poses, points)
     shift_px = deviations[:, :2].mean(axis=1) * step / depth * focal
-    ray_sigma = np.hypot(CENTRE_SIGMA_PX, shift_px) / focal
+    ray_sigma = np.hypot(settings.centre_sigma_px, shift_px) / focal
     weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
-        point, _, _ = triangulate_views(
-            np.stack([pose.rotation for pose in poses]),
-            np.stack([pose.centre for pose in poses]),
-            np.ascontiguousarray(local[:, :2] / local[:, 2:]),
-            weight_sigma,
-        )
-        views = (frames, local[:, :2] / local[:, 2:], weight_sigma, ray_sigma)
+        rotations = np.stack([pose.rotation for pose in poses])
+        point, _, _ = triangulate_views(rotations, centres, rays, weight_sigma)
+        centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
-        point = points[0]
+        point, used = points[0], fit.used
         shifted = (
             box_rays(fit, held) + projected(point, fit, held) - projected(fit.point, fit, held)
         )
-        views = (
-            fit.frames[fit.used],
-            shifted,
-            fit.weight_sigma[fit.used],
-            fit.ray_sigma[fit.used],
-        )
-    seen = np.array([pose.to_camera(point) for pose in poses])
-    gaps = (seen[:, :2] / seen[:, 2:] - local[:, :2] / local[:, 2:]) * focal[:, None]
+        centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
+    residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
-    grown = size / fit.metric
-    if not off < max(FARTHEST_OFF_M, FARTHEST_SHARE * depth.min()):
+    change = size / fit.metric
+    if not off < max(settings.farthest_off_m, settings.farthest_off * depth.min()):
         return None
-    if grown.max() > LARGEST_CHANGE or grown.min() < 1 / LARGEST_CHANGE:
+    if change.max() > settings.largest_change or change.min() < 1 / settings.largest_change:
         return None
-    there = plane._replace(point=point)
-    centres = np.stack([pose.centre for pose in poses])
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
-    sizes = size * stretch * farther[:, None]
-    stretch_sigma = np.hypot(STRETCH_SIGMA, BLUR_SIGMA * (depth / depth[0] - 1))
-    aspect = (ASPECT[face.shape], ASPECT_SIGMA) if face.shape in ASPECT else None
+    stretch_sigma = np.hypot(settings.stretch_sigma, settings.blur_sigma * (depth / depth[0] - 1))
+    aspect = ASPECT.get(outline.shape)
     facing = solve_facing(
-        there,
+        plane._replace(point=point),
         centres,
-        sizes,
+        size * stretch * farther[:, None],
         np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
-        turn_sigma=TURN_SIGMA,
-        aspect=aspect,
+        angle_sigma=float(np.radians(settings.facing_sigma_deg)),
+        cauchy=AdjustmentSettings().cauchy_sigmas,
+        aspect=None if aspect is None else (aspect, settings.aspect_sigma),
     )
     true_size = np.exp(facing.log_size)
-    edge = face.sigma * step
+    edge = outline.sigma * step
     return Panel(
-        point=point,
-        frames=views[0],
-        rays=views[1],
-        weight_sigma=views[2],
-        ray_sigma=views[3],
+        point,
+        *centre_views,
         centre_sigma=edge / 2,
         size=true_size,
         sigma_size=np.hypot(edge, true_size * np.sqrt(np.diag(facing.covariance)[1:])),
-        facing_deg=float(np.degrees(facing.turn)),
+        facing_deg=float(np.degrees(facing.angle)),
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
-        shape=face.shape,
-        strength=face.strength,
-        gap_px=float(np.sqrt((gaps**2).sum(axis=1).mean())),
+        shape=outline.shape,
+        strength=outline.strength,
+        residual_px=float(np.sqrt((residuals**2).sum(axis=1).mean())),
     )
+
+
+def _rays(poses: Sequence[Pose], points: Array) -> Array:
+    """Rays (v, 2) of a point (v, 3) of the world in each view."""
+    local = np.array([pose.to_camera(point) for pose, point in zip(poses, points, strict=True)])
+    return np.ascontiguousarray(local[:, :2] / local[:, 2:])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import AcceptanceSettings
+from wayside.stages.geometry import box_areas
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates
 
 
@@ -55,13 +56,13 @@ def find_parts(
         return None
     box, parts = _boxes(candidates, row[whole, frames]), row[likely][:, frames]
     part_box = _boxes(candidates, np.maximum(parts, 0))
-    own, area = _areas(part_box), _areas(box)
+    own, area = box_areas(part_box), box_areas(box)
     inner = np.concatenate(
         [np.maximum(part_box, box)[..., :2], np.minimum(part_box, box)[..., 2:]], axis=-1
     )
     within = (
         (parts >= 0)
-        & (_areas(inner) > settings.part_within * own)
+        & (box_areas(inner) > settings.part_within * own)
         & (own < settings.part_largest * area)
     )
     chosen = np.flatnonzero(within.sum(axis=1) >= fewest)
@@ -83,8 +84,8 @@ def find_parts(
                 continue
             one, other = part_box[a, both], part_box[b, both]
             low, high = np.minimum(one, other), np.maximum(one, other)
-            hull = _areas(np.concatenate([low[:, :2], high[:, 2:]], axis=1))
-            overlap = _areas(np.concatenate([high[:, :2], low[:, 2:]], axis=1))
+            hull = box_areas(np.concatenate([low[:, :2], high[:, 2:]], axis=1))
+            overlap = box_areas(np.concatenate([high[:, :2], low[:, 2:]], axis=1))
             smaller = np.minimum(own[a, both], own[b, both])
             if np.median(hull / area[both]) <= settings.parts_fill:
                 continue
@@ -98,8 +99,3 @@ def _boxes(candidates: WindowCandidates, rows: NDArray[np.int32]) -> NDArray[np.
     """Boxes (..., 4) of candidates as ideal image coordinates."""
     ray, half = candidates.ray[rows], candidates.size[rows] / 2
     return np.concatenate([ray - half, ray + half], axis=-1)
-
-
-def _areas(box: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Areas (...) of boxes (..., 4); 0 where the sides are the wrong way round."""
-    return np.asarray(np.clip(box[..., 2:] - box[..., :2], 0, None).prod(axis=-1))

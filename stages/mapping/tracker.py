@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.association import AssociationGates
@@ -36,6 +36,7 @@ from wayside.stages.mapping.window import (
     candidates_of,
     through_window,
 )
+from wayside.stages.panel import PanelMethod
 
 
 def track(
@@ -43,6 +44,8 @@ def track(
     settings: MappingSettings,
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
+    panel: PanelMethod | None = None,
+    adjustment: LocalAdjustmentSettings | None = None,
 ) -> Iterator[TrackedFrame]:
     """Decide every candidate: measure it as a landmark with its other views, or say why not.
 
@@ -60,8 +63,12 @@ def track(
         are none).
     back
         The same of panels seen from behind; None: they are not tracked.
+    panel
+        How panels are measured as planes; None: they are not, boxes alone give position and size.
+    adjustment
+        How a landmark is adjusted together with the motion; None: it is not.
     """
-    tracker = _Tracker(settings, front or SideClassifiers(), back)
+    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, adjustment)
     yield from through_window(posed, tracker, settings.track)
 
 
@@ -79,9 +86,14 @@ class _Tracker:
     """The window of frames, and the hypotheses of each."""
 
     def __init__(
-        self, settings: MappingSettings, front: SideClassifiers, back: SideClassifiers | None
+        self,
+        settings: MappingSettings,
+        front: SideClassifiers,
+        back: SideClassifiers | None,
+        panel: PanelMethod | None,
+        adjustment: LocalAdjustmentSettings | None,
     ) -> None:
-        self._settings = settings
+        self._settings, self._panel, self._adjustment = settings, panel, adjustment
         self._sides = {False: front} if back is None else {False: front, True: back}
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._length = settings.track.longest + settings.track.window_step
@@ -194,7 +206,8 @@ class _Tracker:
             self._reported.append(one.fit)
             self._scale.learn(one.fit.chi_square, one.fit.degrees_of_freedom)
         settings = self._settings.landmark
-        measured = measure_landmark(fit, self._window, settings, panel, adjusted=verdict == "sign")
+        adjustment = self._adjustment if verdict == "sign" else None
+        measured = measure_landmark(fit, self._window, settings, panel, adjustment)
         landmark = build_landmark(
             fit,
             self._window,
@@ -220,10 +233,11 @@ class _Tracker:
         )
         if verdict != "sign":
             return verdict, None
-        registered, panel = measure_panel(
-            fit, self._window, one.offset, self._settings.landmark.drift_rad
-        )
-        panel_px = np.inf if panel is None else panel.gap_px
+        registered, panel = 0, None
+        if self._panel is not None:
+            drift_rad = self._settings.landmark.drift_rad
+            registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
+        panel_px = np.inf if panel is None else panel.residual_px
         known = self._sides[fit.back].landmark is not None
         log_odds = one.score if known else settings.sure_log_odds
         fewest = self._settings.track.fewest_views

@@ -19,7 +19,7 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
-from wayside.stages.geometry import FrenetOffset
+from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
 LEAST_DEPTH_M = 0.5
@@ -91,23 +91,14 @@ def same_face(
 
 def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[float, float]:
     """Share of each landmark's box that the other's covers in an image, (of one, of other)."""
-    boxes = []
-    for fit in (one, other):
-        x, y, z = camera.to_camera(fit.point)
-        if z < LEAST_DEPTH_M:
-            return 0.0, 0.0
-        wide, tall = fit.metric / z / 2
-        boxes.append((x / z - wide, y / z - tall, x / z + wide, y / z + tall))
-    (a, b) = boxes
-    wide = min(a[2], b[2]) - max(a[0], b[0])
-    tall = min(a[3], b[3]) - max(a[1], b[1])
-    if wide <= 0 or tall <= 0:
+    local = camera.to_camera(np.array([one.point, other.point]))
+    depth = local[:, 2:]
+    if depth.min() < LEAST_DEPTH_M:
         return 0.0, 0.0
-    inner = wide * tall
-    return (
-        inner / ((a[2] - a[0]) * (a[3] - a[1])),
-        inner / ((b[2] - b[0]) * (b[3] - b[1])),
-    )
+    centre, half = local[:, :2] / depth, np.array([one.metric, other.metric]) / depth / 2
+    box = np.concatenate([centre - half, centre + half], axis=1)
+    of_one, of_other = intersection_areas(box[:1], box[1:])[0, 0] / box_areas(box)
+    return float(of_one), float(of_other)
 
 
 def stands_still(

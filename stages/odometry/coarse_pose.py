@@ -8,8 +8,13 @@ import numpy as np
 
 from wayside.stages.geometry import rays_of_ideal, rotation_from_vector, vector_from_rotation
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import EpipolarFit, Prior, fit_epipolar, sampson_px
-from wayside.stages.odometry.tie_points import View, match_corners
+from wayside.stages.odometry.epipolar import (
+    EpipolarFit,
+    RelativePosePrior,
+    fit_epipolar,
+    sampson_px,
+)
+from wayside.stages.odometry.tie_points import KeypointImage, match_corners
 
 FARTHEST_BITS, FARTHEST_RATIO = 64, 0.85
 """Descriptor distance of a match in wide bands, and its share of the next best's."""
@@ -25,7 +30,11 @@ HELD_SIGMA = radians(0.1)
 
 
 def find_coarse_motion(
-    before: View, now: View, prior: Prior, predicted: Array, slack_px: float
+    before: KeypointImage,
+    now: KeypointImage,
+    prior: RelativePosePrior,
+    predicted: Array,
+    slack_px: float,
 ) -> tuple[EpipolarFit | None, int]:
     """Rotation and direction from matched corners, and how many of them agree.
 
@@ -47,7 +56,7 @@ def find_coarse_motion(
 
 
 def fit_coarse_motion(
-    previous: Array, current: Array, prior: Prior, predicted: Array, focal_px: float
+    previous: Array, current: Array, prior: RelativePosePrior, predicted: Array, focal_px: float
 ) -> tuple[EpipolarFit, int]:
     """Rotation and direction from matched rays (n, 2), good to a pixel or so, and how many of them agree."""
     best = _released(previous, current, predicted, prior, focal_px)
@@ -62,7 +71,11 @@ def fit_coarse_motion(
 
 
 def near_coarse_motions(
-    before: View, now: View, prior: Prior, predicted: Array, slack_px: float
+    before: KeypointImage,
+    now: KeypointImage,
+    prior: RelativePosePrior,
+    predicted: Array,
+    slack_px: float,
 ) -> list[EpipolarFit]:
     """The few motions that matched corners agree with best; parameters as of `find_coarse_motion`."""
     matched = _matched_rays(before, now, prior, predicted, slack_px)
@@ -70,7 +83,7 @@ def near_coarse_motions(
 
 
 def fit_near_motions(
-    previous: Array, current: Array, prior: Prior, predicted: Array, focal_px: float
+    previous: Array, current: Array, prior: RelativePosePrior, predicted: Array, focal_px: float
 ) -> list[EpipolarFit]:
     """The best few of the motions that matched rays (n, 2) agree with at all, the direction of travel held.
 
@@ -90,7 +103,11 @@ def fit_near_motions(
 
 
 def _matched_rays(
-    before: View, now: View, prior: Prior, predicted: Array, slack_px: float
+    before: KeypointImage,
+    now: KeypointImage,
+    prior: RelativePosePrior,
+    predicted: Array,
+    slack_px: float,
 ) -> tuple[Array, Array]:
     pairs = match_corners(
         before, now, predicted, prior.direction, slack_px, FARTHEST_BITS, FARTHEST_RATIO
@@ -109,7 +126,7 @@ def _agreeing(previous: Array, current: Array, fit: EpipolarFit, focal_px: float
 
 
 def _released(
-    previous: Array, current: Array, rotation: Array, prior: Prior, focal_px: float
+    previous: Array, current: Array, rotation: Array, prior: RelativePosePrior, focal_px: float
 ) -> EpipolarFit:
     # Forward motion leaves a free direction and the yaw to imitate each other: hold the direction first.
     fit = _held(previous, current, rotation, prior, focal_px, SCALES_PX)
@@ -128,7 +145,7 @@ def _held(
     previous: Array,
     current: Array,
     rotation: Array,
-    prior: Prior,
+    prior: RelativePosePrior,
     focal_px: float,
     scales_px: tuple[float, ...],
 ) -> EpipolarFit:

@@ -9,32 +9,34 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import across
+from wayside.stages.geometry import tangent_basis
 from wayside.stages.kernels import Array, compiled
-from wayside.stages.odometry.epipolar import STEP, moved_step, sampson_px
+from wayside.stages.odometry.epipolar import DIFFERENCE_STEP, sampson_px, updated_pose
 
 
-def motion_slopes(
+def motion_jacobian(
     previous: Array, current: Array, rotation: Array, direction: Array, focal_px: float
 ) -> tuple[Array, Array]:
     """Sampson distances (n,) of rays (n, 2), px, and their derivatives (n, 5) by the motion.
 
-    The motion's five coordinates are those of `numerics.adjust`: rotation vector, then direction along `across`.
+    The motion's five coordinates are those of `numerics.adjust`: rotation vector, then direction along `tangent_basis`.
     """
     rotation, direction = np.ascontiguousarray(rotation), np.ascontiguousarray(direction)
     gaps = sampson_px(previous, current, rotation, direction, focal_px)
     slopes = np.empty((len(gaps), 5))
-    basis, single = across(direction), np.zeros(5)
+    basis, single = tangent_basis(direction), np.zeros(5)
     turned, moved = np.empty((3, 3)), np.empty(3)
     for k in range(5):
         single[:] = 0.0
-        single[k] = STEP
-        moved_step(rotation, direction, basis, single, turned, moved)
-        slopes[:, k] = (sampson_px(previous, current, turned, moved, focal_px) - gaps) / STEP
+        single[k] = DIFFERENCE_STEP
+        updated_pose(rotation, direction, basis, single, turned, moved)
+        slopes[:, k] = (
+            sampson_px(previous, current, turned, moved, focal_px) - gaps
+        ) / DIFFERENCE_STEP
     return gaps, slopes
 
 
-def shared_error(
+def correlated_motion_covariance(
     current: Array, toward: Array, gain: Array, *, focal_px: float, sigma_px: Array, reach_px: float
 ) -> Array:
     """Covariance (5, 5) of the motion by a smooth random field of errors in the second picture.
@@ -55,7 +57,7 @@ def shared_error(
     outward = current - toward[:2] / toward[2]
     outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-9)[:, None]
     result, felt = np.zeros((5, 5)), np.ascontiguousarray((gain * sigma_px).T)
-    _shared_error(
+    _correlated_motion_covariance(
         np.ascontiguousarray(current * focal_px),
         np.ascontiguousarray(outward),
         felt,
@@ -66,7 +68,7 @@ def shared_error(
 
 
 @compiled
-def _shared_error(
+def _correlated_motion_covariance(
     place: Array, outward: Array, gain: Array, sharpness: float, result: Array
 ) -> None:
     total = np.empty(5)
@@ -85,7 +87,7 @@ def _shared_error(
                 result[k, m] += gain[i, k] * total[m]
 
 
-def shared_by_picture(
+def correlated_point_covariance(
     place: Array, picture: NDArray[np.int64], felt: Array, reach_px: float
 ) -> Array:
     """Covariance (3, 3) of a point by smooth random fields of errors, one in each picture, independent of each other.
@@ -104,7 +106,7 @@ def shared_by_picture(
     order = np.argsort(picture, kind="stable")
     first = np.flatnonzero(np.diff(picture[order], prepend=-1)).astype(np.int64)
     result = np.zeros((3, 3))
-    _shared_by_picture(
+    _correlated_point_covariance(
         np.append(first, len(order)),
         np.ascontiguousarray(place[order]),
         np.ascontiguousarray(felt[order]),
@@ -115,7 +117,7 @@ def shared_by_picture(
 
 
 @compiled
-def _shared_by_picture(
+def _correlated_point_covariance(
     first: NDArray[np.int64], place: Array, felt: Array, sharpness: float, result: Array
 ) -> None:
     for p in range(first.shape[0] - 1):

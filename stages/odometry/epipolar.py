@@ -1,8 +1,8 @@
-"""Rotation and direction of travel from ray pairs, without points in space.
+"""Rotation and direction of travel from pairs of rays, without points in space.
 
-Levenberg-Marquardt on the Sampson distance with five unknowns, robust, with priors. `rotation` turns current into
-previous camera axes, `direction` is the unit vector from the previous to the current camera centre, in previous
-axes: together, but for the length, the pose of the current camera in the previous one's frame.
+Robust least squares on the Sampson distance with five unknowns and priors. `rotation` (3, 3) maps current to previous
+camera axes; `direction` (3,) is the unit vector from the previous to the current camera centre, in previous axes.
+Together they are the relative pose up to its length.
 """
 
 from __future__ import annotations
@@ -12,22 +12,25 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.stages.geometry import (
-    across,
+    Schedule,
     cholesky_solve,
+    minimiser,
     rotation_from_vector,
+    tangent_basis,
     vector_from_rotation,
 )
 from wayside.stages.kernels import Array, compiled, require_array
 
-STEP = 1e-6
+DIFFERENCE_STEP = 1e-6
+"""Step of forward differences, radians: half of the digits of a double."""
 
 
-class Prior(NamedTuple):
-    """What is known of a step before looking.
+class RelativePosePrior(NamedTuple):
+    """What is known of a relative pose before its ties are used.
 
     rotation (3, 3) with sigma_rotation in radians (inf: unknown). Direction of travel (3,) with sigma_direction (2,)
-    in radians, sideways and up: in the axes half way through the turn where `halfway` (a camera fixed to a vehicle
-    that drives an arc travels there in a constant direction: the chord's), else in the previous camera's.
+    as slopes sideways and up: in the axes half way through the rotation where `halfway` (a camera fixed to a vehicle
+    that drives an arc travels there in a constant direction, that of the chord), else in the previous camera's axes.
     """
 
     rotation: Array
@@ -36,15 +39,23 @@ class Prior(NamedTuple):
     sigma_direction: Array
     halfway: bool
 
-    def checked(self) -> Prior:
-        """The same in the types that compiled code takes."""
+    def checked(self) -> RelativePosePrior:
+        """The same in the types that compiled code takes.
+
+        Raises
+        ------
+        ValueError
+            Where an array has another shape.
+        """
         rotation = np.ascontiguousarray(self.rotation, np.float64)
         direction = np.ascontiguousarray(self.direction, np.float64)
         sigma = np.ascontiguousarray(self.sigma_direction, np.float64)
         require_array(rotation, "rotation", np.float64, (3, 3))
         require_array(direction, "direction", np.float64, (3,))
         require_array(sigma, "sigma_direction", np.float64, (2,))
-        return Prior(rotation, float(self.sigma_rotation), direction, sigma, bool(self.halfway))
+        return RelativePosePrior(
+            rotation, float(self.sigma_rotation), direction, sigma, bool(self.halfway)
+        )
 
 
 class EpipolarFit(NamedTuple):
@@ -56,18 +67,54 @@ class EpipolarFit(NamedTuple):
     iterations: int
 
 
+class PriorTerms(NamedTuple):
+    """Work arrays of the prior: residuals come from an estimate; Jacobian (5, 5), one unknown a row, and scratch."""
+
+    jacobian: Array
+    unit: Array
+    rotation: Array
+    direction: Array
+
+
+class _Problem(NamedTuple):
+    """Rays (n, 2), prior and settings of a fit; tangent basis of the direction, Jacobian, normal equations."""
+
+    previous: Array
+    current: Array
+    prior: RelativePosePrior
+    terms: PriorTerms
+    focal_px: float
+    sigma_px: float
+    scale_px: float
+    basis: Array
+    jacobian: Array
+    normal: Array
+    right: Array
+    damped: Array
+    step: Array
+
+
+class _Estimate(NamedTuple):
+    """Relative pose, Sampson distances (n,) in px, and residuals (5,) of the prior in sigmas."""
+
+    rotation: Array
+    direction: Array
+    distances: Array
+    known: Array
+
+
 def fit_epipolar(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: Prior,
+    prior: RelativePosePrior,
     *,
     focal_px: float,
     sigma_px: float,
     scale_px: float,
     iterations: int = 15,
 ) -> EpipolarFit:
-    """Motion that puts the rays on common planes.
+    """Relative pose that minimises the Sampson distances of rays (Hartley and Zisserman, section 11.4.3).
 
     Parameters
     ----------
@@ -80,18 +127,23 @@ def fit_epipolar(
     focal_px
         Pixels of one unit of the rays.
     sigma_px
-        Standard deviation of a good ray, px: the weight of the rays against the prior.
+        Standard deviation of the distance of a correct pair, px: the weight of the rays against the prior.
     scale_px
         Distance where the Cauchy cost starts to flatten.
     iterations
         At most this many.
+
+    Raises
+    ------
+    ValueError
+        Where an array has another shape or type.
     """
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
     rotation = np.array(start[0], np.float64).reshape(3, 3)
     direction = np.array(start[1], np.float64).reshape(3)
-    cost, steps = _fit(
+    cost, done = _fit(
         previous,
         current,
         rotation,
@@ -100,15 +152,15 @@ def fit_epipolar(
         focal_px,
         sigma_px,
         scale_px,
-        iterations,
+        Schedule(iterations),
     )
-    return EpipolarFit(rotation, direction, float(cost), int(steps))
+    return EpipolarFit(rotation, direction, float(cost), int(done))
 
 
 def sampson_px(
     previous: Array, current: Array, rotation: Array, direction: Array, focal_px: float
 ) -> Array:
-    """Signed Sampson distance (n,) of ray pairs (n, 2) to the motion, in pixels."""
+    """Signed Sampson distances (n,) of pairs of rays (n, 2) for a relative pose, in pixels."""
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
@@ -125,27 +177,75 @@ def sampson_px(
 
 
 @compiled
-def half_turn(rotation: Array, direction: Array) -> Array:
-    """Direction (3,) of the axes half way through a rotation, in the axes before it."""
+def halfway_direction(rotation: Array, direction: Array) -> Array:
+    """Direction (3,), given in the axes half way through a rotation, in the axes before it."""
     half: Array = np.dot(rotation_from_vector(0.5 * vector_from_rotation(rotation)), direction)
     return half
 
 
 @compiled
-def prior_gaps(
-    rotation: Array,
-    direction: Array,
-    prior: Prior,
-    gaps: Array,
+def updated_pose(
+    rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
 ) -> None:
-    """Distances (5,) to the prior in sigmas: rotation about x, y, z, direction sideways and up."""
-    turn = vector_from_rotation(np.dot(rotation, prior.rotation.T))
+    """Rotation and direction after a step (5,): rotation vector, then along `basis` (2, 3).
+
+    The direction stays of unit length: that holds the baseline.
+    """
+    out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
+    square = 0.0
     for i in range(3):
-        gaps[i] = turn[i] / prior.sigma_rotation
-    expected = half_turn(rotation, prior.direction) if prior.halfway else prior.direction
+        out_t[i] = direction[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
+        square += out_t[i] * out_t[i]
+    out_t /= np.sqrt(square)
+
+
+@compiled
+def prior_residuals(
+    rotation: Array, direction: Array, prior: RelativePosePrior, residuals: Array
+) -> None:
+    """Residuals (5,) of the prior in sigmas: rotation about x, y, z, direction sideways and up."""
+    vector = vector_from_rotation(np.dot(rotation, prior.rotation.T))
+    for i in range(3):
+        residuals[i] = vector[i] / prior.sigma_rotation
+    expected = halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
     for i in range(2):
         slope = direction[i] / direction[2] - expected[i] / expected[2]
-        gaps[3 + i] = slope / prior.sigma_direction[i]
+        residuals[3 + i] = slope / prior.sigma_direction[i]
+
+
+@compiled
+def prior_terms() -> PriorTerms:
+    """Work arrays for `prior_jacobian`."""
+    return PriorTerms(np.empty((5, 5)), np.empty(5), np.empty((3, 3)), np.empty(3))
+
+
+@compiled
+def prior_jacobian(
+    rotation: Array,
+    direction: Array,
+    basis: Array,
+    prior: RelativePosePrior,
+    known: Array,
+    terms: PriorTerms,
+) -> None:
+    """Forward differences of the prior's residuals `known` (5,) by the five unknowns."""
+    for k in range(5):
+        terms.unit[:] = 0.0
+        terms.unit[k] = DIFFERENCE_STEP
+        updated_pose(rotation, direction, basis, terms.unit, terms.rotation, terms.direction)
+        prior_residuals(terms.rotation, terms.direction, prior, terms.jacobian[k])
+        for i in range(5):
+            terms.jacobian[k, i] = (terms.jacobian[k, i] - known[i]) / DIFFERENCE_STEP
+
+
+@compiled
+def add_prior(known: Array, terms: PriorTerms, normal: Array, right: Array) -> None:
+    """Add the prior to normal equations (5, 5), lower half, and their right side (5,)."""
+    for k in range(5):
+        for i in range(5):
+            right[k] -= terms.jacobian[k, i] * known[i]
+            for m in range(k + 1):
+                normal[k, m] += terms.jacobian[k, i] * terms.jacobian[m, i]
 
 
 @compiled
@@ -177,30 +277,80 @@ def _sampson(
 
 
 @compiled
-def moved_step(
-    rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
-) -> None:
-    """Rotation and direction after a step (5,): rotation vector, then along `basis` (2, 3).
-
-    The direction stays of unit length: this is what holds the baseline.
-    """
-    out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
-    square = 0.0
-    for i in range(3):
-        out_t[i] = direction[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
-        square += out_t[i] * out_t[i]
-    out_t /= np.sqrt(square)
+def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+    _sampson(
+        problem.previous,
+        problem.current,
+        estimate.rotation,
+        estimate.direction,
+        problem.focal_px,
+        estimate.distances,
+    )
+    prior_residuals(estimate.rotation, estimate.direction, problem.prior, estimate.known)
+    total = 0.0
+    for i in range(estimate.distances.shape[0]):
+        total += np.log1p((estimate.distances[i] / problem.scale_px) ** 2)
+    total *= (problem.scale_px / problem.sigma_px) ** 2
+    for i in range(5):
+        total += estimate.known[i] ** 2
+    return total
 
 
 @compiled
-def _cost(gaps: Array, known: Array, sigma_px: float, scale_px: float) -> float:
-    total = 0.0
-    for i in range(gaps.shape[0]):
-        total += np.log1p((gaps[i] / scale_px) ** 2)
-    total *= (scale_px / sigma_px) ** 2
-    for i in range(5):
-        total += known[i] ** 2
-    return total
+def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
+    rotation, direction = estimate.rotation, estimate.direction
+    terms, jacobian, normal, right = problem.terms, problem.jacobian, problem.normal, problem.right
+    problem.basis[:] = tangent_basis(direction)
+    n = problem.previous.shape[0]
+    for k in range(5):
+        terms.unit[:] = 0.0
+        terms.unit[k] = DIFFERENCE_STEP
+        updated_pose(
+            rotation, direction, problem.basis, terms.unit, terms.rotation, terms.direction
+        )
+        _sampson(
+            problem.previous,
+            problem.current,
+            terms.rotation,
+            terms.direction,
+            problem.focal_px,
+            jacobian[k],
+        )
+        for i in range(n):
+            jacobian[k, i] = (jacobian[k, i] - estimate.distances[i]) / DIFFERENCE_STEP
+    normal[:] = 0.0
+    right[:] = 0.0
+    prior_jacobian(rotation, direction, problem.basis, problem.prior, estimate.known, terms)
+    add_prior(estimate.known, terms, normal, right)
+    for i in range(n):
+        distance = estimate.distances[i]
+        weight = 1.0 / ((1.0 + (distance / problem.scale_px) ** 2) * problem.sigma_px**2)
+        for k in range(5):
+            right[k] -= weight * jacobian[k, i] * distance
+            for m in range(k + 1):
+                normal[k, m] += weight * jacobian[k, i] * jacobian[m, i]
+
+
+@compiled
+def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
+    problem.damped[:] = problem.normal
+    for k in range(5):
+        problem.damped[k, k] += damping * problem.normal[k, k] + 1e-9
+    problem.step[:] = problem.right
+    if not cholesky_solve(problem.damped, problem.step, 5):
+        return False
+    updated_pose(
+        estimate.rotation,
+        estimate.direction,
+        problem.basis,
+        problem.step,
+        trial.rotation,
+        trial.direction,
+    )
+    return True
+
+
+_minimise = minimiser(_evaluate, _linearise, _solve)
 
 
 @compiled
@@ -209,72 +359,21 @@ def _fit(
     current: Array,
     rotation: Array,
     direction: Array,
-    prior: Prior,
+    prior: RelativePosePrior,
     focal_px: float,
     sigma_px: float,
     scale_px: float,
-    iterations: int,
+    schedule: Schedule,
 ) -> tuple[float, int]:
+    # Rotation and direction are the start and become the result.
     n = previous.shape[0]
-    gaps, slopes = np.empty(n), np.empty((5, n))
-    known, known_slopes = np.empty(5), np.empty((5, 5))
-    trial_r, trial_t, step = np.empty((3, 3)), np.empty(3), np.empty(5)
-    normal, right, damped = np.empty((5, 5)), np.empty(5), np.empty((5, 5))
-
-    _sampson(previous, current, rotation, direction, focal_px, gaps)
-    prior_gaps(rotation, direction, prior, known)
-    cost = _cost(gaps, known, sigma_px, scale_px)
-    damping, done = 1e-3, 0
-    while done < iterations:
-        done += 1
-        basis = across(direction)
-        for k in range(5):
-            step[:] = 0.0
-            step[k] = STEP
-            moved_step(rotation, direction, basis, step, trial_r, trial_t)
-            _sampson(previous, current, trial_r, trial_t, focal_px, slopes[k])
-            prior_gaps(trial_r, trial_t, prior, known_slopes[k])
-            for i in range(n):
-                slopes[k, i] = (slopes[k, i] - gaps[i]) / STEP
-            for i in range(5):
-                known_slopes[k, i] = (known_slopes[k, i] - known[i]) / STEP
-        for k in range(5):
-            right[k] = 0.0
-            for m in range(k + 1):
-                normal[k, m] = 0.0
-            for i in range(5):
-                right[k] -= known_slopes[k, i] * known[i]
-                for m in range(k + 1):
-                    normal[k, m] += known_slopes[k, i] * known_slopes[m, i]
-        for i in range(n):
-            weight = 1.0 / ((1.0 + (gaps[i] / scale_px) ** 2) * sigma_px**2)
-            for k in range(5):
-                right[k] -= weight * slopes[k, i] * gaps[i]
-                for m in range(k + 1):
-                    normal[k, m] += weight * slopes[k, i] * slopes[m, i]
-        better, gain = False, 0.0
-        for _ in range(8):
-            damped[:] = normal
-            for k in range(5):
-                damped[k, k] += damping * normal[k, k] + 1e-9
-            step[:] = right
-            if cholesky_solve(damped, step, 5):
-                moved_step(rotation, direction, basis, step, trial_r, trial_t)
-                _sampson(previous, current, trial_r, trial_t, focal_px, slopes[0])
-                prior_gaps(trial_r, trial_t, prior, known_slopes[0])
-                trial_cost = _cost(slopes[0], known_slopes[0], sigma_px, scale_px)
-                if trial_cost < cost:
-                    better, gain = True, cost - trial_cost
-                    break
-            damping *= 10.0
-        if not better:
-            break
-        rotation[:] = trial_r
-        direction[:] = trial_t
-        gaps[:] = slopes[0]
-        known[:] = known_slopes[0]
-        cost -= gain
-        damping = max(1e-9, damping * 0.1)
-        if gain < 1e-7 * cost:
-            break
+    problem = _Problem(
+        previous, current, prior, prior_terms(), focal_px, sigma_px, scale_px,
+        np.empty((2, 3)), np.empty((5, n)), np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
+    )  # fmt: skip
+    start = _Estimate(rotation.copy(), direction.copy(), np.empty(n), np.empty(5))
+    trial = _Estimate(np.empty((3, 3)), np.empty(3), np.empty(n), np.empty(5))
+    best, cost, done = _minimise(problem, start, trial, schedule)
+    rotation[:] = best.rotation
+    direction[:] = best.direction
     return cost, done

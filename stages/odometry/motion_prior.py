@@ -11,7 +11,7 @@ import numpy as np
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Fix, Frame, Pose, PosePrior
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import Prior, half_turn
+from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
 
 POSE_SIGMA_M, POSE_SIGMA_RAD = 0.03, radians(0.1)
 """Of one pose, where the log does not say."""
@@ -30,7 +30,7 @@ FEWEST_SPEEDS, MOST_SPEEDS, ALIKE_SPEED = 3, 5, 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Expectation:
+class MotionPrior:
     """A step before looking.
 
     prior: of rotation and direction; baseline_m with sigma_m; straight: rotation and direction to fall back on;
@@ -38,7 +38,7 @@ class Expectation:
     or "fixes"; triggers: so many spacings make the baseline, by the times of the pictures.
     """
 
-    prior: Prior
+    prior: RelativePosePrior
     baseline_m: float
     sigma_m: float
     straight: tuple[Array, Array]
@@ -49,22 +49,22 @@ class Expectation:
 
 
 @dataclass(frozen=True, slots=True)
-class Law:
+class TravelDirection:
     """Direction of travel (3,) of a camera fixed to a vehicle, half way through each turn; sigma (2,) in radians."""
 
     direction: Array
     sigma: Array
 
 
-def expect_step(
+def predict_motion(
     before: Frame,
     now: Frame,
-    law: Law,
+    law: TravelDirection,
     last_turn: Array | None,
     *,
     spacing_sigma_m: float,
     speeds: Sequence[float] = (),
-) -> Expectation:
+) -> MotionPrior:
     """The step between two frames by the best source there is: poses, then spacing, then fixes.
 
     last_turn (3, 3): rotation of the step before, None where it is not known; speeds: those of the last few steps as
@@ -91,8 +91,8 @@ def expect_step(
             f"frame {now.index}: wanted the distance from the picture before it, found no pose, spacing or fix; "
             "give the distance between pictures (--spacing 26.4ft)"
         )
-    prior = Prior(np.eye(3), inf, law.direction, law.sigma, True)
-    return Expectation(
+    prior = RelativePosePrior(np.eye(3), inf, law.direction, law.sigma, True)
+    return MotionPrior(
         prior,
         max(baseline, SHORTEST_M),
         sigma,
@@ -135,7 +135,7 @@ def triggers_between(speed: float, spacing_m: float, speeds: Sequence[float]) ->
     )
 
 
-def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: Law) -> Expectation:
+def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: TravelDirection) -> MotionPrior:
     sigma_m = sqrt(2.0) * max(_or(first.sigma_m, POSE_SIGMA_M), _or(second.sigma_m, POSE_SIGMA_M))
     sigma_rad = sqrt(2.0) * max(
         _or(first.sigma_rad, POSE_SIGMA_RAD), _or(second.sigma_rad, POSE_SIGMA_RAD)
@@ -144,15 +144,15 @@ def _by_poses(first: PosePrior, second: PosePrior, step: Pose, law: Law) -> Expe
     direction = step.centre / baseline
     # The direction between two noisy positions is no better than the mount's: take both by their weights.
     given, habit = (sigma_m / baseline) ** -2, law.sigma**-2
-    expected = half_turn(np.ascontiguousarray(step.rotation), law.direction)
+    expected = halfway_direction(np.ascontiguousarray(step.rotation), law.direction)
     slopes = (given * direction[:2] / direction[2] + habit * expected[:2] / expected[2]) / (
         given + habit
     )
     both = np.array([slopes[0], slopes[1], 1.0])
-    prior = Prior(
+    prior = RelativePosePrior(
         step.rotation, sigma_rad, both / np.linalg.norm(both), (given + habit) ** -0.5, False
     )
-    return Expectation(
+    return MotionPrior(
         prior,
         baseline,
         sigma_m,

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled, require_array
 
 RADIUS = 7
@@ -25,7 +26,7 @@ LEAST_TEXTURE, HOPELESS = 2.0, 0.3
 """Grey levels a patch must vary by; correlation below which a fit is given up."""
 
 
-class Registered(NamedTuple):
+class PatchRegistration(NamedTuple):
     """Where patches were found: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) likeness, 0 if it failed.
 
     sigma (n,): scatter of the point along its weakest direction, px of the far picture, by the noise that is left
@@ -46,7 +47,7 @@ def register_patches(
     warps: Array,
     *,
     search_px: int = 2,
-) -> Registered:
+) -> PatchRegistration:
     """Find the 15 x 15 px patches round `corners` of the far picture in the near one.
 
     Parameters
@@ -77,7 +78,7 @@ def register_patches(
     point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
     sigma = np.full(n, np.inf)
     _register(far, near, corners, starts, warps, search_px, point, scale, zncc, sigma)
-    return Registered(point, scale, zncc, sigma)
+    return PatchRegistration(point, scale, zncc, sigma)
 
 
 @compiled
@@ -205,17 +206,7 @@ def _inverse(slopes: Array, inverse: Array) -> bool:
                 for j in range(SIDE):
                     total += slopes[k, i, j] * slopes[m, i, j]
             normal[k, m] = total
-    a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
-    d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
-    m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
-    determinant = a * m0 + b * m1 + c * m2
-    if not determinant > 1e-9 * a * d * f:
-        return False
-    q = 1.0 / determinant
-    inverse[0, 0], inverse[0, 1], inverse[0, 2] = m0 * q, m1 * q, m2 * q
-    inverse[1, 0], inverse[1, 1], inverse[1, 2] = m1 * q, (a * f - c * c) * q, (b * c - a * e) * q
-    inverse[2, 0], inverse[2, 1], inverse[2, 2] = m2 * q, (b * c - a * e) * q, (a * d - b * b) * q
-    return True
+    return invert_symmetric(normal, 0.0, 0.0, inverse) > 1e-9
 
 
 @compiled

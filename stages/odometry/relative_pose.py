@@ -12,18 +12,18 @@ from wayside.stages.kernels import Array
 from wayside.stages.odometry.coarse_pose import HELD_SIGMA, find_coarse_motion, near_coarse_motions
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
-    Prior,
+    RelativePosePrior,
     fit_epipolar,
-    half_turn,
+    halfway_direction,
     sampson_px,
 )
-from wayside.stages.odometry.motion_prior import Expectation
-from wayside.stages.odometry.mount import Vehicle
+from wayside.stages.odometry.motion_prior import MotionPrior
+from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.tie_points import (
     REGISTERED_SIGMA_PX,
-    Ground,
-    Tied,
-    View,
+    GroundPlane,
+    KeypointImage,
+    RegisteredTies,
     register_road,
     register_ties,
 )
@@ -42,13 +42,13 @@ scale of a group; the seed is fixed, as one pair of pictures has one step."""
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class RelativePose:
     """A measured step: rotation and direction as in `numerics.epipolar`, the ties, which of them agree."""
 
     rotation: Array
     direction: Array
-    prior: Prior
-    tied: Tied
+    prior: RelativePosePrior
+    tied: RegisteredTies
     previous: Array
     current: Array
     inlier: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -59,12 +59,14 @@ class Step:
         return bool(self.inlier.sum() >= CLEAR_SHARE * len(self.previous))
 
 
-Measure = Callable[[View, View, Expectation, Vehicle, int], Step | None]
+RelativePoseEstimator = Callable[
+    [KeypointImage, KeypointImage, MotionPrior, Mount, int], RelativePose | None
+]
 
 
-def measure_step(
-    before: View, now: View, expected: Expectation, vehicle: Vehicle, fewest: int
-) -> Step | None:
+def estimate_relative_pose(
+    before: KeypointImage, now: KeypointImage, expected: MotionPrior, vehicle: Mount, fewest: int
+) -> RelativePose | None:
     """Step between two pictures: coarse motion, then ties registered by it; None with fewer than `fewest` ties."""
     prior, ground = expected.prior, vehicle.ground(expected.baseline_m)
     coarse, agreeing = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
@@ -88,13 +90,18 @@ def measure_step(
             halfway=True,
         )
         step = _refine(
-            before, now, step.rotation, half_turn(step.rotation, law.direction), kept, ground
+            before,
+            now,
+            step.rotation,
+            halfway_direction(step.rotation, law.direction),
+            kept,
+            ground,
         )
     return step if step.inlier.sum() >= fewest else None
 
 
 def _other_starts(
-    before: View, now: View, expected: Expectation, step: Step
+    before: KeypointImage, now: KeypointImage, expected: MotionPrior, step: RelativePose
 ) -> list[tuple[Array, Array]]:
     """Rotations and directions to start from: where the step is by now, near the prediction, far off it."""
     prior = expected.prior
@@ -104,35 +111,41 @@ def _other_starts(
     starts = [(step.rotation, step.direction), *((fit.rotation, fit.direction) for fit in fits)]
     for yaw in STARTS_RAD:
         turn = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
-        ahead = half_turn(turn, prior.direction) if prior.halfway else prior.direction
+        ahead = halfway_direction(turn, prior.direction) if prior.halfway else prior.direction
         starts.append((turn, ahead))
     return starts
 
 
 def _refine(
-    before: View,
-    now: View,
+    before: KeypointImage,
+    now: KeypointImage,
     rotation: Array,
     direction: Array,
-    prior: Prior,
-    ground: Ground | None,
-) -> Step:
+    prior: RelativePosePrior,
+    ground: GroundPlane | None,
+) -> RelativePose:
     # Ties chosen by a motion tend to confirm it: choose again while it still moves.
     tied = register_ties(before, now, rotation, direction, ground)
-    step = fit_ties(before, now, tied, (rotation, direction), prior)
+    step = fit_relative_pose(before, now, tied, (rotation, direction), prior)
     for _ in range(ROUNDS - 1):
         if np.abs(step.direction - direction).max() < AGAIN_RAD:
             break
         rotation, direction = step.rotation, step.direction
         tied = register_ties(before, now, rotation, direction, ground, tied)
-        step = fit_ties(before, now, tied, (rotation, direction), prior)
+        step = fit_relative_pose(before, now, tied, (rotation, direction), prior)
     if ground is None:
         return step
     tied = register_road(before, now, step.rotation, step.direction, ground, tied)
-    return fit_ties(before, now, tied, (step.rotation, step.direction), prior)
+    return fit_relative_pose(before, now, tied, (step.rotation, step.direction), prior)
 
 
-def fit_ties(before: View, now: View, tied: Tied, start: tuple[Array, Array], prior: Prior) -> Step:
+def fit_relative_pose(
+    before: KeypointImage,
+    now: KeypointImage,
+    tied: RegisteredTies,
+    start: tuple[Array, Array],
+    prior: RelativePosePrior,
+) -> RelativePose:
     """Rotation and direction that fit registered ties best, from a start a few pixels away at most.
 
     A vehicle ahead at our own pace stands still in the picture, like far things on a straight road: on a curve in haze
@@ -149,15 +162,19 @@ def fit_ties(before: View, now: View, tied: Tied, start: tuple[Array, Array], pr
         fits = [_fine_fit(previous, current, g[:2], prior, focal_px) for g in groups]
         best = min((best, *fits), key=lambda fit: fit.cost)
         inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < INLIER_PX
-    return Step(best.rotation, best.direction, prior, tied, previous, current, inlier)
+    return RelativePose(best.rotation, best.direction, prior, tied, previous, current, inlier)
 
 
 def _grouped_starts(
-    previous: Array, current: Array, start: tuple[Array, Array], prior: Prior, focal_px: float
+    previous: Array,
+    current: Array,
+    start: tuple[Array, Array],
+    prior: RelativePosePrior,
+    focal_px: float,
 ) -> list[EpipolarFit]:
     """The few best steps of those that groups of four ties say, by how all ties agree with them."""
     held = prior._replace(sigma_direction=np.minimum(prior.sigma_direction, HELD_SIGMA))
-    ahead = half_turn(start[0], prior.direction) if prior.halfway else prior.direction
+    ahead = halfway_direction(start[0], prior.direction) if prior.halfway else prior.direction
     random = np.random.default_rng(GROUP_SEED)
     fits, costs = [], []
     for _ in range(GROUPS):
@@ -170,7 +187,11 @@ def _grouped_starts(
 
 
 def _fine_fit(
-    previous: Array, current: Array, start: tuple[Array, Array], prior: Prior, focal_px: float
+    previous: Array,
+    current: Array,
+    start: tuple[Array, Array],
+    prior: RelativePosePrior,
+    focal_px: float,
 ) -> EpipolarFit:
     for scale in FINE_SCALES_PX:
         fit = _fitted(previous, current, start, prior, focal_px, scale)
@@ -182,7 +203,7 @@ def _fitted(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: Prior,
+    prior: RelativePosePrior,
     focal_px: float,
     scale_px: float,
 ) -> EpipolarFit:

@@ -12,7 +12,7 @@ LOWEST_M, HIGHEST_M = 0.8, 3.2
 BAND, FEWEST = 0.06, 8
 
 
-def down_of_road(direction: Array) -> Array:
+def road_down(direction: Array) -> Array:
     """Unit vector (3,) at right angles to a road that runs along `direction` (3,), in the camera frame.
 
     Down as the camera sees it: its roll against the road is taken as nought.
@@ -21,12 +21,12 @@ def down_of_road(direction: Array) -> Array:
     return np.asarray(down / np.linalg.norm(down))
 
 
-def heights_on_lane(points: Array, direction: Array) -> Array:
+def lane_heights(points: Array, direction: Array) -> Array:
     """How far points (n, 3) on the vehicle's lane lie below the camera, metres: (m,), in no order.
 
     The lane runs along the direction of travel (3,), in the same camera frame. Points that are nan are left out.
     """
-    down = down_of_road(direction)
+    down = road_down(direction)
     right = np.cross(down, direction)
     ahead, heights = points @ direction, points @ down
     with np.errstate(invalid="ignore"):

@@ -37,7 +37,7 @@ REGISTERED_SIGMA_PX = 0.08
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class KeypointImage:
     """What ties need of one picture."""
 
     camera: Camera
@@ -47,14 +47,14 @@ class View:
     ideal: Array
 
     @staticmethod
-    def of(detections: Detections) -> View | None:
+    def of(detections: Detections) -> KeypointImage | None:
         """The view of an image, None where it has no pixels or no camera."""
         camera, grey = detections.frame.camera, detections.image.grey
         if camera is None or grey is None:
             return None
         features = detections.features
         ideal = ideal_points(camera, features.corners)
-        return View(camera, grey, features.corners, features.descriptors, ideal)
+        return KeypointImage(camera, grey, features.corners, features.descriptors, ideal)
 
     @property
     def focal_px(self) -> float:
@@ -62,7 +62,7 @@ class View:
         return 0.5 * (self.camera.fx + self.camera.fy)
 
 
-class Ground(NamedTuple):
+class GroundPlane(NamedTuple):
     """The road in the axes of the first camera of a pair: down (3,), unit; height_m of the camera; baseline_m."""
 
     down: Array
@@ -70,7 +70,7 @@ class Ground(NamedTuple):
     baseline_m: float
 
 
-class Tied(NamedTuple):
+class RegisteredTies(NamedTuple):
     """Registered tie points of a pair.
 
     previous, current (n, 2): ideal pixels; rows (n, 2): corners of both pictures they stem from; warp (n, 3): how the
@@ -87,13 +87,13 @@ class Tied(NamedTuple):
 
 
 def register_ties(
-    before: View,
-    now: View,
+    before: KeypointImage,
+    now: KeypointImage,
     rotation: Array,
     direction: Array,
-    ground: Ground | None = None,
-    last: Tied | None = None,
-) -> Tied:
+    ground: GroundPlane | None = None,
+    last: RegisteredTies | None = None,
+) -> RegisteredTies:
     """Match again in narrow bands along the epipolar lines and register every match to sub-pixel.
 
     Matches that `last` has tried already keep their result: it does not depend on the motion.
@@ -112,7 +112,7 @@ def register_ties(
     found[fresh] = _register(before, now, rotation, direction, ground, pairs[fresh])
     good = np.isfinite(found[:, 0])
     corners = np.rint(before.corners[pairs[good, 0]]).astype(np.float64)
-    return Tied(
+    return RegisteredTies(
         ideal_points(before.camera, corners),
         ideal_points(now.camera, np.ascontiguousarray(found[good, :2])),
         pairs[good],
@@ -122,17 +122,17 @@ def register_ties(
     )
 
 
-def _keys(pairs: NDArray[np.int64], now: View) -> NDArray[np.int64]:
+def _keys(pairs: NDArray[np.int64], now: KeypointImage) -> NDArray[np.int64]:
     keys: NDArray[np.int64] = pairs[:, 0] * len(now.corners) + pairs[:, 1]
     return keys
 
 
 def _register(
-    before: View,
-    now: View,
+    before: KeypointImage,
+    now: KeypointImage,
     rotation: Array,
     direction: Array,
-    ground: Ground | None,
+    ground: GroundPlane | None,
     pairs: NDArray[np.int64],
 ) -> Array:
     """Where the first picture's corners are in the second one, recorded pixels, with warp and sigma: (n, 6).
@@ -162,8 +162,13 @@ def _register(
 
 
 def register_road(
-    before: View, now: View, rotation: Array, direction: Array, ground: Ground, tied: Tied
-) -> Tied:
+    before: KeypointImage,
+    now: KeypointImage,
+    rotation: Array,
+    direction: Array,
+    ground: GroundPlane,
+    tied: RegisteredTies,
+) -> RegisteredTies:
     """The ties with more on the road: corners whose texture no descriptor holds, sought where the road says.
 
     Their rows are -1: they take part in no comparison of lengths, which they would confirm.
@@ -184,7 +189,7 @@ def register_road(
         before.grey, now.grey, corners, starts, warps, search_px=ROAD_SEARCH_PX
     )
     good = found.zncc >= ALIKE
-    return Tied(
+    return RegisteredTies(
         np.vstack([tied.previous, ideal[good]]),
         np.vstack([tied.current, ideal_points(now.camera, found.point[good])]),
         np.vstack([tied.rows, np.full((int(good.sum()), 2), -1)]),
@@ -195,7 +200,12 @@ def register_road(
 
 
 def _on_road(
-    before: View, now: View, rotation: Array, direction: Array, ground: Ground, ideal: Array
+    before: KeypointImage,
+    now: KeypointImage,
+    rotation: Array,
+    direction: Array,
+    ground: GroundPlane,
+    ideal: Array,
 ) -> tuple[Array, Array]:
     """Ideal pixels (n, 2) of road points in the second picture, and how their surroundings are warped (n, 3)."""
     centre = ground.baseline_m * direction
@@ -214,8 +224,8 @@ def _on_road(
 
 
 def match_corners(
-    before: View,
-    now: View,
+    before: KeypointImage,
+    now: KeypointImage,
     rotation: Array,
     direction: Array,
     slack_px: float,
@@ -244,7 +254,11 @@ def match_corners(
 
 
 def _far_points(
-    before: View, now: View, rotation: Array, direction: Array, rows: NDArray[np.int64] | slice
+    before: KeypointImage,
+    now: KeypointImage,
+    rotation: Array,
+    direction: Array,
+    rows: NDArray[np.int64] | slice,
 ) -> tuple[Array, Array]:
     """Ideal pixels (n, 2) in the second picture of the first one's corners at infinity, and its epipole (2,)."""
     rays = rays_of_ideal(before.camera, before.ideal[rows])

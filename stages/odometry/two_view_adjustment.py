@@ -1,10 +1,10 @@
-"""Two-view bundle adjustment with the baseline held (report chapter 8).
+"""Two-view bundle adjustment with the length of the baseline held (report chapter 8).
 
 The report's unknowns are the second camera's centre on the sphere of the known baseline, its rotation, and the points.
-The cost is the sum of the residuals of eq. 7.5, here robust and with what is known of the motion beforehand;
-Levenberg-Marquardt, the points eliminated by the Schur complement. Points are two coordinates of their ray in the first
-picture and an inverse depth, so that far ones do no harm. With an inverse depth in units of the baseline the length of
-the baseline drops out; it only scales the result.
+The cost is the sum of the residuals of eq. 7.5, here with a Cauchy cost and with priors of the motion. Points are
+eliminated by the Schur complement. A point is two coordinates of its ray in the first image and an inverse depth, so
+that far points keep the equations regular. Inverse depths are in units of the baseline: its length drops out and only
+scales the result.
 """
 
 from __future__ import annotations
@@ -13,18 +13,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.stages.geometry import across, cholesky_solve
+from wayside.stages.geometry import (
+    Schedule,
+    cholesky_solve,
+    invert_symmetric,
+    minimiser,
+    tangent_basis,
+)
 from wayside.stages.kernels import Array, compiled, require_array
-from wayside.stages.odometry.epipolar import STEP, Prior, moved_step, prior_gaps
+from wayside.stages.odometry.epipolar import (
+    PriorTerms,
+    RelativePosePrior,
+    add_prior,
+    prior_jacobian,
+    prior_residuals,
+    prior_terms,
+    updated_pose,
+)
+
+FLOOR = 1e-9
+"""Added to every diagonal: an unknown without measurements stays where it is."""
 
 
-class Adjusted(NamedTuple):
+class TwoViewAdjustment(NamedTuple):
     """Result of `adjust_two_views`.
 
-    rotation (3, 3), direction (3,): pose of the second camera in the first one's frame, but for the length;
-    point (n, 3): ray (x/z, y/z) in the first picture, and baseline over depth; squares (n,): eq. 7.5 of each point, px
+    rotation (3, 3), direction (3,): pose of the second camera in the first one's frame, up to its length;
+    point (n, 3): ray (x/z, y/z) in the first image, and baseline over depth; squares (n,): eq. 7.5 of each point, px
     squared; covariance (5, 5) of the rotation vector (rad, first camera's axes) and of the direction along
-    `numerics.rotation.across` (rad), points eliminated; cost and iterations;
+    `tangent_basis` (rad), points eliminated; cost and iterations;
     history (iterations + 1,): mean of eq. 7.5 over the points, px squared, at the start and after each iteration.
     """
 
@@ -38,18 +55,50 @@ class Adjusted(NamedTuple):
     history: Array
 
 
+class _Problem(NamedTuple):
+    """Rays (n, 2), prior, settings; normal equations in blocks: motion (5, 5), mixed (n, 5, 3), points (n, 3, 3)."""
+
+    previous: Array
+    current: Array
+    prior: RelativePosePrior
+    terms: PriorTerms
+    focal_px: Array
+    sigma_px: float
+    scale_px: float
+    history: Array
+    basis: Array
+    motion: Array
+    motion_right: Array
+    mixed: Array
+    own: Array
+    own_right: Array
+    inverses: Array
+    reduced: Array
+    step: Array
+
+
+class _Estimate(NamedTuple):
+    """Relative pose, points (n, 3), eq. 7.5 of each (n,), and residuals (5,) of the prior in sigmas."""
+
+    rotation: Array
+    direction: Array
+    point: Array
+    squares: Array
+    known: Array
+
+
 def adjust_two_views(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: Prior,
+    prior: RelativePosePrior,
     *,
     focal_px: tuple[float, float],
     sigma_px: float,
     scale_px: float,
     iterations: int = 20,
-) -> Adjusted:
-    """Adjust motion and points together to the rays of two pictures.
+) -> TwoViewAdjustment:
+    """Adjust motion and points together to the rays of two images.
 
     Parameters
     ----------
@@ -62,7 +111,7 @@ def adjust_two_views(
     focal_px
         fx, fy.
     sigma_px
-        Standard deviation of a good coordinate.
+        Standard deviation of a coordinate of a correct tie.
     scale_px
         Root of eq. 7.5 where the Cauchy cost of a point starts to flatten.
     iterations
@@ -70,17 +119,21 @@ def adjust_two_views(
 
     Returns
     -------
-    Adjusted
+    TwoViewAdjustment
         covariance is nan where the normal equations are singular (no points and no prior).
+
+    Raises
+    ------
+    ValueError
+        Where an array has another shape or type.
     """
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
     rotation = np.array(start[0], np.float64).reshape(3, 3)
     direction = np.array(start[1], np.float64).reshape(3)
-    point, squares, covariance = np.empty((n, 3)), np.empty(n), np.empty((5, 5))
-    history = np.empty(iterations + 1)
-    cost, steps = _adjust(
+    history, covariance = np.empty(iterations + 1), np.empty((5, 5))
+    best, cost, done = _adjust(
         previous,
         current,
         rotation,
@@ -89,21 +142,18 @@ def adjust_two_views(
         np.array(focal_px, np.float64),
         sigma_px,
         scale_px,
-        iterations,
-        point,
-        squares,
-        covariance,
+        Schedule(iterations),
         history,
+        covariance,
     )
-    made = (float(cost), int(steps), history[: steps + 1])
-    return Adjusted(rotation, direction, point, squares, covariance, *made)
+    return TwoViewAdjustment(*best[:4], covariance, float(cost), int(done), history[: done + 1])
 
 
 @compiled
 def _first_points(
     previous: Array, current: Array, rotation: Array, direction: Array, point: Array
 ) -> None:
-    # Inverse depth that brings the ray of the first picture nearest to that of the second one.
+    # Inverse depth that brings the ray of the first image closest to that of the second one.
     t = np.dot(rotation.T, direction)
     v = np.empty(3)
     for i in range(previous.shape[0]):
@@ -111,14 +161,14 @@ def _first_points(
             v[k] = (
                 rotation[0, k] * previous[i, 0] + rotation[1, k] * previous[i, 1] + rotation[2, k]
             )
-        # (v - rho t) parallel to q: cross both with q and solve the least squares for rho
+        # (v - rho t) is parallel to q: least squares for rho of the cross product with q
         x, y = current[i, 0], current[i, 1]
         a0, a1 = v[1] - v[2] * y, v[2] * x - v[0]
         b0, b1 = t[1] - t[2] * y, t[2] * x - t[0]
         square = b0 * b0 + b1 * b1
         point[i, 0], point[i, 1] = previous[i, 0], previous[i, 1]
         rho = (a0 * b0 + a1 * b1) / square if square > 1e-12 else 0.0
-        # in front of the second camera, not far behind infinity
+        # in front of the second camera, and little beyond infinity
         point[i, 2] = min(max(rho, -0.05), 0.9)
 
 
@@ -151,36 +201,35 @@ def _squares(
 
 
 @compiled
-def _total(squares: Array, known: Array, sigma_px: float, scale_px: float) -> float:
+def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+    _squares(
+        problem.previous,
+        problem.current,
+        estimate.rotation,
+        estimate.direction,
+        estimate.point,
+        problem.focal_px,
+        estimate.squares,
+    )
+    prior_residuals(estimate.rotation, estimate.direction, problem.prior, estimate.known)
     total = 0.0
-    for i in range(squares.shape[0]):
-        total += np.log1p(squares[i] / scale_px**2)
-    total *= (scale_px / sigma_px) ** 2
+    for i in range(estimate.squares.shape[0]):
+        total += np.log1p(estimate.squares[i] / problem.scale_px**2)
+    total *= (problem.scale_px / problem.sigma_px) ** 2
     for i in range(5):
-        total += known[i] ** 2
+        total += estimate.known[i] ** 2
     return total
 
 
 @compiled
-def _linearise(
-    previous: Array,
-    current: Array,
-    rotation: Array,
-    direction: Array,
-    basis: Array,
-    point: Array,
-    squares: Array,
-    focal_px: Array,
-    sigma_px: float,
-    scale_px: float,
-    motion: Array,
-    motion_right: Array,
-    mixed: Array,
-    own: Array,
-    own_right: Array,
-) -> None:
-    # Normal equations in blocks: motion (5, 5), mixed (n, 5, 3), own of each point (n, 3, 3), and right sides.
-    r, t = rotation, direction
+def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
+    r, t, point, squares = estimate.rotation, estimate.direction, estimate.point, estimate.squares
+    previous, current, focal_px = problem.previous, problem.current, problem.focal_px
+    sigma_px, scale_px, basis = problem.sigma_px, problem.scale_px, problem.basis
+    motion, motion_right, mixed = problem.motion, problem.motion_right, problem.mixed
+    own, own_right = problem.own, problem.own_right
+    problem.history[iteration] = squares.sum() / max(previous.shape[0], 1)
+    basis[:] = tangent_basis(t)
     motion[:] = 0.0
     motion_right[:] = 0.0
     row_m, row_p = np.empty((2, 5)), np.empty((2, 3))
@@ -228,40 +277,23 @@ def _linearise(
         own_right[i, 1] -= weight * focal_px[1] ** 2 * (b - previous[i, 1])
         own[i, 0, 0] += weight * focal_px[0] ** 2
         own[i, 1, 1] += weight * focal_px[1] ** 2
+    prior_jacobian(r, t, basis, problem.prior, estimate.known, problem.terms)
+    add_prior(estimate.known, problem.terms, motion, motion_right)
 
 
 @compiled
-def _inverse(own: Array, damping: float, result: Array) -> None:
-    a, b, c = own[0, 0] * (1 + damping) + 1e-9, own[0, 1], own[0, 2]
-    d, e, f = own[1, 1] * (1 + damping) + 1e-9, own[1, 2], own[2, 2] * (1 + damping) + 1e-9
-    m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
-    q = 1.0 / (a * m0 + b * m1 + c * m2)
-    result[0, 0], result[0, 1], result[0, 2] = m0 * q, m1 * q, m2 * q
-    result[1, 0], result[1, 1], result[1, 2] = m1 * q, (a * f - c * c) * q, (b * c - a * e) * q
-    result[2, 0], result[2, 1], result[2, 2] = m2 * q, (b * c - a * e) * q, (a * d - b * b) * q
-
-
-@compiled
-def _reduce(
-    motion: Array,
-    motion_right: Array,
-    mixed: Array,
-    own: Array,
-    own_right: Array,
-    damping: float,
-    inverses: Array,
-    reduced: Array,
-    right: Array,
-) -> None:
+def _reduce(problem: _Problem, damping: float) -> None:
     # Schur complement of the points: (5, 5), lower half.
+    motion, mixed, inverses = problem.motion, problem.mixed, problem.inverses
+    own_right, reduced, right = problem.own_right, problem.reduced, problem.step
     for k in range(5):
-        right[k] = motion_right[k]
+        right[k] = problem.motion_right[k]
         for j in range(k + 1):
             reduced[k, j] = motion[k, j]
-        reduced[k, k] += damping * motion[k, k] + 1e-9
+        reduced[k, k] += damping * motion[k, k] + FLOOR
     y = np.empty(3)
     for i in range(mixed.shape[0]):
-        _inverse(own[i], damping, inverses[i])
+        invert_symmetric(problem.own[i], damping, FLOOR, inverses[i])
         for k in range(5):
             for j in range(3):
                 y[j] = (
@@ -277,12 +309,30 @@ def _reduce(
 
 
 @compiled
-def _add_prior(known: Array, slopes: Array, motion: Array, right: Array) -> None:
-    for k in range(5):
-        for i in range(5):
-            right[k] -= slopes[k, i] * known[i]
-            for j in range(k + 1):
-                motion[k, j] += slopes[k, i] * slopes[j, i]
+def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
+    _reduce(problem, damping)
+    step, mixed, inverses = problem.step, problem.mixed, problem.inverses
+    if not cholesky_solve(problem.reduced, step, 5):
+        return False
+    updated_pose(
+        estimate.rotation, estimate.direction, problem.basis, step, trial.rotation, trial.direction
+    )
+    rest = np.empty(3)
+    for i in range(mixed.shape[0]):
+        for k in range(3):
+            rest[k] = problem.own_right[i, k]
+            for j in range(5):
+                rest[k] -= mixed[i, j, k] * step[j]
+        for k in range(3):
+            trial.point[i, k] = estimate.point[i, k] + (
+                inverses[i, k, 0] * rest[0]
+                + inverses[i, k, 1] * rest[1]
+                + inverses[i, k, 2] * rest[2]
+            )
+    return True
+
+
+_minimise = minimiser(_evaluate, _linearise, _solve)
 
 
 @compiled
@@ -291,102 +341,31 @@ def _adjust(
     current: Array,
     rotation: Array,
     direction: Array,
-    prior: Prior,
+    prior: RelativePosePrior,
     focal_px: Array,
     sigma_px: float,
     scale_px: float,
-    iterations: int,
-    point: Array,
-    squares: Array,
-    covariance: Array,
+    schedule: Schedule,
     history: Array,
-) -> tuple[float, int]:
+    covariance: Array,
+) -> tuple[_Estimate, float, int]:
     n = previous.shape[0]
-    motion, motion_right = np.empty((5, 5)), np.empty(5)
-    mixed, own, own_right = np.empty((n, 5, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
-    inverses, reduced, step = np.empty((n, 3, 3)), np.empty((5, 5)), np.empty(5)
-    known, slopes, single = np.empty(5), np.empty((5, 5)), np.empty(5)
-    trial_r, trial_t = np.empty((3, 3)), np.empty(3)
-    trial_p, trial_squares, trial_known = np.empty((n, 3)), np.empty(n), np.empty(5)
-
-    _first_points(previous, current, rotation, direction, point)
-    _squares(previous, current, rotation, direction, point, focal_px, squares)
-    prior_gaps(rotation, direction, prior, known)
-    cost = _total(squares, known, sigma_px, scale_px)
-    history[0] = squares.sum() / max(n, 1)
-    damping, done, settled = 1e-3, 0, False
-    while True:
-        basis = across(direction)
-        for k in range(5):
-            single[:] = 0.0
-            single[k] = STEP
-            moved_step(rotation, direction, basis, single, trial_r, trial_t)
-            prior_gaps(trial_r, trial_t, prior, slopes[k])
-            for i in range(5):
-                slopes[k, i] = (slopes[k, i] - known[i]) / STEP
-        _linearise(
-            previous,
-            current,
-            rotation,
-            direction,
-            basis,
-            point,
-            squares,
-            focal_px,
-            sigma_px,
-            scale_px,
-            motion,
-            motion_right,
-            mixed,
-            own,
-            own_right,
-        )
-        _add_prior(known, slopes, motion, motion_right)
-        if settled or done >= iterations:
-            break
-        done += 1
-        settled, gain = True, 0.0
-        for _ in range(8):
-            _reduce(motion, motion_right, mixed, own, own_right, damping, inverses, reduced, step)
-            if cholesky_solve(reduced, step, 5):
-                moved_step(rotation, direction, basis, step, trial_r, trial_t)
-                for i in range(n):
-                    for k in range(3):
-                        single[k] = own_right[i, k]
-                        for j in range(5):
-                            single[k] -= mixed[i, j, k] * step[j]
-                    for k in range(3):
-                        trial_p[i, k] = point[i, k] + (
-                            inverses[i, k, 0] * single[0]
-                            + inverses[i, k, 1] * single[1]
-                            + inverses[i, k, 2] * single[2]
-                        )
-                _squares(previous, current, trial_r, trial_t, trial_p, focal_px, trial_squares)
-                prior_gaps(trial_r, trial_t, prior, trial_known)
-                trial_cost = _total(trial_squares, trial_known, sigma_px, scale_px)
-                if trial_cost < cost:
-                    settled, gain = False, cost - trial_cost
-                    break
-            damping *= 10.0
-        if settled:
-            history[done] = history[done - 1]
-            continue
-        rotation[:] = trial_r
-        direction[:] = trial_t
-        point[:] = trial_p
-        squares[:] = trial_squares
-        known[:] = trial_known
-        cost = trial_cost
-        history[done] = squares.sum() / max(n, 1)
-        damping = max(1e-9, damping * 0.1)
-        settled = gain < 1e-7 * cost
-    # Covariance: inverse of the reduced equations of the last linearisation, without damping.
+    problem = _Problem(
+        previous, current, prior, prior_terms(), focal_px, sigma_px, scale_px, history,
+        np.empty((2, 3)), np.empty((5, 5)), np.empty(5), np.empty((n, 5, 3)), np.empty((n, 3, 3)),
+        np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((5, 5)), np.empty(5),
+    )  # fmt: skip
+    start = _Estimate(rotation, direction, np.empty((n, 3)), np.empty(n), np.empty(5))
+    trial = _Estimate(np.empty((3, 3)), np.empty(3), np.empty((n, 3)), np.empty(n), np.empty(5))
+    _first_points(previous, current, rotation, direction, start.point)
+    best, cost, done = _minimise(problem, start, trial, schedule)
+    _linearise(problem, best, done)
     for k in range(5):
-        _reduce(motion, motion_right, mixed, own, own_right, 0.0, inverses, reduced, step)
-        step[:] = 0.0
-        step[k] = 1.0
-        if cholesky_solve(reduced, step, 5):
-            covariance[k] = step
+        _reduce(problem, 0.0)
+        problem.step[:] = 0.0
+        problem.step[k] = 1.0
+        if cholesky_solve(problem.reduced, problem.step, 5):
+            covariance[k] = problem.step
         else:
             covariance[k] = np.nan
-    return cost, done
+    return best, cost, done

@@ -19,19 +19,24 @@ from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import midpoint, pair_residual
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import Prior, half_turn
+from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
 from wayside.stages.odometry.motion_prior import (
     MOST_SPEEDS,
     MOST_TRIGGERS,
-    Expectation,
-    expect_step,
+    MotionPrior,
+    predict_motion,
     trigger_speed,
 )
-from wayside.stages.odometry.mount import Vehicle
-from wayside.stages.odometry.pose_covariance import parallax_px, step_covariance
-from wayside.stages.odometry.relative_pose import FINE_SCALES_PX, Measure, Step, measure_step
-from wayside.stages.odometry.tie_points import REGISTERED_SIGMA_PX, View
-from wayside.stages.odometry.two_view_adjustment import Adjusted, adjust_two_views
+from wayside.stages.odometry.mount import Mount
+from wayside.stages.odometry.pose_covariance import parallax_px, relative_pose_covariance
+from wayside.stages.odometry.relative_pose import (
+    FINE_SCALES_PX,
+    RelativePose,
+    RelativePoseEstimator,
+    estimate_relative_pose,
+)
+from wayside.stages.odometry.tie_points import REGISTERED_SIGMA_PX, KeypointImage
+from wayside.stages.odometry.two_view_adjustment import TwoViewAdjustment, adjust_two_views
 
 MOST_DROPPED = 2
 """How many steps in a row may have lost triggers."""
@@ -56,7 +61,7 @@ def estimate_motion(
     InputError
         Where nothing says how far the camera moved.
     """
-    drive = Drive(settings)
+    drive = VisualOdometry(settings)
     for detections in images:
         yield PosedDetections(
             detections, drive.follow(detections) if detections.frame.used else None
@@ -64,15 +69,15 @@ def estimate_motion(
 
 
 @dataclass(slots=True)
-class Drive:
+class VisualOdometry:
     """What is kept between pictures: the last view, and a few numbers learnt on the way.
 
     `measure` turns two views into a step; made-up drives, which have ties but no pixels, bring their own.
     """
 
     settings: MotionSettings
-    measure: Measure = field(default_factory=lambda: measure_step)
-    view: View | None = None
+    measure: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
+    view: KeypointImage | None = None
     frame: Frame | None = None
     motion: Motion | None = None
     depths: Array = field(default_factory=lambda: np.zeros(0))
@@ -81,18 +86,18 @@ class Drive:
     dropped: int = 0
     doubts: int = 0
     speeds: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_SPEEDS))
-    vehicle: Vehicle = field(default_factory=Vehicle)
+    vehicle: Mount = field(default_factory=Mount)
 
     def follow(self, detections: Detections) -> Motion:
         """Motion from the last image to this one."""
-        return self.advance(View.of(detections), detections.frame)
+        return self.advance(KeypointImage.of(detections), detections.frame)
 
-    def advance(self, view: View | None, frame: Frame) -> Motion:
+    def advance(self, view: KeypointImage | None, frame: Frame) -> Motion:
         """Motion from the last view to this one; without a view only what is expected."""
         if self.frame is None or self.motion is None:
             motion = _START
         else:
-            expected = expect_step(
+            expected = predict_motion(
                 self.frame,
                 frame,
                 self.vehicle.law,
@@ -105,7 +110,7 @@ class Drive:
         self.view, self.frame, self.motion = view, frame, motion
         return motion
 
-    def _step(self, last: Motion, view: View | None, expected: Expectation) -> Motion:
+    def _step(self, last: Motion, view: KeypointImage | None, expected: MotionPrior) -> Motion:
         step = None
         if self.view is not None and view is not None:
             fewest = self.settings.smallest_ties
@@ -142,7 +147,9 @@ class Drive:
         return Motion(
             last.pose.compose(pose),
             pose,
-            step_covariance(adjusted, held, focal, baseline, sigma_m, scale_px=FINE_SCALES_PX[-1]),
+            relative_pose_covariance(
+                adjusted, held, focal, baseline, sigma_m, scale_px=FINE_SCALES_PX[-1]
+            ),
             expected.source,
             baseline,
             last.station_m + baseline,
@@ -166,7 +173,7 @@ class Drive:
             _known_before(step.prior, expected, baseline, sigma_m),
         )
 
-    def _length(self, by_points: tuple[float, float], expected: Expectation) -> tuple[float, float]:
+    def _length(self, by_points: tuple[float, float], expected: MotionPrior) -> tuple[float, float]:
         """The step's length and its sigma, metres, from what the points carry over and what is expected.
 
         Points that were measured over the last step too say how long this one is against it; none of them was found by
@@ -199,7 +206,7 @@ class Drive:
         return given + share * (carried - given), sigma * sqrt(1 - share)
 
     def _carried_length(
-        self, step: Step, adjusted: Adjusted, focal_px: float
+        self, step: RelativePose, adjusted: TwoViewAdjustment, focal_px: float
     ) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by the depths of the step before; nan with too few points."""
         if len(self.depths) == 0:
@@ -217,7 +224,7 @@ class Drive:
         return length, scatter
 
 
-def _points(step: Step, rotation: Array, direction: Array, baseline_m: float) -> Array:
+def _points(step: RelativePose, rotation: Array, direction: Array, baseline_m: float) -> Array:
     """Ties in the current camera's frame (n, 3), nan where rays do not meet ahead of both cameras."""
     ones = np.ones((len(step.previous), 1))
     centre = baseline_m * direction
@@ -238,7 +245,7 @@ def _ratio(carried: tuple[float, float], last_m: float) -> tuple[float, float]:
 
 
 def _known_before(
-    prior: Prior, expected: Expectation, baseline_m: float, sigma_m: float
+    prior: RelativePosePrior, expected: MotionPrior, baseline_m: float, sigma_m: float
 ) -> StepPrior:
     """What to adjust a step with, together with its neighbours.
 
@@ -258,11 +265,11 @@ def _known_before(
     )
 
 
-def _unmeasured(last: Motion, expected: Expectation, height_m: float) -> Motion:
+def _unmeasured(last: Motion, expected: MotionPrior, height_m: float) -> Motion:
     """Too few ties: the expectation as it is, with the turn of the step before."""
     rotation, direction = expected.search, expected.straight[1]
     if expected.prior.halfway:
-        direction = half_turn(rotation, expected.prior.direction)
+        direction = halfway_direction(rotation, expected.prior.direction)
     baseline = expected.baseline_m
     turn = min(expected.prior.sigma_rotation, UNSEEN_TURN_SIGMA)
     aside = baseline * float(expected.prior.sigma_direction.max())

@@ -9,7 +9,7 @@ import numpy as np
 
 from wayside.schemas.detections import COLORS, Candidates, Detections, Segmentation, verdict_code
 from wayside.schemas.models import GaussianModel
-from wayside.stages.classifiers import check_model, nearest_class
+from wayside.stages.classifiers import nearest_class, require_gaussian_model
 from wayside.stages.imaging import SPACES, to_space
 
 
@@ -39,7 +39,7 @@ def classify_color(
     InputError
         If the model names a colour or a space that does not exist.
     """
-    check_model(model, COLORS, dict.fromkeys(SPACES, 3))
+    require_gaussian_model(model, COLORS, dict.fromkeys(SPACES, 3))
     for one in segmentations:
         candidates = Candidates.of(one.regions)
         values = to_space(one.regions.rgb, model.space)

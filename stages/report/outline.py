@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_array, require_picture
+from wayside.stages.kernels import compiled, require_array, require_image
 
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
@@ -58,7 +58,7 @@ def region_outline(
     ValueError
         If an array is of another type, shape or layout.
     """
-    require_picture(rgb)
+    require_image(rgb)
     boxes, colors = _box_rows(np.asarray(box)[None]), _color_rows(np.asarray(mean_rgb)[None], 1)
     points = np.empty((LONGEST_OUTLINE, 2))
     n = _outline_in_box(rgb, boxes[0], colors[0], points)
@@ -96,7 +96,7 @@ def region_sequences(
     rgb: NDArray[np.uint8], boxes: NDArray[Any], mean_rgb: NDArray[Any]
 ) -> NDArray[np.complex128]:
     """`region_outline` of n boxes (n, 4) with colours (n, 3), resampled: (n, SAMPLES), nan where there is none."""
-    require_picture(rgb)
+    require_image(rgb)
     rows = _box_rows(boxes)
     sequences = np.full((len(rows), SAMPLES), _NAN)
     _outlines_in_boxes(rgb, rows, _color_rows(mean_rgb, len(rows)), sequences)

@@ -17,7 +17,7 @@ from wayside.schemas.detections import (
     verdict_code,
 )
 from wayside.schemas.models import GaussianModel
-from wayside.stages.classifiers import check_model, nearest_class
+from wayside.stages.classifiers import nearest_class, require_gaussian_model
 from wayside.stages.report.fourier import (
     SPACES,
     sequence_features,
@@ -58,7 +58,7 @@ def classify_shape(
     InputError
         If the model names a shape that does not exist or has another dimension than its space.
     """
-    check_model(model, SHAPES, {space: shape_dimensions(space) for space in SPACES})
+    require_gaussian_model(model, SHAPES, {space: shape_dimensions(space) for space in SPACES})
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows() if gate else _nearest_in_color(candidates)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled_exact, require_array, require_picture
+from wayside.stages.kernels import compiled_exact, require_array, require_image
 
 MOST_CENTERS = 16
 """Labels share their number with squared distances in four bits."""
@@ -67,7 +67,7 @@ def label_colors(
     ValueError
         If the picture or the centres are not as said.
     """
-    require_picture(rgb)
+    require_image(rgb)
     labels = np.empty(rgb.shape[:2], np.uint8)
     differences = np.empty(rgb.shape[:2], np.uint16)
     _label_and_distance(rgb, packed_centers(centers), labels, differences)
@@ -95,7 +95,7 @@ def label_both_passes(
     ValueError
         If an array is not as said.
     """
-    require_picture(rgb)
+    require_image(rgb)
     require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
     first = np.empty(rgb.shape[:2], np.uint8)
     second = np.empty(rgb.shape[:2], np.uint8)

@@ -14,7 +14,7 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_picture
+from wayside.stages.kernels import compiled, require_image
 from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels
 
 SAMPLE = 80_000
@@ -66,7 +66,7 @@ def sample_colors(rgb: NDArray[np.uint8], work: PaletteWork | None = None) -> Co
     ValueError
         If the picture is of another type or layout, or empty.
     """
-    require_picture(rgb)
+    require_image(rgb)
     height, width = rgb.shape[:2]
     if height * width == 0:
         raise ValueError(f"rgb: wanted at least one pixel, found {width} x {height}")

@@ -64,7 +64,7 @@ def test_drives_together_are_judged_as_one() -> None:
 
 def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> None:
     outcomes = [
-        accept.Outcome(accept.Drive(name, Path(), Path(), ""), evaluation)
+        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
         for name, evaluation in (("good", GOOD), ("poor", POOR), ("lost", None))
     ]
     lines = accept.rendered_table(outcomes)
@@ -79,7 +79,7 @@ def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> Non
 def test_the_table_of_real_drives_leaves_rendered_ones_out(accept: ModuleType) -> None:
     real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
     outcomes = [
-        accept.Outcome(accept.Drive(name, Path(), Path(), ""), evaluation)
+        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
         for name, evaluation in (("good", GOOD), ("road", real))
     ]
     assert accept.real_table(outcomes)[2:] == ["| road | 3 | 1 | 0.333 | 0.500 | 1 |"]
@@ -91,7 +91,7 @@ def test_a_total_below_the_floor_is_named(
     floor = tmp_path / "floor.toml"
     floor.write_text("[default]\nrecall = 0.8\nprecision = 0.7\n")
     monkeypatch.setattr(accept, "FLOOR", floor)
-    drive = accept.Drive("d", Path(), Path(), "")
+    drive = accept.BenchmarkDrive("d", Path(), Path(), "")
     judged = [accept.Outcome(drive, GOOD), accept.Outcome(drive, POOR)]
     assert list(accept.below_floor({"default": judged})) == [
         "default: recall 0.7500 is below the floor of 0.8"
@@ -105,7 +105,7 @@ def test_a_run_that_fails_is_told_and_not_judged(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(accept, "RESULTS", tmp_path)
-    drive = accept.Drive("none", tmp_path / "none.mcap", tmp_path / "none.truth.json", "")
+    drive = accept.BenchmarkDrive("none", tmp_path / "none.mcap", tmp_path / "none.truth.json", "")
     assert accept.judge(drive, "default").evaluation is None
     assert "status 3" in capsys.readouterr().out
 

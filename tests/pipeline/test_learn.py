@@ -9,21 +9,22 @@ import pytest
 
 from wayside.pipeline.importing import import_pictures
 from wayside.pipeline.learn import gather, main
-from wayside.pipeline.learning import gating, judging
-from wayside.pipeline.learning.backs import learn_backs
+from wayside.pipeline.learning import detector, prefilter
+from wayside.pipeline.learning.backs import learn_back_classifier
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
 from wayside.pipeline.learning.samples import (
-    Views,
+    CandidateSamples,
+    distractor_positions,
     face_weights,
     read_truth,
-    sign_places,
-    stray_places,
+    sign_positions,
 )
 from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import TreeModel, model_from_json
-from wayside.stages.detection.region_features import REGION_FEATURES
+from wayside.schemas.model_json import model_from_json
+from wayside.schemas.models import TreeModel
+from wayside.stages.detection import REGION_FEATURES
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 
@@ -41,9 +42,9 @@ BEHIND = {"id": 9, "faces_travel": False, "lateral_m": -5.0, "eligible_frames": 
 def write_drive(folder, name, seed):
     """Six pictures of three rectangles each, with masks and truth."""
     rng = np.random.default_rng(seed)
-    pictures = folder / f"{name}_pictures"
+    images = folder / f"{name}_pictures"
     masks = folder / f"{name}.masks"
-    pictures.mkdir()
+    images.mkdir()
     masks.mkdir()
     signs = [
         {
@@ -81,7 +82,7 @@ def write_drive(folder, name, seed):
             {"frame": frame, "box": [40, 150, 60, 174], "side": "back", "visible_fraction": None}
         )
         bgr = np.clip(rgb, 0, 255).astype(np.uint8)[..., ::-1]
-        cv2.imwrite(str(pictures / f"{frame:04d}.png"), bgr)
+        cv2.imwrite(str(images / f"{frame:04d}.png"), bgr)
         cv2.imwrite(str(masks / f"{frame:04d}.png"), mask)
     signs.append(signs[0] | BEHIND | {"frames": backs})
     pose = {"position": [0, 0, 2.0], "quaternion": [-0.5, 0.5, -0.5, 0.5]}
@@ -100,7 +101,7 @@ def write_drive(folder, name, seed):
     (folder / f"{name}.truth.json").write_text(json.dumps(truth))
     calibration = folder / "camera.yaml"
     calibration.write_text(CALIBRATION)
-    import_pictures([pictures], calibration, 8.0, folder / f"{name}.mcap")
+    import_pictures([images], calibration, 8.0, folder / f"{name}.mcap")
     return truth
 
 
@@ -108,7 +109,7 @@ def write_drive(folder, name, seed):
 def few_trees():
     """Two dozen trees tell flat faces from noise as well as hundreds."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((gating, "GATE"), (judging, "JUDGE")):
+        for module, name in ((prefilter, "TREES"), (detector, "TREES")):
             patch.setattr(module, name, replace(getattr(module, name), trees=24))
         yield
 
@@ -124,6 +125,7 @@ def learned(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_script_writes_every_model_with_its_provenance(learned):
     files = sorted(path.name for path in (learned / "models").iterdir())
     assert files == [
@@ -144,12 +146,14 @@ def test_the_script_writes_every_model_with_its_provenance(learned):
         assert "measured" not in provenance
 
 
+@pytest.mark.slow
 def test_the_same_drives_and_seed_give_the_same_bytes(learned, tmp_path):
     assert main(["--drives", str(learned), "-o", str(tmp_path)]) == 0
     for path in (learned / "models").iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_colours_learned_are_those_painted(learned):
     model = model_from_json((learned / "models" / "color_rgb.json").read_text())
     means = {one.name: one.mean for one in model.classes}
@@ -158,14 +162,16 @@ def test_the_colours_learned_are_those_painted(learned):
         assert mean == pytest.approx(COLORS[name], abs=4)
 
 
+@pytest.mark.slow
 def test_the_judge_has_a_gate_and_held_out_figures(learned):
     model = model_from_json((learned / "models" / "judge.json").read_text())
     assert isinstance(model, TreeModel)
-    assert model.gate is not None
-    assert model.closer is not None
+    assert model.prefilter is not None
+    assert model.patch_cnn is not None
     assert "with the closer look, held out by drive" in model.provenance
 
 
+@pytest.mark.slow
 def test_the_ranking_states_how_many_faces_it_keeps_where_it_was_not_taught(learned):
     model = model_from_json((learned / "models" / "ranking.json").read_text())
     assert model.features == REGION_FEATURES
@@ -178,11 +184,14 @@ def test_drives_without_backs_teach_none(tmp_path):
     path = tmp_path / "learn_a.truth.json"
     path.write_text(json.dumps(truth))
     drive = gather([tmp_path / "learn_a.mcap"], None, 1, print).drives[0]
-    one = judging.Passed(drive, drive.views, np.zeros((len(drive.views.label), 0), np.float32))
+    one = detector.PrefilteredDrive(
+        drive, drive.candidates, np.zeros((len(drive.candidates.label), 0), np.float32)
+    )
     with pytest.raises(InputError, match="found 0; add drives"):
-        learn_backs([one], 1, "")
+        learn_back_classifier([one], 1, "")
 
 
+@pytest.mark.slow
 def test_the_network_names_the_colours_painted_and_one_shape_is_not_learned(learned):
     model = model_from_json((learned / "models" / "face_color.json").read_text())
     assert set(model.classes) == set(COLORS)
@@ -195,6 +204,7 @@ def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert "learn_*.mcap" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_missing_mask_is_named(learned, tmp_path, capsys):
     truth = write_drive(tmp_path, "learn_c", 5)
     (tmp_path / "learn_c.masks" / "0002.png").unlink()
@@ -218,7 +228,7 @@ def test_places_are_right_of_the_path_and_above_the_camera():
             {"faces_travel": False, "eligible_frames": 2, "lateral_m": 9.0, "up_m": 2.0},
         ],
     }
-    assert sign_places(truth).tolist() == [[4.0, 0.5]]
+    assert sign_positions(truth).tolist() == [[4.0, 0.5]]
 
 
 def test_things_that_are_no_signs_are_placed_from_the_camera():
@@ -227,7 +237,7 @@ def test_things_that_are_no_signs_are_placed_from_the_camera():
         "frames": [{"index": 0, "position": [10, 5, 2], "quaternion": [-0.5, 0.5, -0.5, 0.5]}],
         "distractors": [{"position": [40.0, 1.0, 3.0], "frames": [{"frame": 0}]}],
     }
-    assert stray_places(truth) == pytest.approx(np.array([[4.0, 1.0]]))
+    assert distractor_positions(truth) == pytest.approx(np.array([[4.0, 1.0]]))
 
 
 def test_legends_and_borders_do_not_count_for_the_main_colour():
@@ -279,7 +289,7 @@ def test_each_view_of_a_face_weighs_the_same_and_background_weighs_one():
         np.zeros((n, 3), np.float32),
         np.zeros(n, np.uint8),
     )
-    views = Views(
+    candidates = CandidateSamples(
         regions,
         np.zeros((n, 1), np.float32),
         np.zeros(n, np.int32),
@@ -287,7 +297,7 @@ def test_each_view_of_a_face_weighs_the_same_and_background_weighs_one():
         np.zeros(n, np.float32),
         np.array([7, 7, 7, 8, -1, 8], np.int32),
     )
-    weight = face_weights(views)
+    weight = face_weights(candidates)
     assert weight[:3].sum() == pytest.approx(weight[3])
     assert weight[:4].sum() == pytest.approx(4)
     assert weight[4:].tolist() == [1, 1]

@@ -6,10 +6,10 @@ from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import digest, model_from_json, model_to_json
-from wayside.stages.detection.detector import check_network, gate_names, view_names
-from wayside.stages.detection.region_features import REGION_FEATURES
+from wayside.schemas.model_json import digest, model_from_json, model_to_json
+from wayside.stages.detection import REGION_FEATURES, box_feature_names, prefilter_feature_names
 from wayside.stages.mapping.landmark_features import FEATURES
+from wayside.stages.panel import OUTLINE_FEATURES
 
 NAMES = (
     "back.json",
@@ -21,6 +21,7 @@ NAMES = (
     "face_shape.json",
     "judge.json",
     "location.json",
+    "outline.json",
     "place.json",
     "ranking.json",
     "shape.json",
@@ -41,50 +42,62 @@ def test_a_model_that_ships_reads_and_writes_the_same_bytes(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_model_that_ships_says_where_it_comes_from(name):
-    assert "learn_" in model_from_json((shipped_models() / name).read_text()).provenance
+    provenance = model_from_json((shipped_models() / name).read_text()).provenance
+    # the drives that the outlines were learned from were not recorded
+    assert ("rendered drives" if name == "outline.json" else "learn_") in provenance
 
 
-def test_the_judge_knows_the_features_that_the_stage_computes():
-    judge = load_models(settings()).judge
-    assert judge.features == view_names()
-    assert judge.gate is not None
-    assert judge.gate.features == gate_names()
+def test_the_box_classifier_knows_the_features_that_the_stage_computes():
+    classifier = load_models(settings()).box_classifier
+    assert classifier.features == box_feature_names()
+    assert classifier.prefilter is not None
+    assert classifier.prefilter.features == prefilter_feature_names()
 
 
-def test_the_judge_of_backs_and_the_ranking_know_the_features_that_the_stages_compute():
+def test_the_classifiers_of_backs_and_the_ranking_know_the_features_that_the_stages_compute():
     models = load_models(settings())
-    assert models.back is not None
-    assert models.back.features == view_names()
-    assert models.back_place is not None
-    assert models.back_place.features == FEATURES
-    assert models.ranking is not None
-    assert models.ranking.features == REGION_FEATURES
+    assert models.back_classifier is not None
+    assert models.back_classifier.features == box_feature_names()
+    assert models.back_landmark_classifier is not None
+    assert models.back_landmark_classifier.features == FEATURES
+    assert models.region_ranking is not None
+    assert models.region_ranking.features == REGION_FEATURES
 
 
-def test_the_judge_of_places_knows_the_features_that_the_stage_computes():
-    place = load_models(settings()).place
-    assert place is not None
-    assert place.features == FEATURES
+def test_the_landmark_classifier_knows_the_features_that_the_stage_computes():
+    landmark = load_models(settings()).landmark_classifier
+    assert landmark is not None
+    assert landmark.features == FEATURES
+
+
+def test_the_model_of_outlines_knows_the_features_that_the_stage_computes():
+    for preset in ("default", "report"):
+        assert load_models(settings(preset)).outline_weights.features == OUTLINE_FEATURES
 
 
 def test_the_networks_that_name_faces_know_features_and_names_of_the_stages():
     models = load_models(settings())
-    check_network(models.face_color, COLORS)
-    check_network(models.face_shape, SHAPES)
+    for network, names in ((models.color_network, COLORS), (models.shape_network, SHAPES)):
+        assert network is not None
+        assert set(network.features) <= set(box_feature_names())
+        assert set(network.classes) <= set(names)
 
 
 def test_the_report_names_faces_by_its_own_classifiers_alone():
     models = load_models(settings("report"))
-    assert models.face_color is None
-    assert models.face_shape is None
+    assert models.color_network is None
+    assert models.shape_network is None
 
 
 def test_each_preset_has_its_own_colours_shapes_and_places():
     default, report = load_models(settings()), load_models(settings("report"))
-    assert (default.color.space, report.color.space) == ("log_chromaticity", "rgb")
-    assert (default.shape.space, report.shape.space) == ("fourier6_oriented", "fourier6")
-    assert [c.name for c in report.location.classes] == ["report"]
-    assert "report" not in [c.name for c in default.location.classes]
+    assert (default.color_classes.space, report.color_classes.space) == ("log_chromaticity", "rgb")
+    assert (default.shape_classes.space, report.shape_classes.space) == (
+        "fourier6_oriented",
+        "fourier6",
+    )
+    assert [c.name for c in report.location_classes.classes] == ["report"]
+    assert "report" not in [c.name for c in default.location_classes.classes]
 
 
 def test_digests_are_those_of_the_files_and_the_same_each_time():
@@ -98,8 +111,8 @@ def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path):
     data["provenance"] = "my own"
     (tmp_path / "color.json").write_text(json.dumps(data))
     models = load_models(settings(folder=tmp_path))
-    assert models.color.provenance == "my own"
-    assert models.judge.provenance == load_models(settings()).judge.provenance
+    assert models.color_classes.provenance == "my own"
+    assert models.box_classifier.provenance == load_models(settings()).box_classifier.provenance
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):

@@ -35,6 +35,7 @@ def many():
     return [simulate(survey) for survey in surveys]
 
 
+@pytest.mark.slow
 def test_truths_lie_within_the_stated_sigmas_as_often_as_they_should(many):
     """Of normal errors 68 % lie within one sigma and 95 % within two."""
     assert sum(len(one.error) for one in many) >= 500
@@ -46,6 +47,7 @@ def test_truths_lie_within_the_stated_sigmas_as_often_as_they_should(many):
     assert (two <= 0.98).all(), two
 
 
+@pytest.mark.slow
 def test_errors_come_near_the_bound_and_no_sigma_is_below_it(many):
     for one in many:
         reached = np.quantile(np.abs(one.error), 0.6827, axis=0)
@@ -55,6 +57,7 @@ def test_errors_come_near_the_bound_and_no_sigma_is_below_it(many):
         assert (np.median(one.sigma, axis=0) > 0.9 * least).all()
 
 
+@pytest.mark.slow
 def test_nearly_every_sign_is_placed(many):
     assert sum(len(one.error) for one in many) >= 0.98 * sum(one.wanted for one in many)
 

@@ -40,6 +40,7 @@ def test_every_group_paints_faces_of_a_sign_colour_that_is_on_them(group: str) -
 
 
 @given(st.integers(0, 2**32))
+@pytest.mark.slow
 def test_no_part_of_an_invented_face_is_larger_than_that_of_its_colour(seed: int) -> None:
     face = invented(np.random.default_rng(seed))
     own = share_of(face, face.color)

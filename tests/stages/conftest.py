@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from wayside.schemas.detections import COLORS, SHAPES, Candidates, Detections, Features, Regions
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
+from wayside.schemas.model_json import model_from_json
+from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import Motion, PosedDetections
+from wayside.schemas.settings import OutlineSettings, PanelSettings, RegistrationSettings
+from wayside.stages.panel import PanelMethod
 from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
@@ -101,6 +106,21 @@ def straight_motion(step: int) -> Motion:
         iterations=1,
         camera_height_m=1.6,
     )
+
+
+@pytest.fixture(scope="session")
+def outline_model() -> LinearModel:
+    """The model of outlines that ships."""
+    text = (files("wayside.pipeline") / "models" / "outline.json").read_text()
+    model = model_from_json(text)
+    assert isinstance(model, LinearModel)
+    return model
+
+
+@pytest.fixture(scope="session")
+def panel_method(outline_model: LinearModel) -> PanelMethod:
+    """How a run measures panels."""
+    return PanelMethod(outline_model, PanelSettings(), RegistrationSettings(), OutlineSettings())
 
 
 @pytest.fixture

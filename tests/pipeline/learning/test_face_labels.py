@@ -7,10 +7,10 @@ from wayside.pipeline.learning.samples import NEITHER, OFF, ON, face_labels
 SIGN, PLAQUE = [100, 100, 140, 140], [105, 141, 135, 156]
 
 
-def labels(boxes, faces=(SIGN, PLAQUE), teaches=None):
-    teaches = [True] * len(faces) if teaches is None else teaches
+def labels(boxes, faces=(SIGN, PLAQUE), is_example=None):
+    is_example = [True] * len(faces) if is_example is None else is_example
     return face_labels(
-        np.array(boxes, np.float32), np.array(faces, np.float64), np.array(teaches)
+        np.array(boxes, np.float32), np.array(faces, np.float64), np.array(is_example)
     ).tolist()
 
 

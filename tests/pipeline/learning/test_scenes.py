@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON, FaceName
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON, FaceLabel
 from wayside.pipeline.learning.scenes import (
     read_scenes,
     scene_drive,
-    scene_pictures,
+    scene_images,
     scene_sources,
 )
 from wayside.schemas.errors import InputError
@@ -51,18 +51,18 @@ def test_scenes_are_grouped_by_source_in_order_of_names(folder):
 
 
 def test_pictures_are_read_as_rgb_with_a_camera_of_their_size(folder):
-    picture = next(scene_pictures(folder, read_scenes(folder)))
-    assert picture.rgb[230, 315].tolist() == [180, 30, 40]
-    assert (picture.frame.camera.width, picture.frame.camera.height) == (640, 480)
+    image = next(scene_images(folder, read_scenes(folder)))
+    assert image.rgb[230, 315].tolist() == [180, 30, 40]
+    assert (image.frame.camera.width, image.frame.camera.height) == (640, 480)
 
 
 def test_boxed_signs_are_faces_and_only_complete_scenes_show_what_is_none(folder):
     scenes = scene_sources(read_scenes(folder))["two"]
-    drive = scene_drive(scene_pictures(folder, scenes), "two", scenes)
-    labels = [set(drive.views.label[drive.views.frame == k].tolist()) for k in (0, 1)]
+    drive = scene_drive(scene_images(folder, scenes), "two", scenes)
+    labels = [set(drive.candidates.label[drive.candidates.frame == k].tolist()) for k in (0, 1)]
     assert labels[0] == {ON, NEITHER}
     assert {ON, OFF} <= labels[1]
-    assert drive.signs[0] == FaceName("two/a.png/0", "red", "rectangle")
+    assert drive.signs[0] == FaceLabel("two/a.png/0", "red", "rectangle")
     assert drive.wanted.all()
 
 
@@ -74,4 +74,4 @@ def test_a_folder_without_scenes_is_refused(tmp_path):
 def test_a_missing_picture_is_named(folder):
     (folder / "scenes" / "c.png").unlink()
     with pytest.raises(InputError, match=r"c\.png"):
-        list(scene_pictures(folder, read_scenes(folder)))
+        list(scene_images(folder, read_scenes(folder)))

@@ -91,7 +91,7 @@ def has_vulkan():
 
 
 def recorded(folder, *options):
-    command = [*WAYSIDE, "run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "4s"]
+    command = [*WAYSIDE, "run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "2.5s"]
     subprocess.run([*command, *options], check=True, capture_output=True)
     return folder
 

@@ -69,7 +69,7 @@ def run(folder, viewing=None, workers=2, until_s=None):
         return (
             None
             if viewing is None
-            else open_observer(viewing, folder, "demo", models.location, report)
+            else open_observer(viewing, folder, "demo", models.location_classes, report)
         )
 
     return run_log(DEMO, folder, settings, models, arguments=[], open_observer=observer)
@@ -115,7 +115,11 @@ def stream_types():
         for name, function in inspect.getmembers(loaded, inspect.isgeneratorfunction):
             if function.__module__ != loaded.__name__ or name.startswith("_"):
                 continue
-            for hint in get_type_hints(function).values():
+            hints = get_type_hints(function)
+            first = next(iter(hints.values()), None)
+            if get_origin(first) is not Iterator:  # no stage: it does not take a stream
+                continue
+            for hint in hints.values():
                 if get_origin(hint) is Iterator:
                     found |= {t for t in get_args(hint) if t.__module__.startswith("wayside")}
     return found

@@ -3,8 +3,9 @@ import pytest
 from scipy.signal import correlate
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import ConvolutionModel, model_from_json, model_to_json
-from wayside.stages.classifiers.convolution import TOGETHER, convolved
+from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.schemas.models import ConvolutionModel
+from wayside.stages.classifiers.convolution import TOGETHER, convolution_output
 
 
 def network(side=8, filters=(5, 4, 3), halved=(True, False, True), seed=0):
@@ -36,7 +37,7 @@ def network(side=8, filters=(5, 4, 3), halved=(True, False, True), seed=0):
 def one_by_one(model, patch, told):
     """The same network by SciPy's correlation, in doubles, a patch and a filter at a time."""
     x = patch.astype(np.float64)
-    for weight, bias, halved in zip(model.filters, model.biases, model.halved, strict=True):
+    for weight, bias, halved in zip(model.filters, model.biases, model.pooled, strict=True):
         planes = []
         for o in range(weight.shape[3]):
             channels = [
@@ -48,7 +49,7 @@ def one_by_one(model, patch, told):
         if halved:
             rows, columns, channels = x.shape
             x = x.reshape(rows // 2, 2, columns // 2, 2, channels).max(axis=(1, 3))
-    features = np.clip((told - model.mean) / model.scale, -model.farthest, model.farthest)
+    features = np.clip((told - model.mean) / model.scale, -model.feature_limit, model.feature_limit)
     hidden = np.maximum(np.append(x.ravel(), features) @ model.hidden + model.hidden_bias, 0)
     return hidden @ model.output + model.output_bias
 
@@ -60,11 +61,15 @@ def test_each_patch_is_told_what_correlation_after_correlation_says(count):
     patches = random.normal(0, 1, (count, 8, 8, 3)).astype(np.float32)
     told = random.normal(0, 3, (count, 2)).astype(np.float32)
     wanted = [one_by_one(model, p, t) for p, t in zip(patches, told, strict=True)]
-    np.testing.assert_allclose(convolved(model, patches, told), wanted, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(
+        convolution_output(model, patches, told), wanted, rtol=1e-4, atol=1e-4
+    )
 
 
 def test_no_patches_give_no_odds():
-    nothing = convolved(network(), np.zeros((0, 8, 8, 3), np.float32), np.zeros((0, 2), np.float32))
+    nothing = convolution_output(
+        network(), np.zeros((0, 8, 8, 3), np.float32), np.zeros((0, 2), np.float32)
+    )
     assert nothing.shape == (0,)
     assert nothing.dtype == np.float32
 
@@ -80,7 +85,7 @@ def test_no_patches_give_no_odds():
 )
 def test_patches_or_features_of_another_size_are_refused(patches, told):
     with pytest.raises(ValueError, match="wanted"):
-        convolved(network(), np.zeros(patches, np.float32), np.zeros(told, np.float32))
+        convolution_output(network(), np.zeros(patches, np.float32), np.zeros(told, np.float32))
 
 
 def test_written_and_read_it_says_the_same():
@@ -92,7 +97,10 @@ def test_written_and_read_it_says_the_same():
     patches = np.random.default_rng(1).normal(0, 1, (4, 8, 8, 3)).astype(np.float32)
     told = np.zeros((4, 2), np.float32)
     np.testing.assert_allclose(
-        convolved(read, patches, told), convolved(model, patches, told), rtol=1e-3, atol=1e-3
+        convolution_output(read, patches, told),
+        convolution_output(model, patches, told),
+        rtol=1e-3,
+        atol=1e-3,
     )
 
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import NetworkModel, TreeModel, model_from_json, model_to_json
+from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.schemas.models import NetworkModel, TreeModel
 from wayside.stages.classifiers.trees import log_odds
 
 
@@ -60,14 +61,14 @@ def test_exported_trees_give_the_scores_of_scikit_learn():
         assert log_odds(one, fresh) == pytest.approx(fitted.decision_function(fresh), abs=1e-4)
 
 
-def test_a_gate_survives_the_way_through_text():
-    model = replace(stump(), gate=stump(threshold=2.0))
+def test_a_prefilter_survives_the_way_through_text():
+    model = replace(stump(), prefilter=stump(threshold=2.0))
     text = model_to_json(model)
     read = model_from_json(text)
     assert isinstance(read, TreeModel)
-    assert read.gate is not None
+    assert read.prefilter is not None
     assert model_to_json(read) == text
-    assert read.gate.threshold[0, 0] == 2.0
+    assert read.prefilter.split[0, 0] == 2.0
 
 
 def test_a_gate_that_is_no_tree_is_refused_with_the_file_named():

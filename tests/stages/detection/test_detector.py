@@ -18,14 +18,18 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import NetworkModel, TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_regression import SIDES
-from wayside.stages.detection.detector import REACH, gate_names, judge, view_names
-from wayside.stages.detection.region_features import region_features
+from wayside.stages.detection.detector import detect
+from wayside.stages.detection.feature_vectors import (
+    box_feature_names,
+    prefilter_feature_names,
+    region_features,
+)
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
 
-def by_height(names, accept, gate=None):
-    """A judge that scores by the height of the box alone: 1 from 12 px, 3 from 20 px, else -1."""
+def by_height(names, threshold, prefilter=None):
+    """A box classifier that scores by the height of the box alone: 1 from 12 px, 3 from 20 px, else -1."""
     column = names.index("log_height")
     return TreeModel(
         names,
@@ -35,27 +39,27 @@ def by_height(names, accept, gate=None):
         np.array([[1, -1, 3, -1, -1]], np.int32),
         np.array([[2, -1, 4, -1, -1]], np.int32),
         np.array([[0, -1, 0, 1, 3]], np.float32),
-        accept,
+        threshold,
         "made by hand",
-        gate,
+        prefilter,
     )
 
 
-JUDGE = by_height(view_names(), 0.0)
+CLASSIFIER = by_height(box_feature_names(), 0.0)
 
 
-def judged(boxes, status=USED):
+def unclassified(boxes, status=USED):
     box = np.array(boxes, np.float32).reshape(-1, 4)
     n = len(box)
     regions = Regions(box, np.full(n, 50), np.full((n, 3), 90, np.float32), np.zeros(n, np.uint8))
     rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3)).astype(np.uint8)
     used = status == USED
-    picture = Image(
+    image = Image(
         Frame(0, 0, None, status, "jpeg", b"", CAMERA),
         rgb if used else None,
         rgb[..., 0] if used else None,
     )
-    segmented = Segmentation(picture, regions, n, np.zeros((0, 3)), np.zeros(0), (0, 240))
+    segmented = Segmentation(image, regions, n, np.zeros((0, 3)), np.zeros(0), (0, 240))
     return Detections(segmented, Candidates.of(regions))
 
 
@@ -63,33 +67,33 @@ def verdicts(item):
     return [VERDICTS[v] for v in item.candidates.verdict]
 
 
-def run(item, model=JUDGE, **settings):
-    return next(judge(iter([item]), trees=model, settings=CandidateSettings(**settings)))
+def run(item, model=CLASSIFIER, **settings):
+    return next(detect(iter([item]), classifier=model, settings=CandidateSettings(**settings)))
 
 
-def test_what_scores_below_the_bar_goes_no_further():
-    found = run(judged([[10, 10, 30, 20], [100, 10, 120, 25]]))
+def test_a_score_below_the_threshold_is_a_verdict():
+    found = run(unclassified([[10, 10, 30, 20], [100, 10, 120, 25]]))
     assert verdicts(found) == ["score", "open"]
     assert found.candidates.score.tolist() == [-1, 1]
 
 
 def test_of_overlapping_boxes_the_best_stays():
-    found = run(judged([[10, 10, 26, 25], [10, 10, 27, 32], [100, 10, 120, 25]]))
+    found = run(unclassified([[10, 10, 26, 25], [10, 10, 27, 32], [100, 10, 120, 25]]))
     assert verdicts(found) == ["overlap", "open", "open"]
 
 
 def test_the_first_of_equals_stays():
-    found = run(judged([[10, 10, 26, 25], [11, 10, 27, 25]]))
+    found = run(unclassified([[10, 10, 26, 25], [11, 10, 27, 25]]))
     assert verdicts(found) == ["open", "overlap"]
 
 
 def test_at_most_the_best_few_are_kept():
-    found = run(judged([[10, 10, 25, 25], [100, 10, 120, 35], [200, 10, 215, 25]]), keep=2)
+    found = run(unclassified([[10, 10, 25, 25], [100, 10, 120, 35], [200, 10, 215, 25]]), keep=2)
     assert verdicts(found) == ["open", "open", "score"]
 
 
 def test_rows_decided_before_keep_their_verdict_and_stay_unscored():
-    item = judged([[10, 10, 30, 40], [100, 10, 120, 40]])
+    item = unclassified([[10, 10, 30, 40], [100, 10, 120, 40]])
     verdict = item.candidates.verdict.copy()
     verdict[0] = verdict_code("color")
     found = run(replace(item, candidates=replace(item.candidates, verdict=verdict)))
@@ -97,42 +101,52 @@ def test_rows_decided_before_keep_their_verdict_and_stay_unscored():
     assert np.isnan(found.candidates.score[0])
 
 
-def test_what_the_gate_refuses_is_never_judged():
-    gated = replace(JUDGE, gate=by_height(gate_names(), 2.0))
-    found = run(judged([[10, 10, 30, 25], [100, 10, 120, 40]]), gated)
+def test_what_the_prefilter_refuses_gets_no_score():
+    prefiltered = replace(CLASSIFIER, prefilter=by_height(prefilter_feature_names(), 2.0))
+    found = run(unclassified([[10, 10, 30, 25], [100, 10, 120, 40]]), prefiltered)
     assert verdicts(found) == ["glance", "open"]
     assert np.isnan(found.candidates.score[0])
     assert found.candidates.score[1] == 3
 
 
-def test_a_picture_whose_candidates_all_fail_the_gate_has_none_open():
-    gated = replace(JUDGE, gate=by_height(gate_names(), 99.0))
-    assert verdicts(run(judged([[10, 10, 30, 25]]), gated)) == ["glance"]
+def test_an_image_whose_candidates_all_fail_the_prefilter_has_none_open():
+    prefiltered = replace(CLASSIFIER, prefilter=by_height(prefilter_feature_names(), 99.0))
+    assert verdicts(run(unclassified([[10, 10, 30, 25]]), prefiltered)) == ["glance"]
 
 
-def test_what_is_likelier_a_back_than_a_face_is_marked_so():
-    lower = replace(by_height(view_names(), 0.5), bias=0.5)
+def test_a_back_score_stands_where_it_exceeds_the_score_of_a_face():
+    lower = replace(by_height(box_feature_names(), 0.5), bias=0.5)
     boxes = [[10, 10, 30, 20], [100, 10, 120, 25], [200, 10, 230, 40]]
     found = next(
-        judge(iter([judged(boxes)]), trees=JUDGE, settings=CandidateSettings(), back=lower)
+        detect(
+            iter([unclassified(boxes)]),
+            classifier=CLASSIFIER,
+            settings=CandidateSettings(),
+            back=lower,
+        )
     )
-    # by the judge of backs they are at -.5, 1.5 and 3.5, by that of faces at -1, 1 and 3
+    # the classifier of backs scores -.5, 1.5 and 3.5, that of faces -1, 1 and 3
     np.testing.assert_allclose(found.candidates.back_score, [np.nan, 1.5, 3.5])
     assert verdicts(found) == ["score", "open", "open"]
-    higher = replace(by_height(view_names(), 0.5), bias=-0.5)
+    higher = replace(by_height(box_feature_names(), 0.5), bias=-0.5)
     found = next(
-        judge(iter([judged(boxes)]), trees=JUDGE, settings=CandidateSettings(), back=higher)
+        detect(
+            iter([unclassified(boxes)]),
+            classifier=CLASSIFIER,
+            settings=CandidateSettings(),
+            back=higher,
+        )
     )
     assert found.candidates.back_rows().tolist() == []
 
 
-@pytest.mark.parametrize("item", [judged([]), judged([[1, 1, 20, 20]], status=THINNED)])
-def test_pictures_without_candidates_or_pixels_travel_untouched(item):
+@pytest.mark.parametrize("item", [unclassified([]), unclassified([[1, 1, 20, 20]], status=THINNED)])
+def test_images_without_candidates_or_pixels_travel_untouched(item):
     assert run(item) is item
 
 
 def test_sizes_and_places_are_angles_whatever_the_camera():
-    small = judged([[60, 50, 80, 90]]).candidates.regions
+    small = unclassified([[60, 50, 80, 90]]).candidates.regions
     large = replace(small, box=small.box * 2, area_px=small.area_px * 4)
     doubled = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
     assert region_features(small, CAMERA) == pytest.approx(
@@ -142,7 +156,7 @@ def test_sizes_and_places_are_angles_whatever_the_camera():
 
 def test_the_same_candidates_get_the_same_scores():
     boxes = [[10, 10, 26, 25], [100, 10, 127, 32]]
-    one, other = run(judged(boxes)), run(judged(boxes))
+    one, other = run(unclassified(boxes)), run(unclassified(boxes))
     assert one.candidates.score.tobytes() == other.candidates.score.tobytes()
 
 
@@ -155,26 +169,33 @@ def by_aspect(features=("log_aspect",), classes=("red", "blue")):
     )
 
 
-def test_what_passes_the_bar_is_named_and_the_rest_is_not():
-    item = judged([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]])
+def test_what_passes_the_threshold_is_named_and_the_rest_is_not():
+    item = unclassified([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]])
     settings = CandidateSettings()
-    found = next(judge(iter([item]), trees=JUDGE, settings=settings, color=by_aspect()))
-    odds = found.candidates.color_odds
+    found = next(detect(iter([item]), classifier=CLASSIFIER, settings=settings, color=by_aspect()))
+    odds = found.candidates.color_log_probability
     assert [COLORS[k] for k in odds[:2].argmax(axis=1)] == ["blue", "red"]
     assert np.isnan(odds[2]).all()
     assert np.isneginf(odds[0, COLORS.index("white")])
-    assert found.candidates.shape_odds is None
+    assert found.candidates.shape_log_probability is None
 
 
 @pytest.mark.parametrize("strange", [{"features": ("smell",)}, {"classes": ("red", "plaid")}])
 def test_a_network_of_unknown_features_or_names_is_refused(strange):
     with pytest.raises(InputError, match=r"smell|plaid"):
-        next(judge(iter([]), trees=JUDGE, settings=CandidateSettings(), color=by_aspect(**strange)))
+        next(
+            detect(
+                iter([]),
+                classifier=CLASSIFIER,
+                settings=CandidateSettings(),
+                color=by_aspect(**strange),
+            )
+        )
 
 
 def grown(by):
     """A network that lowers the bottom of every box by a share of its height."""
-    names = view_names()
+    names = box_feature_names()
     n = len(names)
     return NetworkModel(
         names,
@@ -190,9 +211,11 @@ def grown(by):
 
 
 def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
-    item = judged([[20, 20, 36, 36], [100, 20, 130, 50]])
+    item = unclassified([[20, 20, 36, 36], [100, 20, 130, 50]])
     settings = CandidateSettings()
-    moved = next(judge(iter([item]), trees=JUDGE, settings=settings, box=grown(0.5)))
+    moved = next(
+        detect(iter([item]), classifier=CLASSIFIER, settings=settings, regressor=grown(0.5))
+    )
     assert moved.candidates.regions.box.tolist() == [[20, 20, 36, 44], [100, 20, 130, 50]]
     assert [SOURCES[s] for s in moved.candidates.regions.source] == ["moved", "pass1"]
     assert moved.candidates.score.tolist() == [3, 3]
@@ -201,14 +224,31 @@ def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
 
 
 def test_a_box_that_would_score_less_elsewhere_stays():
-    item = judged([[20, 20, 44, 44]])
-    moved = next(judge(iter([item]), trees=JUDGE, settings=CandidateSettings(), box=grown(-0.5)))
+    item = unclassified([[20, 20, 44, 44]])
+    moved = next(
+        detect(
+            iter([item]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=grown(-0.5)
+        )
+    )
     assert np.array_equal(moved.candidates.regions.box, item.candidates.regions.box)
     assert moved.candidates.score.tolist() == [3]
 
 
-def test_boxes_far_below_the_bar_are_not_moved():
-    item = judged([[20, 20, 36, 31]])
-    hopeless = replace(JUDGE, bias=-REACH - 1)
-    moved = next(judge(iter([item]), trees=hopeless, settings=CandidateSettings(), box=grown(1.0)))
+def test_boxes_far_below_the_threshold_are_not_moved():
+    item = unclassified([[20, 20, 36, 31]])
+    hopeless = replace(CLASSIFIER, bias=-CandidateSettings().regression_margin - 1)
+    moved = next(
+        detect(
+            iter([item]), classifier=hopeless, settings=CandidateSettings(), regressor=grown(1.0)
+        )
+    )
     assert np.array_equal(moved.candidates.regions.box, item.candidates.regions.box)
+
+
+def test_a_regressor_for_other_outputs_is_refused():
+    other = replace(grown(0.5), classes=("a", "b", "c", "d"))
+    with pytest.raises(InputError, match=r"box network.*found a, b, c, d"):
+        next(detect(iter([]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=other))
+    other = replace(grown(0.5), features=("smell",))
+    with pytest.raises(InputError, match=r"box network.*smell"):
+        next(detect(iter([]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=other))

@@ -7,13 +7,13 @@ from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ConvolutionModel, TreeModel
-from wayside.stages.detection.detector import view_features, view_names, view_odds
+from wayside.stages.detection.box_classifier import BoxClassifier
+from wayside.stages.detection.feature_vectors import box_feature_names, box_features
 from wayside.stages.detection.patch_cnn import (
-    FEATURES,
-    check_closer,
-    closer_odds,
+    PATCH_CNN_FEATURES,
+    patch_log_odds,
+    placement_features,
     relative_colors,
-    told_of,
 )
 from wayside.stages.detection.patch_features import INNER, SIDE, drawn_patches
 from wayside.stages.imaging import pyramid
@@ -23,14 +23,14 @@ BOXES = np.array([[40, 40, 60, 60], [200, 100, 240, 160]], np.float32)
 
 
 def says(feature, near=-1.0):
-    """A network that says what it is told of one feature, and nothing of the pixels."""
-    column = FEATURES.index(feature)
+    """A network whose output is one of its features, whatever the pixels."""
+    column = PATCH_CNN_FEATURES.index(feature)
     samples = SIDE * SIDE
-    hidden = np.zeros((samples + len(FEATURES), 2), np.float32)
+    hidden = np.zeros((samples + len(PATCH_CNN_FEATURES), 2), np.float32)
     hidden[samples + column] = [1, -1]
-    none = np.zeros(len(FEATURES), np.float32)
+    none = np.zeros(len(PATCH_CNN_FEATURES), np.float32)
     return ConvolutionModel(
-        FEATURES,
+        PATCH_CNN_FEATURES,
         SIDE,
         near,
         0.5,
@@ -48,7 +48,7 @@ def says(feature, near=-1.0):
     )
 
 
-def picture(bright):
+def image(bright):
     rgb = np.random.default_rng(0).integers(60, 80, (240, 320, 3)).astype(np.uint8)
     x0, y0, x1, y1 = BOXES[1].astype(int)
     rgb[y0:y1, x0:x1] = bright
@@ -61,7 +61,7 @@ def regions(box=BOXES):
 
 
 def test_a_patch_is_the_box_with_its_surroundings():
-    patches = drawn_patches(picture(250), BOXES)
+    patches = drawn_patches(image(250), BOXES)
     edge = (SIDE - INNER) // 2
     assert patches.shape == (2, SIDE, SIDE, 3)
     assert (patches[1, edge:-edge, edge:-edge] == 250).all()
@@ -69,7 +69,7 @@ def test_a_patch_is_the_box_with_its_surroundings():
 
 
 def test_colors_hold_whatever_the_exposure_and_brightness_tells_it():
-    patches = drawn_patches(picture(200), BOXES)
+    patches = drawn_patches(image(200), BOXES)
     dim = (patches // 2).astype(np.uint8)
     (colors, bright), (dimmer, dark) = relative_colors(patches), relative_colors(dim)
     assert np.abs(colors - dimmer).mean() < 0.1
@@ -78,42 +78,45 @@ def test_colors_hold_whatever_the_exposure_and_brightness_tells_it():
     assert middle == pytest.approx(0, abs=1e-5)
 
 
-def test_the_network_is_told_where_a_box_stands_and_how_bright_it_is():
-    levels, none = picture(200), np.zeros(2, np.float32)
-    told = told_of(view_names(), view_features(levels, regions(), CAMERA))
-    assert told.shape == (2, len(FEATURES) - 1)
-    odds = closer_odds(says("log_height"), levels, BOXES, told, none)
+def classifier(patch_cnn=None):
+    """Trees without any, to be given scores by hand."""
+    none = (np.zeros((1, 1)),) * 5
+    trees = TreeModel(box_feature_names(), 0.0, *none, 0.0, "made by hand")
+    return BoxClassifier(replace(trees, patch_cnn=patch_cnn))
+
+
+def test_the_network_gets_the_placement_of_a_box_and_its_brightness():
+    levels = image(200)
+    placement = placement_features(box_features(levels, regions(), CAMERA))
+    assert placement.shape == (2, len(PATCH_CNN_FEATURES) - 1)
+    patches = drawn_patches(levels, BOXES)
+    odds = patch_log_odds(says("log_height"), patches, placement)
     assert odds == pytest.approx(np.log([20 / 300, 60 / 300]), abs=1e-5)
-    bright = closer_odds(says("brightness"), levels, BOXES, told, none)
+    bright = patch_log_odds(says("brightness"), patches, placement)
     assert bright[1] == pytest.approx(np.log(200 + 16), abs=1e-4)
 
 
-def test_trees_and_network_are_both_heard():
-    levels = picture(200)
-    told = told_of(view_names(), view_features(levels, regions(), CAMERA))
-    said = [
-        closer_odds(says("log_height"), levels, BOXES, told, np.full(2, trees, np.float32))
-        for trees in (1, 3)
+def test_the_scores_of_trees_and_network_are_added():
+    levels = image(200)
+    values = box_features(levels, regions(), CAMERA)
+    both = classifier(says("log_height"))
+    scores = [
+        both.combined(levels, regions(), values, np.full(2, trees, np.float32)) for trees in (1, 3)
     ]
-    assert said[1] - said[0] == pytest.approx([1, 1], abs=1e-5)
+    assert scores[1] - scores[0] == pytest.approx([1, 1], abs=1e-5)
 
 
-def test_only_what_is_near_by_the_trees_is_looked_at_closer():
-    levels, shown = picture(200), regions()
-    values = view_features(levels, shown, CAMERA)
-    n = len(view_names())
-    trees = TreeModel(view_names(), 0.0, *(np.zeros((1, 1)),) * 5, 0.0, "made by hand")
-    first = np.array([-2.0, 2.0], np.float32)
-    assert values.shape == (2, n)
-    assert view_odds(trees, levels, shown, values, first) is first
-    closer = replace(trees, closer=says("log_height"))
-    odds = view_odds(closer, levels, shown, values, first)
-    assert odds == pytest.approx([-2.0, 1 + np.log(60 / 300)], abs=1e-5)
-    assert first.tolist() == [-2.0, 2.0]
+def test_the_network_is_evaluated_only_where_the_trees_score_enough():
+    levels, shown = image(200), regions()
+    values = box_features(levels, shown, CAMERA)
+    trees = np.array([-2.0, 2.0], np.float32)
+    assert classifier().combined(levels, shown, values, trees) is trees
+    scores = classifier(says("log_height")).combined(levels, shown, values, trees)
+    assert scores == pytest.approx([-2.0, 1 + np.log(60 / 300)], abs=1e-5)
+    assert trees.tolist() == [-2.0, 2.0]
 
 
 @pytest.mark.parametrize("strange", [{"side": 16}, {"features": ("smell",)}])
-def test_a_network_that_looks_at_something_else_is_refused(strange):
-    with pytest.raises(InputError, match="closer look: wanted a patch of 32"):
-        check_closer(replace(says("up"), **strange))
-    check_closer(None)
+def test_a_network_of_other_patches_or_features_is_refused(strange):
+    with pytest.raises(InputError, match="patch CNN: wanted"):
+        classifier(replace(says("up"), **strange))

@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
+from wayside.stages.detection.color_grid import color_grid, color_grid_names
 from wayside.stages.detection.patch_features import OUTLINES, patch_feature_names, patch_features
-from wayside.stages.detection.prefilter_features import glance_names, glances
 from wayside.stages.imaging import pyramid
 
 BOX = np.array([[60, 50, 100, 90]], np.float32)
@@ -57,7 +57,7 @@ def test_an_octagon_fits_better_than_a_square_or_a_diamond():
     assert found["octagon_worst"] > max(found["rectangle_worst"], found["diamond_worst"])
 
 
-def test_a_mirrored_picture_has_mirrored_cells():
+def test_a_mirrored_image_has_mirrored_cells():
     rgb = scene(SHAPES["triangle_up"])
     flipped = np.ascontiguousarray(rgb[:, ::-1])
     box = np.array([[200 - 100, 50, 200 - 60, 90]], np.float32)
@@ -68,7 +68,7 @@ def test_a_mirrored_picture_has_mirrored_cells():
             assert one[mine] == pytest.approx(other[theirs], abs=0.03)
 
 
-def test_a_picture_of_twice_the_size_looks_the_same():
+def test_a_image_of_twice_the_size_looks_the_same():
     rgb = scene(SHAPES["diamond"])
     large = cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
     one = patch_features(pyramid(rgb), BOX)[0]
@@ -85,7 +85,7 @@ def test_half_the_light_changes_the_brightness_and_little_else():
         assert other[name] == pytest.approx(one[name], rel=0.25, abs=0.2)
 
 
-def test_an_even_picture_has_no_gradient_and_no_step():
+def test_an_even_image_has_no_gradient_and_no_step():
     found = values(np.full((160, 200, 3), 90, np.uint8))
     assert found["gradient_total"] == 0
     assert max(found[f"{outline}_mean"] for outline in OUTLINES) < 1e-3
@@ -97,12 +97,12 @@ def test_an_even_picture_has_no_gradient_and_no_step():
 def test_boxes_at_and_beyond_the_border_have_finite_features(box):
     rgb, table = scene(SHAPES["circle"]), np.array([box], np.float32)
     assert np.isfinite(patch_features(pyramid(rgb), table)).all()
-    assert np.isfinite(glances(pyramid(rgb), table)).all()
+    assert np.isfinite(color_grid(pyramid(rgb), table)).all()
 
 
 def test_a_glance_sees_the_colour_inside_and_the_surroundings_outside():
     rgb = scene(SHAPES["rectangle"])
-    found = dict(zip(glance_names(), glances(pyramid(rgb), BOX)[0], strict=True))
+    found = dict(zip(color_grid_names(), color_grid(pyramid(rgb), BOX)[0], strict=True))
     assert found["glance_2_2_red_green"] > 1.5
     assert abs(found["glance_0_0_red_green"]) < 0.3
 
@@ -110,11 +110,11 @@ def test_a_glance_sees_the_colour_inside_and_the_surroundings_outside():
 def test_no_boxes_give_a_table_without_rows():
     levels, none = pyramid(scene(SHAPES["circle"])), np.zeros((0, 4), np.float32)
     assert patch_features(levels, none).shape == (0, len(patch_feature_names()))
-    assert glances(levels, none).shape == (0, len(glance_names()))
+    assert color_grid(levels, none).shape == (0, len(color_grid_names()))
 
 
-@pytest.mark.parametrize("look", [patch_features, glances])
-def test_wrong_pictures_are_refused_at_the_door(look):
+@pytest.mark.parametrize("look", [patch_features, color_grid])
+def test_wrong_images_are_refused_at_the_door(look):
     good = pyramid(scene(SHAPES["circle"]))
     for levels in (good[:2], (good[0].astype(np.float32), *good[1:]), (good[0][:0], *good[1:])):
         with pytest.raises(ValueError, match="levels"):

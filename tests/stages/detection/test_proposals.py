@@ -7,10 +7,10 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection import proposals as module
-from wayside.stages.detection.boxes import overlap_of
-from wayside.stages.detection.proposals import propose, with_stacks
-from wayside.stages.detection.region_features import REGION_FEATURES
+from wayside.stages.detection.feature_vectors import REGION_FEATURES
+from wayside.stages.detection.proposals import propose
+from wayside.stages.detection.stacked_regions import with_stacks
+from wayside.stages.geometry import iou_matrix
 
 CAMERA = Camera(800, 600, 700.0, 700.0, 399.5, 299.5)
 SETTINGS = CandidateSettings()
@@ -30,13 +30,13 @@ def segmented(rgb, *, status=USED, camera=CAMERA, regions=None):
     pixels = np.clip(rgb, 0, 255).astype(np.uint8)
     frame = Frame(3, 0, None, status, "jpeg", b"", camera)
     used = status == USED
-    picture = Image(frame, pixels if used else None, pixels[..., 0] if used else None)
+    image = Image(frame, pixels if used else None, pixels[..., 0] if used else None)
     table = Regions.empty() if regions is None else regions
-    return Segmentation(picture, table, 0, np.zeros((0, 3)), np.zeros(0), (0, 600))
+    return Segmentation(image, table, 0, np.zeros((0, 3)), np.zeros(0), (0, 600))
 
 
 def best(item, box):
-    return overlap_of(item.regions.box, np.array([box])).max()
+    return iou_matrix(item.regions.box, np.array([box])).max()
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_faces_of_all_colours_and_sizes_have_a_box_that_fits(color, box):
     rgb[box[1] : box[3], box[0] : box[2]] = color
     (found,) = propose(iter([segmented(rgb)]), settings=SETTINGS)
     assert best(found, box) >= 0.7
-    row = overlap_of(found.regions.box, np.array([box])).argmax()
+    row = iou_matrix(found.regions.box, np.array([box])).argmax()
     assert SOURCES[found.regions.source[row]] == "level"
     assert np.abs(found.regions.rgb[row] - color).max() < 25
 
@@ -77,9 +77,9 @@ def test_segments_of_the_size_of_a_face_stay_and_others_go():
     assert found.regions.box.tolist() == [[10, 20, 40, 50]]
 
 
-def test_like_boxes_come_once():
+def test_boxes_that_overlap_come_once():
     (found,) = propose(iter([segmented(road(2))]), settings=SETTINGS)
-    overlap = overlap_of(found.regions.box, found.regions.box)
+    overlap = iou_matrix(found.regions.box, found.regions.box)
     np.fill_diagonal(overlap, 0)
     assert len(found.regions) > 20
     assert overlap.max() <= 0.7 + 1e-6
@@ -91,13 +91,13 @@ def test_no_more_regions_than_asked_for():
     assert len(found.regions) == 9
 
 
-def test_regions_for_which_there_is_no_room_are_counted(monkeypatch):
+def test_regions_for_which_there_is_no_room_are_counted():
     (everything,) = propose(iter([segmented(road())]), settings=SETTINGS)
     assert everything.left_out == 0
     (few,) = propose(iter([segmented(road())]), settings=CandidateSettings(most=9))
     assert few.left_out == len(everything.regions) - 9
-    monkeypatch.setattr(module, "MOST", 9)
-    (fewer,) = propose(iter([segmented(road())]), settings=CandidateSettings(most=9))
+    fewest = CandidateSettings(most=9, most_compared=9)
+    (fewer,) = propose(iter([segmented(road())]), settings=fewest)
     assert len(fewer.regions) == 9
     assert fewer.left_out > 9
 
@@ -133,18 +133,18 @@ def test_a_ranking_by_something_else_is_refused():
         next(propose(iter([segmented(road())]), settings=SETTINGS, ranking=strange))
 
 
-def test_the_same_picture_gives_the_same_regions():
+def test_the_same_image_gives_the_same_regions():
     one, other = propose(iter([segmented(road(5)), segmented(road(5))]), settings=SETTINGS)
     assert one.regions.box.tobytes() == other.regions.box.tobytes()
     assert one.regions.rgb.tobytes() == other.regions.rgb.tobytes()
 
 
-def test_a_picture_that_is_not_used_travels_untouched():
+def test_a_image_that_is_not_used_travels_untouched():
     item = segmented(road(), status=THINNED)
     assert next(propose(iter([item]), settings=SETTINGS)) is item
 
 
-def test_a_picture_without_rows_near_the_horizon_keeps_its_segments():
+def test_a_image_without_rows_near_the_horizon_keeps_its_segments():
     looking_up = Camera(800, 600, 700.0, 700.0, 399.5, 5000.0)
     (found,) = propose(iter([segmented(road(), camera=looking_up)]), settings=SETTINGS)
     assert len(found.regions) == 0
@@ -155,7 +155,7 @@ def test_a_face_in_two_colours_is_put_together_from_its_halves():
     rgb[240:262, 520:580] = (235, 235, 235)
     rgb[262:284, 520:580] = (240, 150, 20)
     (found,) = propose(iter([segmented(rgb)]), settings=SETTINGS)
-    overlap = overlap_of(found.regions.box, np.array([(520, 240, 580, 284)]))[:, 0]
+    overlap = iou_matrix(found.regions.box, np.array([(520, 240, 580, 284)]))[:, 0]
     assert overlap.max() >= 0.8
 
 
@@ -169,9 +169,9 @@ def test_stripes_stand_in_for_the_striped_face():
         np.array([[200, 40, 40], [240, 240, 240], [200, 40, 40], [0, 0, 0]], np.float32),
         np.zeros(4, np.uint8),
     )
-    stacked = with_stacks(with_stacks(table))
-    assert overlap_of(stacked.box, np.array([(100, 50, 113, 84)])).max() > 0.9
-    row = int(overlap_of(stacked.box, np.array([(100, 50, 112, 72)]))[:, 0].argmax())
+    stacked = with_stacks(with_stacks(table, SETTINGS), SETTINGS)
+    assert iou_matrix(stacked.box, np.array([(100, 50, 113, 84)])).max() > 0.9
+    row = int(iou_matrix(stacked.box, np.array([(100, 50, 112, 72)]))[:, 0].argmax())
     assert SOURCES[stacked.source[row]] == "stack"
     assert stacked.rgb[row].tolist() == [220, 140, 140]
     assert stacked.area_px[row] == 200

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from wayside.stages.geometry.rotation import (
-    across,
     cholesky_solve,
     rotation_from_vector,
+    tangent_basis,
     vector_from_rotation,
 )
 
@@ -42,7 +42,7 @@ def test_the_two_directions_across_are_unit_and_at_right_angles(vector):
     length = np.linalg.norm(vector)
     if length < 1e-3:
         return
-    basis = np.vstack([vector / length, across(vector / length)])
+    basis = np.vstack([vector / length, tangent_basis(vector / length)])
     np.testing.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-9)
 
 

@@ -147,6 +147,7 @@ def test_without_noise_the_truth_comes_out(radius_m, free):
     assert (found.outliers, found.lag_s) == (0, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("radius_m", "free"), [(250.0, False), (1e9, True)])
 def test_errors_are_bounded_by_those_of_the_fixes_and_stated(radius_m, free):
     shares, stretches, errors = [], [], []

@@ -9,7 +9,6 @@ import pytest
 from PIL import Image
 
 from wayside.schemas.frame import Camera, Frame
-from wayside.stages.heap import keep_heap
 from wayside.stages.imaging.decoding import decode
 
 HEIGHT, WIDTH = 36, 52
@@ -174,7 +173,3 @@ def test_raw_rows_too_few_or_too_short_are_undecodable():
     assert decode_one(frame(data[:-1], "rgb8")).frame.status == "undecodable"
     assert decode_one(frame(data, "rgb8", step=WIDTH * 3 - 1)).frame.status == "undecodable"
     assert decode_one(frame(data, "rgb8", width=0)).frame.status == "undecodable"
-
-
-def test_keeping_the_heap_is_advice_that_may_be_declined():
-    assert keep_heap() in (True, False)

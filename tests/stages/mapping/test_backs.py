@@ -70,9 +70,9 @@ def test_a_panel_seen_from_behind_is_measured_as_a_back_without_a_colour(panel, 
     ("outline", "shape"), [("triangle_up", "triangle"), ("diamond", "diamond")]
 )
 def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
-    panel, drive, monkeypatch, outline, shape
+    panel, drive, monkeypatch, panel_method, outline, shape
 ):
-    def measured(fit, window, offset, drift_rad):
+    def measured(fit, window, offset, method, drift_rad):
         return 3, Panel(
             fit.point,
             fit.frames[fit.used],
@@ -91,7 +91,9 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    (landmark,) = landmarks_of(track(iter(frames), MappingSettings(), back=BEHIND))
+    (landmark,) = landmarks_of(
+        track(iter(frames), MappingSettings(), back=BEHIND, panel=panel_method)
+    )
     assert (landmark.color, landmark.shape) == (None, shape)
 
 

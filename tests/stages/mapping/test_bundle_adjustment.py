@@ -7,16 +7,17 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.mapping.bundle_adjustment import adjust_window
 from wayside.stages.mapping.residuals import (
     QUADRATIC,
-    Charts,
-    Links,
-    Rows,
-    link_gaps,
-    link_slopes,
-    row_gaps,
-    row_slopes,
+    PointAnchors,
+    ResidualBlocks,
+    StepConstraints,
+    block_jacobian,
+    block_residuals,
+    constraint_jacobian,
+    constraint_residuals,
 )
 
 FOCAL = 1400.0
@@ -34,8 +35,8 @@ class Scene:
     centres: np.ndarray
     points: np.ndarray
     anchors: np.ndarray
-    rows: Rows
-    links: Links
+    rows: ResidualBlocks
+    links: StepConstraints
 
     @property
     def last(self):
@@ -45,7 +46,7 @@ class Scene:
     def place(self):
         return self.centres[-1] + self.rotations[-1] @ SIGN
 
-    def solve(self, start=None, held=None, **how):
+    def solve(self, start=None, held=None, iterations=15):
         rotations, centres = (self.rotations, self.centres) if start is None else start
         return adjust_window(
             rotations,
@@ -55,7 +56,7 @@ class Scene:
             self.anchors,
             self.rows,
             self.links,
-            **how,
+            settings=AdjustmentSettings(window_iterations=iterations),
         )
 
 
@@ -105,19 +106,19 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
                 warp.append((growth, 0.0, growth))
                 place = now + world.uniform(-aside_px, aside_px, 2) / FOCAL
     count, m = len(points) - 1, len(pairs)
-    rows = Rows.joined(
+    rows = ResidualBlocks.joined(
         [
-            Rows.sights(
+            ResidualBlocks.observations(
                 numbers, np.zeros(frames, int), rays, np.full(frames, SIGHT_PX / FOCAL), scales[0]
             ),
-            Rows.sights(
+            ResidualBlocks.observations(
                 np.array(anchors[1:]),
                 np.arange(1, count + 1),
                 np.array(points)[1:, :2],
                 np.full(count, 0.01 / FOCAL),
                 QUADRATIC,
             ),
-            Rows(
+            ResidualBlocks(
                 np.array(pairs),
                 np.array(which),
                 np.array(source),
@@ -130,7 +131,7 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
     )
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     steps = frames - 1
-    links = Links(
+    links = StepConstraints(
         np.column_stack([numbers[:-1], numbers[1:]]),
         np.repeat(np.eye(3)[None], steps, axis=0),
         np.full(steps, np.inf),
@@ -169,7 +170,7 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
     one = scene(ties=10, seed=1, scales=scales)
     one = replace(one, links=with_given_turns(one.links))
     found = one.solve(shaken(one, one.last), iterations=40)
-    charts = Charts(one.rotations[one.anchors], one.centres[one.anchors])
+    charts = PointAnchors(one.rotations[one.anchors], one.centres[one.anchors])
 
     def residuals(unknowns):
         poses = unknowns[: 6 * one.last].reshape(-1, 6)
@@ -178,8 +179,8 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
         centres = np.concatenate([one.centres[:-1] + poses[:, 3:], one.centres[-1:]])
         gaps, known = np.empty((len(one.rows.point), 2)), np.empty((one.last, 6))
         points = one.points + unknowns[6 * one.last :].reshape(-1, 3) * [1e-3, 1e-3, 1e-3]
-        row_gaps(rotations, centres, charts, points, one.rows, gaps)
-        link_gaps(rotations, centres, one.links, known)
+        block_residuals(rotations, centres, charts, points, one.rows, gaps)
+        constraint_residuals(rotations, centres, one.links, known)
         square, scale = (gaps**2).sum(axis=1), one.rows.scale
         flat = scale * np.sqrt(np.log1p(square / scale**2)) / np.sqrt(np.maximum(square, 1e-30))
         return np.concatenate([(gaps * flat[:, None]).ravel(), known.ravel()])
@@ -200,17 +201,17 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
 def test_derivatives_of_rows_are_those_of_finite_differences():
     one = scene(ties=4, seed=2)
     rotations, centres = shaken(one, 0)
-    charts = Charts(one.rotations[one.anchors], one.centres[one.anchors])
+    charts = PointAnchors(one.rotations[one.anchors], one.centres[one.anchors])
     slopes, by_point, work = np.empty((2, 12)), np.empty((2, 3)), np.empty((2, 2, 9))
     h = 1e-6
 
     def gaps(rotations, centres, points):
         result = np.empty((len(one.rows.point), 2))
-        row_gaps(rotations, centres, charts, points, one.rows, result)
+        block_residuals(rotations, centres, charts, points, one.rows, result)
         return result
 
     for i in range(len(one.rows.point)):
-        row_slopes(rotations, centres, charts, one.points, one.rows, i, work, slopes, by_point)
+        block_jacobian(rotations, centres, charts, one.points, one.rows, i, work, slopes, by_point)
         first, second = one.rows.frames[i]
         for x, frame in enumerate((first, second)):
             for k in range(6):
@@ -240,7 +241,7 @@ def test_derivatives_of_known_steps_are_those_of_finite_differences():
     rotations, centres = shaken(one, 0, turn=0.1, shift=0.5)
     slopes, h = np.empty((6, 12)), 1e-6
     for i, (first, second) in enumerate(links.frames):
-        link_slopes(rotations, centres, links, i, slopes)
+        constraint_jacobian(rotations, centres, links, i, slopes)
         for k in range(12):
             frame, ends = (first, second)[k // 6], []
             for sign in (-h, h):
@@ -248,7 +249,7 @@ def test_derivatives_of_known_steps_are_those_of_finite_differences():
                 step = np.eye(6)[k % 6] * sign
                 r[frame] = Rotation.from_rotvec(step[:3]).as_matrix() @ r[frame]
                 c[frame] += step[3:]
-                link_gaps(r, c, links, gaps)
+                constraint_residuals(r, c, links, gaps)
                 ends.append(gaps[i])
             wanted = (ends[1] - ends[0]) / (2 * h)
             np.testing.assert_allclose(slopes[:, k], wanted, rtol=1e-5, atol=1e-3)
@@ -258,9 +259,13 @@ def test_without_errors_a_shaken_start_comes_back_to_the_truth():
     one = scene(frames=6, noise=0.0)
     found = one.solve(shaken(one, one.last, turn=0.003, shift=0.1))
     np.testing.assert_allclose(found.centres, one.centres, atol=1e-4)
-    np.testing.assert_allclose(found.place, one.place, atol=1e-3)
+    np.testing.assert_allclose(found.position, one.place, atol=1e-3)
     assert found.squares.max() < 1e-2
-    assert (np.diff(found.history) <= 0).all()
+    costs = [
+        one.solve(shaken(one, one.last, turn=0.003, shift=0.1), iterations=n).cost
+        for n in range(found.iterations + 1)
+    ]
+    assert (np.diff(costs) <= 0).all()
 
 
 def test_the_held_frame_stays_and_the_others_do_not_care_which_it_is():
@@ -271,9 +276,9 @@ def test_the_held_frame_stays_and_the_others_do_not_care_which_it_is():
     np.testing.assert_array_equal(at_start.centres[0], one.centres[0])
     assert at_start.cost == pytest.approx(at_end.cost, rel=1e-6)
     for found in (at_end, at_start):  # the sign as the last camera sees it
-        local = (found.place - found.centres[-1]) @ found.rotations[-1]
+        local = (found.position - found.centres[-1]) @ found.rotations[-1]
         np.testing.assert_allclose(
-            local, (at_end.place - one.centres[-1]) @ one.rotations[-1], atol=1e-4
+            local, (at_end.position - one.centres[-1]) @ one.rotations[-1], atol=1e-4
         )
 
 
@@ -289,7 +294,7 @@ def test_errors_of_many_windows_are_as_large_as_the_covariance_says():
     for seed in range(150):
         one = scene(ties=20, seed=seed)
         found = one.solve()
-        gaps.append(found.place - one.place)
+        gaps.append(found.position - one.place)
         stated.append(found.covariance)
     simulated, mean = np.cov(np.array(gaps).T), np.mean(stated, axis=0)
     np.testing.assert_allclose(np.sqrt(np.diag(mean)), np.sqrt(np.diag(simulated)), rtol=0.2)
@@ -304,7 +309,7 @@ def test_the_gain_tells_how_an_error_of_a_row_moves_the_place():
             target[row, axis] += 0.02 / FOCAL
             moved = replace(one, rows=one.rows._replace(target=target)).solve(iterations=40)
             np.testing.assert_allclose(
-                moved.place - found.place, found.gain[row, axis] * 0.02 / FOCAL, atol=2e-6
+                moved.position - found.position, found.gain[row, axis] * 0.02 / FOCAL, atol=2e-6
             )
 
 
@@ -312,7 +317,7 @@ def test_a_step_that_starts_beside_the_end_of_the_one_before_follows_the_same_po
     """Corners lie up to a pixel from where the step before ended; the map of the patch takes that along."""
     one = scene(noise=0.0, aside_px=1.0)
     found = one.solve()
-    np.testing.assert_allclose(found.place, one.place, atol=1e-4)
+    np.testing.assert_allclose(found.position, one.place, atol=1e-4)
     assert found.squares.max() < 1e-4
     # taken for the place itself, that pixel would be an error of many sigmas
     tie = (one.rows.frames[:, 0] != one.rows.frames[:, 1])[:, None]
@@ -331,7 +336,7 @@ def test_points_of_two_steps_share_out_the_error_of_their_lengths():
             kept &= (rows.point == 0) | (rows.frames[:, 0] == one.anchors[rows.point])
         # seen so exactly that the lengths alone make the error
         sigma = np.where(rows.point == 0, rows.sigma / 30, rows.sigma)
-        exact = Rows(*(column[kept] for column in rows._replace(sigma=sigma)))
+        exact = ResidualBlocks(*(column[kept] for column in rows._replace(sigma=sigma)))
         one = replace(one, rows=exact)
         spread.append(np.sqrt(one.solve().covariance[2, 2]))
     assert spread[0] < 0.8 * spread[1]
@@ -345,7 +350,7 @@ def test_a_fifth_of_wrong_ties_does_not_pull():
     target = rows.target.copy()
     target[wrong] += rng.normal(0, 5 / FOCAL, (len(wrong), 2))
     found = replace(one, rows=rows._replace(target=target)).solve()
-    gap = found.place - one.place
+    gap = found.position - one.place
     assert np.sqrt(gap @ np.linalg.solve(found.covariance, gap)) < 4
     assert np.median(found.squares[wrong]) > 100
     assert np.median(np.delete(found.squares, wrong)) < 3
@@ -356,7 +361,7 @@ def test_far_points_and_points_behind_a_camera_do_no_harm():
     points = one.points.copy()
     points[-1, 2], points[-2, 2] = 1e-7, 0.5  # as good as infinite, and passed on the way
     found = replace(one, points=points).solve()
-    gap = found.place - one.place
+    gap = found.position - one.place
     assert np.sqrt(gap @ np.linalg.solve(found.covariance, gap)) < 4
 
 

@@ -22,7 +22,10 @@ def classified(frames, probabilities):
             for name, probability in given.items():
                 odds[:, COLORS.index(name)] = np.log(probability)
         yield replace(
-            moved, detections=replace(moved.detections, candidates=replace(table, color_odds=odds))
+            moved,
+            detections=replace(
+                moved.detections, candidates=replace(table, color_log_probability=odds)
+            ),
         )
 
 

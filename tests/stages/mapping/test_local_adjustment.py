@@ -1,4 +1,4 @@
-"""A place adjusted with the motion round it, on exact scenes whose chained motion is wrong in part."""
+"""A landmark adjusted with the motion around it, on exact scenes whose chained motion is wrong in part."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
+from wayside.schemas.settings import LocalAdjustmentSettings
 from wayside.stages.mapping.local_adjustment import (
-    MOST_FRAMES,
-    Sighted,
-    adjust_together,
-    window_round,
+    LandmarkRays,
+    adjust_jointly,
+    window_around,
 )
 from wayside.stages.mapping.triangulation import triangulate_views
 
@@ -24,6 +24,8 @@ AHEAD = np.array([0.0, 0.0, 1.0])
 FRAMES = 6
 SIGN = np.array([3.5, -1.0, 16.0])  # in the last camera
 RAY_SIGMA = 0.15 / CAMERA.fx
+SETTINGS = LocalAdjustmentSettings()
+MOST = SETTINGS.most_frames
 
 
 def pixels(pose, points):
@@ -90,50 +92,55 @@ def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
     return held, true
 
 
-def sighted_of(true, seed=0):
+def observed_by(true, seed=0):
     rng, last = np.random.default_rng(100 + seed), true[-1]
     rays = np.array(
         [(pixels(p, last.to_world(SIGN)[None])[0][0] - MIDDLE) / CAMERA.fx for p in true]
     )
     rays += rng.normal(0, RAY_SIGMA, rays.shape)
-    return Sighted(np.arange(len(true)), rays, np.full(len(true), RAY_SIGMA))
+    return LandmarkRays(np.arange(len(true)), rays, np.full(len(true), RAY_SIGMA))
 
 
-def chained_place(held, sighted):
+def chained_place(held, observed):
     poses = [h.motion.pose for h in held]
     point, _, _ = triangulate_views(
         np.stack([p.rotation for p in poses]),
         np.stack([p.centre for p in poses]),
-        sighted.rays,
-        sighted.sigma,
+        observed.rays,
+        observed.sigma,
     )
     return point
 
 
-def gap_of(held, point):
+def adjusted(held, observed, point, settings=SETTINGS):
+    """Adjusted with the last frame as the one it is reported in."""
+    return adjust_jointly(held, FRAMES - 1, observed, point, settings)
+
+
+def error_of(held, point):
     return held[-1].motion.pose.to_camera(point) - SIGN
 
 
 @pytest.mark.parametrize("wrong_step", [1, 3, 5])
 def test_a_step_that_disagrees_with_its_neighbours_is_solved_again(wrong_step):
     held, true = drive(wrong_step=wrong_step)
-    sighted = sighted_of(true)
-    before = chained_place(held, sighted)
-    joint = adjust_together(held, FRAMES - 1, sighted, before)
-    assert np.linalg.norm(gap_of(held, joint.point)) < 0.06
+    observed = observed_by(true)
+    before = chained_place(held, observed)
+    joint = adjusted(held, observed, before)
+    assert np.linalg.norm(error_of(held, joint.point)) < 0.06
     if wrong_step == 5:
-        assert np.linalg.norm(gap_of(held, before)) > 0.12
+        assert np.linalg.norm(error_of(held, before)) > 0.12
 
 
 def test_errors_are_as_large_as_the_covariance_says():
     pulls = []
     for seed in range(25):
         held, true = drive(seed=seed)
-        sighted = sighted_of(true, seed)
-        joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+        observed = observed_by(true, seed)
+        joint = adjusted(held, observed, chained_place(held, observed))
         turn = held[-1].motion.pose.rotation
         sigma = np.sqrt(np.diag(turn.T @ joint.covariance @ turn))
-        pulls.append(gap_of(held, joint.point) / sigma)
+        pulls.append(error_of(held, joint.point) / sigma)
     # errors that neighbours share are allowed for, though there are none here
     assert (np.abs(pulls) < 1).mean() > 0.6
     assert (np.abs(pulls) < 2).mean() > 0.92
@@ -141,28 +148,28 @@ def test_errors_are_as_large_as_the_covariance_says():
 
 def test_ties_on_a_vehicle_lose_their_weight_and_are_counted():
     held, true = drive(shuttle=0.15)
-    sighted = sighted_of(true)
-    joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+    observed = observed_by(true)
+    joint = adjusted(held, observed, chained_place(held, observed))
     still, same = drive()
-    calm = adjust_together(still, FRAMES - 1, sighted_of(same), chained_place(still, sighted))
-    assert joint.astray > 5
-    assert calm.astray <= 2
-    assert np.linalg.norm(gap_of(held, joint.point)) < 0.08
+    calm = adjusted(still, observed_by(same), chained_place(still, observed))
+    assert joint.outliers > 5
+    assert calm.outliers <= 2
+    assert np.linalg.norm(error_of(held, joint.point)) < 0.08
 
 
 def test_patches_that_slide_along_their_edges_do_not_count():
     held, true = drive(sliding=60)
-    sighted = sighted_of(true)
-    joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
-    assert joint.astray <= 2
-    assert np.linalg.norm(gap_of(held, joint.point)) < 0.06
+    observed = observed_by(true)
+    joint = adjusted(held, observed, chained_place(held, observed))
+    assert joint.outliers <= 2
+    assert np.linalg.norm(error_of(held, joint.point)) < 0.06
 
 
 def test_the_same_frames_give_the_same_bytes():
     held, true = drive()
-    sighted = sighted_of(true)
-    start = chained_place(held, sighted)
-    first, again = (adjust_together(held, FRAMES - 1, sighted, start) for _ in range(2))
+    observed = observed_by(true)
+    start = chained_place(held, observed)
+    first, again = (adjusted(held, observed, start) for _ in range(2))
     assert first.point.tobytes() == again.point.tobytes()
     assert first.covariance.tobytes() == again.covariance.tobytes()
 
@@ -171,8 +178,8 @@ def test_without_ties_the_known_steps_remain():
     held, true = drive()
     for h in held[1:]:
         h.motion = replace(h.motion, ties=None)
-    sighted = sighted_of(true)
-    joint = adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted))
+    observed = observed_by(true)
+    joint = adjusted(held, observed, chained_place(held, observed))
     assert joint.tracks == 0
     assert np.isfinite(joint.covariance).all()
 
@@ -180,25 +187,27 @@ def test_without_ties_the_known_steps_remain():
 def test_where_nothing_is_known_of_a_step_the_place_is_left_to_the_chain():
     held, true = drive()
     held[3].motion = replace(held[3].motion, prior=None)
-    sighted = sighted_of(true)
-    assert adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted)) is None
+    observed = observed_by(true)
+    assert adjusted(held, observed, chained_place(held, observed)) is None
 
 
 def test_one_view_in_the_window_places_nothing():
     held, true = drive()
-    sighted = Sighted(*(column[-1:] for column in sighted_of(true)))
-    assert adjust_together(held, FRAMES - 1, sighted, true[-1].to_world(SIGN)) is None
+    observed = LandmarkRays(*(column[-1:] for column in observed_by(true)))
+    assert adjusted(held, observed, true[-1].to_world(SIGN)) is None
 
 
-def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain(monkeypatch):
-    monkeypatch.setattr("wayside.stages.mapping.local_adjustment.MOST_FRAMES", 2)
+def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain():
+    settings = LocalAdjustmentSettings(most_frames=2)
     held, true = drive()
-    sighted = sighted_of(true)
-    assert adjust_together(held, FRAMES - 1, sighted, chained_place(held, sighted)) is None
+    observed = observed_by(true)
+    assert adjusted(held, observed, chained_place(held, observed), settings) is None
 
 
 def test_the_window_holds_the_best_frame_and_the_nearest_views():
-    assert window_round(9, np.array([2, 5, 9])) == (2, 9)
-    assert window_round(9, np.array([0, 1, 5, 9])) == (5, 9)
-    assert window_round(5, np.arange(20))[1] - window_round(5, np.arange(20))[0] < MOST_FRAMES
-    assert window_round(3, np.array([2, 4])) == (2, 4)
+    assert window_around(9, np.array([2, 5, 9]), MOST) == (2, 9)
+    assert window_around(9, np.array([0, 1, 5, 9]), MOST) == (5, 9)
+    assert (
+        window_around(5, np.arange(20), MOST)[1] - window_around(5, np.arange(20), MOST)[0] < MOST
+    )
+    assert window_around(3, np.array([2, 4]), MOST) == (2, 4)

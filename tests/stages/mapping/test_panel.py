@@ -1,6 +1,7 @@
 """Panels drawn into the pictures of a drive by exact homographies, measured by the tracker."""
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -66,7 +67,13 @@ def picture_of(moved, turn):
     return image
 
 
-def place_of(frames, turn=0.0, *, pictures=True):
+@pytest.fixture
+def place_of(panel_method):
+    """The one landmark that tracking finds, its panel rotated clockwise from above."""
+    return partial(measured, method=panel_method)
+
+
+def measured(frames, turn=0.0, *, pictures=True, method):
     if pictures:
         frames = [
             replace(
@@ -80,7 +87,9 @@ def place_of(frames, turn=0.0, *, pictures=True):
             )
             for m in frames
         ]
-    (place,) = [p for item in track(iter(frames), MappingSettings(), None) for p in item.landmarks]
+    (place,) = [
+        p for item in track(iter(frames), MappingSettings(), panel=method) for p in item.landmarks
+    ]
     return place
 
 
@@ -90,7 +99,7 @@ def frames(panel, drive):
     return drive([panel(RIGHT, UP, ALONG, wide=0.94 * WIDE, tall=0.94 * TALL)], 16)
 
 
-def test_size_and_place_are_those_of_the_outer_edge(frames):
+def test_size_and_place_are_those_of_the_outer_edge(place_of, frames):
     place = place_of(frames)
     assert place.width_m == pytest.approx(WIDE, rel=0.02)
     assert place.height_m == pytest.approx(TALL, rel=0.02)
@@ -100,7 +109,7 @@ def test_size_and_place_are_those_of_the_outer_edge(frames):
 
 
 @pytest.mark.parametrize("turn_deg", [-20.0, -12.0, 12.0, 20.0])
-def test_a_turned_panel_is_as_near_as_its_scatter_says(frames, turn_deg):
+def test_a_turned_panel_is_as_near_as_its_scatter_says(place_of, frames, turn_deg):
     place = place_of(frames, np.radians(turn_deg))
     assert place.facing_deg * turn_deg > 0
     assert place.sigma_facing_deg < 7.0
@@ -110,14 +119,14 @@ def test_a_turned_panel_is_as_near_as_its_scatter_says(frames, turn_deg):
     assert place.sigma_width_m < 0.15 * WIDE
 
 
-def test_without_pictures_the_boxes_speak(frames):
+def test_without_pictures_the_boxes_speak(place_of, frames):
     place = place_of(frames, pictures=False)
     assert place.width_m == pytest.approx(0.94 * WIDE * LandmarkSettings().border, rel=0.01)
     assert place.facing_deg == 0.0
     assert place.sigma_facing_deg == LandmarkSettings().facing_sigma_deg
 
 
-def test_a_picture_without_a_panel_changes_nothing_much(frames):
+def test_a_picture_without_a_panel_changes_nothing_much(place_of, frames):
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 255, (1200, 1600, 3)).astype(np.uint8)
     blank = [

@@ -6,8 +6,7 @@ import pytest
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import LandmarkSettings, MappingSettings, TrackSettings
-from wayside.stages.detection import BoxClassifier
-from wayside.stages.detection.detector import view_names
+from wayside.stages.detection import BoxClassifier, box_feature_names
 from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
@@ -19,7 +18,7 @@ SETTINGS = MappingSettings()
 
 def reddish():
     """A classifier of views: what is red in its middle is a face."""
-    names = view_names()
+    names = box_feature_names()
     column = next(k for k, name in enumerate(names) if name == "region_red_green")
     one = np.array([[column, 0, 0]], np.int32)
     return TreeModel(
@@ -120,7 +119,7 @@ def test_views_without_a_candidate_are_predicted(shown, panel):
 def test_a_predicted_box_that_the_classifier_refuses_is_no_view(shown, panel):
     held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
     fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
-    never = replace(reddish(), accept=99.0)
+    never = replace(reddish(), threshold=99.0)
     before = [len(h.candidates) for h in held]
     found = with_predicted_views(fit, held, never)
     assert found.rows.tolist() == fit.rows.tolist()
@@ -151,12 +150,12 @@ def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
 
 def test_joined_tables_keep_probabilities_and_fill_what_is_missing():
     table = Candidates.of(holding_regions(2))
-    named = replace(table, color_odds=np.zeros((2, 8), np.float32))
+    named = replace(table, color_log_probability=np.zeros((2, 8), np.float32))
     both = named.joined(Candidates.of(holding_regions(1)))
-    assert both.color_odds is not None
-    assert np.isnan(both.color_odds[2]).all()
-    assert both.color_odds.shape == (3, 8)
-    assert both.shape_odds is None
+    assert both.color_log_probability is not None
+    assert np.isnan(both.color_log_probability[2]).all()
+    assert both.color_log_probability.shape == (3, 8)
+    assert both.shape_log_probability is None
 
 
 def holding_regions(count):

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.stages.mapping.tie_tracks import link_tracks, spread_tracks
+from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
 
 
 def test_ties_that_end_and_start_at_the_same_corner_are_one_track():
@@ -28,13 +28,13 @@ def test_of_two_ties_at_one_corner_one_goes_on():
 def test_nothing_makes_no_track():
     none = np.zeros(0, np.int64)
     assert len(link_tracks(none, np.zeros((0, 2), np.int64))) == 0
-    assert len(spread_tracks(none, none, np.zeros((0, 2), np.int64))) == 0
+    assert len(select_tracks(none, none, np.zeros((0, 2), np.int64))) == 0
 
 
 def test_long_tracks_come_first():
     track, step = np.array([0, 1, 1]), np.array([0, 0, 1])
     cell = np.array([[3, 2], [3, 2], [3, 2]])
-    assert spread_tracks(track, step, cell).tolist() == [False, True, True]
+    assert select_tracks(track, step, cell).tolist() == [False, True, True]
 
 
 @given(arrays(np.int64, st.integers(1, 60), elements=st.integers(0, 3)), st.integers(0, 99))
@@ -43,7 +43,7 @@ def test_every_cell_that_shows_ties_keeps_one_and_tracks_stay_whole(steps, seed)
     step = np.sort(steps)
     track = link_tracks(step, rng.integers(-1, 12, (len(step), 2)))
     cell = rng.integers(0, 4, (len(step), 2))
-    kept = spread_tracks(track, step, cell)
+    kept = select_tracks(track, step, cell)
     places = np.column_stack([step, cell])
     assert {*map(tuple, places[kept].tolist())} == {*map(tuple, places.tolist())}
     for number in np.unique(track):

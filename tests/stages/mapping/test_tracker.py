@@ -186,11 +186,11 @@ def constant_model(value):
         features=FEATURES,
         bias=value,
         feature=np.zeros((1, 1), np.int32),
-        threshold=np.zeros((1, 1), np.float32),
+        split=np.zeros((1, 1), np.float32),
         left=one,
         right=one,
         value=np.zeros((1, 1), np.float32),
-        accept=0.0,
+        threshold=0.0,
         provenance="test",
     )
 

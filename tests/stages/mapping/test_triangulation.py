@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wayside.stages.geometry.ray_midpoint import midpoint, pair_residual
-from wayside.stages.mapping.triangulation import triangulate_many, triangulate_views
+from wayside.stages.mapping.triangulation import triangulate_views
 
 SIGMA = 0.25 / 1400
 small = st.floats(-0.1, 0.1)
@@ -157,18 +157,6 @@ def test_views_from_one_place_give_no_range():
     assert np.isnan(covariance).all()
 
 
-def test_many_points_at_once_are_each_what_they_are_alone():
-    lone = [drive(n, seed=n) for n in (2, 5, 1, 3)]
-    first = np.cumsum([0, 2, 5, 1, 3])
-    stacked = [np.concatenate(parts) for parts in zip(*lone, strict=True)]
-    points, covariances, residuals = triangulate_many(first, *stacked)
-    for i, views in enumerate(lone):
-        point, covariance, gap = triangulate_views(*views)
-        np.testing.assert_array_equal(points[i], point)
-        np.testing.assert_array_equal(covariances[i], covariance)
-        np.testing.assert_array_equal(residuals[first[i] : first[i + 1]], gap)
-
-
 def test_arrays_that_do_not_fit_together_are_refused():
     rotations, centres, rays, sigma = drive(4)
     with pytest.raises(ValueError, match="as many"):
@@ -177,8 +165,6 @@ def test_arrays_that_do_not_fit_together_are_refused():
         triangulate_views(rotations[:, :2], centres, rays, sigma)
     with pytest.raises(ValueError, match="positive"):
         triangulate_views(rotations, centres, rays, 0 * sigma)
-    with pytest.raises(ValueError, match="ascending"):
-        triangulate_many(np.array([0, 3, 2, 4]), rotations, centres, rays, sigma)
 
 
 def test_the_residual_of_the_true_motion_is_nought_and_grows_with_an_unmodelled_turn():

@@ -5,11 +5,16 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.odometry.epipolar import Prior, fit_epipolar, half_turn, sampson_px
+from wayside.stages.odometry.epipolar import (
+    RelativePosePrior,
+    fit_epipolar,
+    halfway_direction,
+    sampson_px,
+)
 
 FOCAL = 1400.0
 AHEAD = np.array([0.0, 0.0, 1.0])
-VAGUE = Prior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
+VAGUE = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
 START = (np.eye(3), AHEAD)
 
 
@@ -112,7 +117,7 @@ def test_a_held_direction_stays_with_the_law_of_half_the_turn():
     _, _, previous, current = pair(noise_px=0.0, slope=(0.05, 0.0))
     held = VAGUE._replace(sigma_direction=np.array([1e-6, 1e-6]))
     found = fit(previous, current, prior=held)
-    expected = half_turn(found.rotation, AHEAD)
+    expected = halfway_direction(found.rotation, AHEAD)
     np.testing.assert_allclose(found.direction, expected / np.linalg.norm(expected), atol=1e-5)
 
 
@@ -120,7 +125,7 @@ def test_a_held_direction_stays_with_the_law_of_half_the_turn():
 @given(st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
 def test_half_a_turn_taken_twice_is_the_turn(yaw, pitch):
     rotation = Rotation.from_rotvec([pitch, yaw, 0.0]).as_matrix()
-    half = half_turn(rotation, AHEAD)
+    half = halfway_direction(rotation, AHEAD)
     expected = Rotation.from_rotvec([pitch / 2, yaw / 2, 0.0]).apply(AHEAD)
     np.testing.assert_allclose(half, expected, atol=1e-9)
 
@@ -128,7 +133,7 @@ def test_half_a_turn_taken_twice_is_the_turn(yaw, pitch):
 def test_without_rays_the_prior_is_the_answer():
     nothing = np.zeros((0, 2))
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
-    prior = Prior(turn, 0.001, AHEAD, np.array([0.01, 0.01]), False)
+    prior = RelativePosePrior(turn, 0.001, AHEAD, np.array([0.01, 0.01]), False)
     found = fit(nothing, nothing, start=(np.eye(3), np.array([0.1, 0.0, 0.99])), prior=prior)
     turn_error, aside = error_deg(found, turn, AHEAD)
     assert turn_error < 1e-3

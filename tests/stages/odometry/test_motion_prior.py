@@ -7,15 +7,20 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
-from wayside.stages.odometry.motion_prior import Law, expect_step, fix_distance_m, trigger_speed
+from wayside.stages.odometry.motion_prior import (
+    TravelDirection,
+    fix_distance_m,
+    predict_motion,
+    trigger_speed,
+)
 
 AHEAD = np.array([0.0, 0.0, 1.0])
-LAW = Law(AHEAD, np.radians([0.35, 0.25]))
+LAW = TravelDirection(AHEAD, np.radians([0.35, 0.25]))
 FRAME = Frame(7, 0, None, USED, "jpeg", b"", Camera(640, 480, 500, 500, 320, 240))
 
 
 def expect(before, now, law=LAW, last_turn=None):
-    return expect_step(before, now, law, last_turn, spacing_sigma_m=0.02)
+    return predict_motion(before, now, law, last_turn, spacing_sigma_m=0.02)
 
 
 def posed(centre, yaw_deg=0.0, sigma_m=0.02, sigma_rad=0.001):
@@ -63,7 +68,7 @@ def test_a_picture_that_comes_too_late_for_any_brake_is_of_a_later_trigger(
     before = replace(FRAME, header_time_ns=10**9)
     now = replace(FRAME, header_time_ns=10**9 + int(seconds * 1e9), spacing_m=8.0)
     turn = Rotation.from_euler("y", 2, degrees=True)
-    found = expect_step(before, now, LAW, turn.as_matrix(), spacing_sigma_m=0.02, speeds=speeds)
+    found = predict_motion(before, now, LAW, turn.as_matrix(), spacing_sigma_m=0.02, speeds=speeds)
     assert found.triggers == triggers
     assert found.baseline_m == 8.0 * triggers
     np.testing.assert_allclose(found.search, (turn**triggers).as_matrix(), atol=1e-12)

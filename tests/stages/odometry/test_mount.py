@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.odometry.mount import Vehicle, mount_slopes
+from wayside.stages.odometry.mount import Mount, travel_slopes
 
 NOTHING = np.zeros((0, 3))
 
@@ -17,7 +17,7 @@ def step(yaw_deg=0.0, mount_deg=(-1.5, 0.3)):
 
 
 def taught(steps, points=NOTHING):
-    vehicle = Vehicle()
+    vehicle = Mount()
     for rotation, direction in steps:
         vehicle.learn(rotation, direction, points)
     return vehicle
@@ -26,11 +26,11 @@ def taught(steps, points=NOTHING):
 @settings(deadline=None, max_examples=30)
 @given(st.floats(-8, 8))
 def test_the_mount_is_the_same_on_every_arc(yaw_deg):
-    np.testing.assert_allclose(mount_slopes(*step(yaw_deg)), mount_slopes(*step()), atol=1e-6)
+    np.testing.assert_allclose(travel_slopes(*step(yaw_deg)), travel_slopes(*step()), atol=1e-6)
 
 
 def test_before_any_step_the_vehicle_travels_about_straight_ahead():
-    law = Vehicle().law
+    law = Mount().law
     np.testing.assert_array_equal(law.direction, [0, 0, 1])
     assert np.degrees(law.sigma).min() >= 1
 
@@ -46,7 +46,7 @@ def test_the_mount_is_learnt_through_curves_and_in_spite_of_a_wrong_step():
 
 def test_a_step_that_goes_sideways_strays_once_the_mount_is_known():
     aside = step(0.0, (1.5, 0.3))
-    assert not Vehicle().strays(*aside)
+    assert not Mount().strays(*aside)
     vehicle = taught([step(yaw) for yaw in (0, 1, 2)])
     assert vehicle.strays(*aside)
     assert not vehicle.strays(*step(5.0))

@@ -7,13 +7,13 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry.rotation import rotation_from_vector
 from wayside.stages.odometry.coarse_pose import fit_coarse_motion, fit_near_motions
-from wayside.stages.odometry.epipolar import Prior, half_turn
-from wayside.stages.odometry.relative_pose import fit_ties
+from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
+from wayside.stages.odometry.relative_pose import fit_relative_pose
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 VIEW = SimpleNamespace(camera=CAMERA, focal_px=1400.0)
 AHEAD = np.array([0.0, 0.0, 1.0])
-LAW = Prior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True)
+LAW = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True)
 
 
 def seen(points):
@@ -24,7 +24,7 @@ def ties_on_a_curve(yaw_deg, standing, riding, seed=0, road=0):
     """Ties of things that stand, and of a vehicle ahead that keeps our pace, with a little noise."""
     rng = np.random.default_rng(seed)
     rotation = Rotation.from_rotvec([0.0, np.radians(yaw_deg), 0.0]).as_matrix()
-    direction = half_turn(np.ascontiguousarray(rotation), AHEAD)
+    direction = halfway_direction(np.ascontiguousarray(rotation), AHEAD)
     depth = np.exp(rng.uniform(np.log(12), np.log(400), standing))
     aside = rng.uniform([-0.5, -0.12], [0.5, 0.05], (standing, 2)) * depth[:, None]
     points = np.column_stack([aside, depth])
@@ -44,7 +44,7 @@ def ties_on_a_curve(yaw_deg, standing, riding, seed=0, road=0):
 @pytest.mark.parametrize("yaw_deg", [-0.9, -0.6, 0.6, 0.8])
 def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg):
     tied, rotation, direction = ties_on_a_curve(yaw_deg, standing=70, riding=30)
-    step = fit_ties(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    step = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
     off = Rotation.from_matrix(rotation.T @ step.rotation).magnitude()
     assert np.degrees(off) < 0.05
     np.testing.assert_allclose(step.direction, direction, atol=np.radians(0.3))
@@ -75,7 +75,7 @@ def test_the_turn_is_among_the_near_motions_where_a_bus_fills_the_picture(seed):
 
 def test_the_same_ties_give_the_same_step():
     tied, _, _ = ties_on_a_curve(0.7, standing=60, riding=25)
-    first = fit_ties(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
-    again = fit_ties(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    first = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
+    again = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), LAW)
     assert first.rotation.tobytes() == again.rotation.tobytes()
     assert first.direction.tobytes() == again.direction.tobytes()

@@ -1,6 +1,6 @@
 import numpy as np
 
-from wayside.stages.odometry.road import common_height, down_of_road, heights_on_lane
+from wayside.stages.odometry.road import common_height, lane_heights, road_down
 
 AHEAD = np.array([0.0, 0.0, 1.0])
 
@@ -23,7 +23,7 @@ def road(height=2.1, pitch=0.0, count=30, seed=0):
 
 
 def height_of(points, direction):
-    return common_height(heights_on_lane(points, direction))
+    return common_height(lane_heights(points, direction))
 
 
 def test_the_height_is_that_above_the_points_of_the_road():
@@ -49,7 +49,7 @@ def test_points_ahead_behind_and_beside_the_lane_are_told_apart():
     points = np.array(
         [[0.0, 2.0, 10], [0.0, 2.0, -10], [5.0, 2.0, 10], [0.0, 2.0, 60], [0, 9.0, 10]]
     )
-    assert heights_on_lane(points, AHEAD).tolist() == [2.0]
+    assert lane_heights(points, AHEAD).tolist() == [2.0]
 
 
 def test_too_few_points_give_no_height():
@@ -63,7 +63,7 @@ def test_points_that_share_no_height_give_none():
 
 def test_down_is_at_right_angles_to_the_road():
     direction = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
-    down = down_of_road(direction)
+    down = road_down(direction)
     assert abs(down @ direction) < 1e-12
     assert abs(np.linalg.norm(down) - 1) < 1e-12
     assert down[1] > 0.99

@@ -6,14 +6,19 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Features, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
-from wayside.stages.odometry.epipolar import Prior
+from wayside.stages.odometry.epipolar import RelativePosePrior
 from wayside.stages.odometry.features import tie_corners
-from wayside.stages.odometry.tie_points import Ground, View, register_road, register_ties
+from wayside.stages.odometry.tie_points import (
+    GroundPlane,
+    KeypointImage,
+    register_road,
+    register_ties,
+)
 from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(900, 700, 800.0, 800.0, 449.5, 349.5)
 AHEAD = np.array([0.0, 0.0, 1.0])
-PRIOR = Prior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
+PRIOR = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
 HEIGHT, BASELINE = 1.6, 6.0
 
 
@@ -49,7 +54,7 @@ def view(grey):
     none = np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32), np.zeros(0, np.int32)
     frame = Frame(0, 0, None, USED, "jpeg", b"", CAMERA, 900, 700)
     features = Features(corners, descriptors, *none)
-    return View.of(
+    return KeypointImage.of(
         Detections(unsegmented(Image(frame, None, grey)), Candidates.of(Regions.empty()), features)
     )
 
@@ -89,7 +94,7 @@ def test_too_few_corners_give_no_motion(pair):
 
 def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
     before, now, rotation, direction = pair
-    ground = Ground(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
+    ground = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
     plain = register_ties(before, now, rotation, direction)
     warped = register_ties(before, now, rotation, direction, ground)
     more = register_road(before, now, rotation, direction, ground, warped)
@@ -112,4 +117,4 @@ def test_a_match_is_registered_once(pair):
 def test_an_image_without_pixels_is_no_view():
     frame = Frame(0, 0, None, USED, "jpeg", b"", CAMERA, 900, 700)
     detections = Detections(unsegmented(Image(frame, None, None)), Candidates.of(Regions.empty()))
-    assert View.of(detections) is None
+    assert KeypointImage.of(detections) is None

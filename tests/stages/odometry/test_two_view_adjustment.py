@@ -3,14 +3,14 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.geometry.rotation import across
-from wayside.stages.odometry.epipolar import Prior
+from wayside.stages.geometry.rotation import tangent_basis
+from wayside.stages.odometry.epipolar import RelativePosePrior
 from wayside.stages.odometry.two_view_adjustment import adjust_two_views
 
 FOCAL = (1400.0, 1410.0)
 SIGMA = 0.1
 AHEAD = np.array([0.0, 0.0, 1.0])
-LOOSE = Prior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True)
+LOOSE = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True)
 START = (np.eye(3), AHEAD)
 
 
@@ -84,7 +84,7 @@ def test_errors_of_many_pairs_are_as_large_as_the_covariance_says():
         rotation, direction, _, previous, current = pair(seed=seed)
         found = adjust(previous, current, start=(rotation, direction))
         turn = Rotation.from_matrix(found.rotation @ rotation.T).as_rotvec()
-        aside = across(found.direction) @ (found.direction - direction)
+        aside = tangent_basis(found.direction) @ (found.direction - direction)
         pulls.append(np.r_[turn, aside] / np.sqrt(np.diag(found.covariance)))
     spread = np.std(pulls, axis=0)
     assert (spread > 0.7).all()
@@ -118,7 +118,7 @@ def test_points_at_infinity_do_no_harm():
 def test_without_points_the_prior_is_the_answer():
     nothing = np.zeros((0, 2))
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
-    prior = Prior(turn, 0.001, AHEAD, np.array([0.01, 0.02]), False)
+    prior = RelativePosePrior(turn, 0.001, AHEAD, np.array([0.01, 0.02]), False)
     found = adjust(nothing, nothing, prior=prior)
     np.testing.assert_allclose(found.rotation, turn, atol=1e-6)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[:3], 0.001, rtol=1e-3)

@@ -13,8 +13,8 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import SKIPPED, USED, Camera, Fix, Frame, Image, Pose, PosePrior
 from wayside.schemas.settings import FeatureSettings, MotionSettings
 from wayside.stages.odometry.features import extract_features
-from wayside.stages.odometry.motion_prior import expect_step
-from wayside.stages.odometry.visual_odometry import Drive, estimate_motion
+from wayside.stages.odometry.motion_prior import predict_motion
+from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
 
 CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
 SPACING = 8.0
@@ -307,14 +307,14 @@ def test_the_same_pictures_give_the_same_bytes():
 def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
     frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
     far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    drive = Drive(MotionSettings(), sigma_m=0.1)
-    expected = expect_step(frame, far, drive.vehicle.law, None, spacing_sigma_m=0.02)
+    drive = VisualOdometry(MotionSettings(), sigma_m=0.1)
+    expected = predict_motion(frame, far, drive.vehicle.law, None, spacing_sigma_m=0.02)
     assert expected.baseline_m > 20
     lengths = [drive._length((8.0, 0.02), expected)[0] for _ in range(3)]
     assert lengths[:2] == [8.0, 8.0]
     assert lengths[2] == expected.baseline_m
     near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    agreeing = expect_step(frame, near, drive.vehicle.law, None, spacing_sigma_m=0.02)
+    agreeing = predict_motion(frame, near, drive.vehicle.law, None, spacing_sigma_m=0.02)
     assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)
     assert drive._length((8.0, 0.02), expected)[0] == 8.0
 

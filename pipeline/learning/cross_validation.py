@@ -1,0 +1,48 @@
+"""Out-of-fold models and the calibration of their scores (Platt 1999)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import ConvolutionModel, NetworkModel, TreeModel
+
+Sample = TypeVar("Sample")
+Fitted = TypeVar("Fitted", TreeModel, NetworkModel, ConvolutionModel)
+
+
+def out_of_fold_models(
+    names: Sequence[str], samples: Sequence[Sample], fit: Callable[[Sequence[Sample]], Fitted]
+) -> tuple[Fitted, dict[str, Fitted]]:
+    """The model fitted to all samples, and for each drive, by its name, one fitted to the other of two folds.
+
+    A drive alone gets the model fitted to itself: there is no other.
+    """
+    models: dict[str, Fitted] = {}
+    for fold in (0, 1):
+        own = names[fold::2]
+        others = samples[1 - fold :: 2] or samples[fold::2]
+        if own:
+            models |= dict.fromkeys(own, fit(others))
+    return fit(samples), models
+
+
+def platt(
+    scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], float]:
+    """Slopes (k,) and shift that make one log odds of k out-of-fold scores (n, k)."""
+    # Newton's method on the logistic loss with Platt's softened targets
+    count, rest = positive.sum(), (~positive).sum()
+    target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))
+    columns = np.concatenate([np.asarray(scores, np.float64), np.ones((len(scores), 1))], axis=1)
+    slope = np.zeros(columns.shape[1])
+    slope[:-1] = 1 / scores.shape[1]
+    for _ in range(50):
+        probability = 1 / (1 + np.exp(-columns @ slope))
+        weight = np.maximum(probability * (1 - probability), 1e-6)
+        curvature = (columns * weight[:, None]).T @ columns + 1e-6 * np.eye(len(slope))
+        slope = slope - np.linalg.solve(curvature, columns.T @ (probability - target))
+    return slope[:-1], float(slope[-1])

@@ -1,0 +1,102 @@
+"""Feature vectors of regions: geometry and colour, those of the pre-filter, and those of the box classifier."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import Regions
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
+from wayside.stages.detection.color_grid import color_grid, color_grid_names
+from wayside.stages.detection.patch_features import patch_feature_names, patch_features
+from wayside.stages.imaging import Pyramid, to_space
+
+REGION_FEATURES = (
+    "log_height",
+    "log_width",
+    "log_aspect",
+    "up",
+    "right",
+    "beside",
+    "fill",
+    "source",
+    "region_brightness",
+    "region_red_green",
+    "region_blue_green",
+)
+"""Angular size and position, fraction of the box that the region fills, its source, its mean colour."""
+
+
+def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
+    """Size, position and colour of each region: (n, 11). Sizes and positions are tangents of angles."""
+    box = regions.box.astype(np.float64)
+    width, height = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
+    middle = (box[:, :2] + box[:, 2:] - 1) / 2
+    right = (middle[:, 0] - camera.cx) / camera.fx
+    columns = [
+        np.log(height / camera.fy),
+        np.log(width / camera.fx),
+        np.log((width / camera.fx) / (height / camera.fy)),
+        (camera.cy - middle[:, 1]) / camera.fy,
+        right,
+        np.abs(right),
+        regions.area_px / (width * height),
+        regions.source,
+        to_space(regions.rgb, "log_chromaticity"),
+    ]
+    return np.column_stack(columns).astype(np.float32)
+
+
+def prefilter_feature_names() -> tuple[str, ...]:
+    """Names of the columns of `prefilter_features`, in order."""
+    return (*REGION_FEATURES, *color_grid_names())
+
+
+def prefilter_features(levels: Pyramid, regions: Regions, camera: Camera) -> NDArray[np.float32]:
+    """Features of the pre-filter: (n, features), in the order of `prefilter_feature_names`."""
+    return np.concatenate(
+        [region_features(regions, camera), color_grid(levels, regions.box)], axis=1
+    )
+
+
+def box_feature_names() -> tuple[str, ...]:
+    """Names of the columns of `box_features`, in order."""
+    return (*REGION_FEATURES, *patch_feature_names())
+
+
+def box_features(levels: Pyramid, regions: Regions, camera: Camera) -> NDArray[np.float32]:
+    """Features of the box classifier: (n, features), in the order of `box_feature_names`."""
+    return np.concatenate(
+        [region_features(regions, camera), patch_features(levels, regions.box)], axis=1
+    )
+
+
+@cache
+def feature_columns(names: tuple[str, ...]) -> NDArray[np.int64]:
+    """Columns (k,) of `box_features` that have these names."""
+    column = {name: k for k, name in enumerate(box_feature_names())}
+    return np.array([column[name] for name in names], np.int64)
+
+
+def require_names(
+    what: str, found: tuple[str, ...], known: tuple[str, ...], *, exact: bool = False
+) -> None:
+    """Refuse a model with a feature or output that is not `known`; exact: found must equal known.
+
+    Raises
+    ------
+    InputError
+        Naming the model (`what`), what was wanted and what was found.
+    """
+    unknown = sorted(set(found) - set(known))
+    if exact and found != known:
+        raise InputError(
+            f"{what}: wanted {', '.join(known)}, found {', '.join(found)}; learn it again"
+        )
+    if unknown:
+        raise InputError(
+            f"{what}: wanted known features and classes, found {unknown[0]!r}; learn it again"
+        )

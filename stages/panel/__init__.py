@@ -1,0 +1,38 @@
+"""A panel as a plane: rectified views, their registration, the outer outline, the facing."""
+
+from wayside.stages.panel.facing import Facing, solve_facing
+from wayside.stages.panel.outline import (
+    OUTLINE_FEATURES,
+    FaceOutline,
+    OutlineCandidate,
+    outline_candidates,
+)
+from wayside.stages.panel.outline_edges import gradients_of
+from wayside.stages.panel.outline_shapes import ASPECT, OUTLINE_SHAPES, box_size
+from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
+from wayside.stages.panel.registration import (
+    PanelMethod,
+    RegisteredViews,
+    outline_of,
+    register_views,
+)
+
+__all__ = [
+    "ASPECT",
+    "OUTLINE_FEATURES",
+    "OUTLINE_SHAPES",
+    "FaceOutline",
+    "Facing",
+    "OutlineCandidate",
+    "PanelMethod",
+    "PanelPlane",
+    "PosedImage",
+    "RegisteredViews",
+    "box_size",
+    "gradients_of",
+    "outline_candidates",
+    "outline_of",
+    "register_views",
+    "solve_facing",
+    "usable_views",
+]

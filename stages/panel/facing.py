@@ -1,0 +1,94 @@
+"""Size and facing of a flat panel from how its width and height change from view to view.
+
+A panel rotated about the vertical covers a width that changes with the bearing by cos(angle) + sin(angle)
+tan(bearing). The change is small: it shows in widths of a tenth of a per cent. What is not observable stays at the
+prior.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.stages.kernels import Array
+from wayside.stages.panel.rectification import PanelPlane
+
+_ITERATIONS, _CONVERGED, _LONGEST_STEP = 6, 1e-6, 0.3
+_TINY = 1e-4
+
+
+class Facing(NamedTuple):
+    """Angle (rad, clockwise from above), logarithms of width and height (metres); covariance (3, 3) in that order."""
+
+    angle: float
+    log_size: Array
+    covariance: Array
+
+
+def solve_facing(
+    plane: PanelPlane,
+    centres: Array,
+    sizes: Array,
+    sigmas: Array,
+    *,
+    angle_sigma: float,
+    cauchy: float,
+    aspect: tuple[float, float] | None = None,
+) -> Facing:
+    """Least squares (Cauchy weights) of angle, width and height on the sizes that the views show.
+
+    Parameters
+    ----------
+    plane
+        Through the panel's centre, across the path.
+    centres
+        Camera centres (v, 3).
+    sizes
+        Width and height (v, 2) that the panel covers on the plane, metres, seen from each camera.
+    sigmas
+        Their standard deviations relative to the size, (v, 2).
+    angle_sigma
+        Scatter of the angle about 0, rad: the prior.
+    cauchy
+        Scale of the Cauchy weights, standard deviations.
+    aspect
+        Width over height where the shape has one proportion, and the relative scatter of that.
+    """
+    x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
+    observed = np.log(sizes)
+    covariance: Array = np.zeros((3, 3))
+    for _ in range(_ITERATIONS):
+        predicted = _log_sizes(plane, centres, x)
+        derivative = (_log_sizes(plane, centres, x + np.array([_TINY, 0, 0])) - predicted) / _TINY
+        weight = 1 / (1 + ((observed - predicted) / sigmas / cauchy) ** 2) / sigmas**2
+        normal, right = np.zeros((3, 3)), np.zeros(3)
+        for side in (0, 1):
+            jacobian = np.zeros((len(sizes), 3))
+            jacobian[:, 0] = derivative[:, side]
+            jacobian[:, 1 + side] = 1.0
+            normal += jacobian.T @ (jacobian * weight[:, side, None])
+            right += jacobian.T @ (weight[:, side] * (observed - predicted)[:, side])
+        normal[0, 0] += 1 / angle_sigma**2
+        right[0] -= x[0] / angle_sigma**2
+        if aspect is not None:
+            by = np.array([0.0, 1.0, -1.0])
+            normal += np.outer(by, by) / aspect[1] ** 2
+            right += by * (np.log(aspect[0]) - by @ x) / aspect[1] ** 2
+        covariance = np.asarray(np.linalg.inv(normal), np.float64)
+        step = covariance @ right
+        x = x + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        if np.abs(step).max() < _CONVERGED:
+            break
+    return Facing(float(x[0]), x[1:].copy(), covariance)
+
+
+def _log_sizes(plane: PanelPlane, centres: Array, x: Array) -> Array:
+    """Logarithms (v, 2) of width and height that a panel of angle and log size x covers on the plane."""
+    half = np.exp(x[1:]) / 2
+    across = (np.cos(x[0]) * plane.right - np.sin(x[0]) * plane.ahead) * half[0]
+    below = plane.down * half[1]
+    ends = plane.point + np.array([-across, across, -below, below])
+    met = np.array([plane.meet(centre, ends) for centre in centres])
+    covered = np.column_stack([met[:, 1, 0] - met[:, 0, 0], met[:, 3, 1] - met[:, 2, 1]])
+    return np.asarray(np.log(covered), np.float64)

@@ -1,0 +1,169 @@
+"""Register two rectified views of one flat face: shift, stretch along both axes, gain and bias.
+
+Forward-additive Gauss-Newton on grey levels (Lucas and Kanade, 1981; Baker and Matthews, 2004). Unlike the small
+patches of tie points, a face is compared as a whole and has a stretch for each axis: the horizontal one depends on its
+facing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.settings import RegistrationSettings
+from wayside.stages.kernels import Array, compiled, require_array
+
+
+class Alignment(NamedTuple):
+    """Where a template was found: sample x of the template shows at middle + shift + stretch * (x - middle).
+
+    shift, stretch (2,): right and down, samples; gain, bias: template = gain * patch + bias; zncc: zero-mean normalised
+    cross-correlation, 1 at best; covariance (4, 4): of shift and stretch, from the residuals.
+    """
+
+    shift: Array
+    stretch: Array
+    gain: float
+    bias: float
+    zncc: float
+    covariance: Array
+
+
+def align(
+    template: Array, weight: Array, patch: Array, start: Array, settings: RegistrationSettings
+) -> Alignment | None:
+    """Find the template in the patch; None where it diverges or leaves the patch.
+
+    Parameters
+    ----------
+    template, weight, patch
+        Grey levels and weights, all (rows, columns) float64; samples of no weight are not compared.
+    start
+        Shift to begin with, (2,) samples right and down.
+    settings
+        Limits, priors and iterations.
+
+    Raises
+    ------
+    ValueError
+        If the arrays are of other types or shapes.
+    """
+    shape = template.shape
+    require_array(template, "template", np.float64, (None, None))
+    require_array(weight, "weight", np.float64, shape)
+    require_array(patch, "patch", np.float64, shape)
+    if weight.sum() <= 0:
+        return None
+    try:
+        return _gauss_newton(template, weight, patch, start, settings)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _gauss_newton(
+    template: Array, weight: Array, patch: Array, start: Array, settings: RegistrationSettings
+) -> Alignment | None:
+    total = float(weight.sum())
+    mean = float((weight * template).sum()) / total
+    spread = float((weight * (template - mean) ** 2).sum())
+    x = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0])
+    normal, right = np.zeros((6, 6)), np.zeros(6)
+    prior = np.zeros(6)
+    for _ in range(settings.iterations):
+        inside, squares = _normal_equations(template, weight, patch, x, normal, right)
+        if inside < settings.inside * total:
+            return None
+        prior[2:4] = _variance(squares, inside, settings) / settings.stretch_sigma**2
+        step = np.linalg.solve(normal + np.diag(prior), right - prior * (x - 1.0))
+        x += step
+        far = np.abs(x[:2] - start).max() > settings.largest_shift
+        if far or np.abs(x[2:4] - 1).max() > settings.largest_stretch:
+            return None
+        if np.abs(step[:2]).max() < settings.converged:
+            break
+    inside, squares = _normal_equations(template, weight, patch, x, normal, right)
+    if x[4] <= 0 or inside < settings.inside * total or spread <= 0:
+        return None
+    covariance = np.asarray(np.linalg.inv(normal))
+    return Alignment(
+        x[:2].copy(),
+        x[2:4].copy(),
+        float(x[4]),
+        float(x[5]),
+        float(np.sqrt(max(0.0, 1 - squares / spread))),
+        covariance[:4, :4] * _variance(squares, inside, settings),
+    )
+
+
+def _variance(squares: float, inside: float, settings: RegistrationSettings) -> float:
+    """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
+    independent = max(inside / settings.samples_per_independent, 1.0)
+    return max(squares / independent, settings.smallest_variance)
+
+
+@compiled
+def _normal_equations(
+    template: Array, weight: Array, patch: Array, x: Array, normal: Array, right: Array
+) -> tuple[float, float]:
+    # Fills normal (6, 6) and right (6,) at shift, stretch, gain, bias x; returns sum of weights and of squares.
+    rows, columns = template.shape
+    middle_u, middle_v = (columns - 1) / 2, (rows - 1) / 2
+    normal[:] = 0
+    right[:] = 0
+    inside, squares = 0.0, 0.0
+    jacobian = np.empty(6)
+    for i in range(rows):
+        v = middle_v + x[3] * (i - middle_v) + x[1]
+        if not 0 <= v < rows - 1:
+            continue
+        top = int(v)
+        b = v - top
+        for j in range(columns):
+            w = weight[i, j]
+            if w <= 0:
+                continue
+            u = middle_u + x[2] * (j - middle_u) + x[0]
+            if not 0 <= u < columns - 1:
+                continue
+            left = int(u)
+            a = u - left
+            p, q = patch[top, left], patch[top, left + 1]
+            r, s = patch[top + 1, left], patch[top + 1, left + 1]
+            above, below = p + a * (q - p), r + a * (s - r)
+            value = above + b * (below - above)
+            jacobian[0] = x[4] * ((q - p) + b * ((s - r) - (q - p)))
+            jacobian[1] = x[4] * (below - above)
+            jacobian[2] = jacobian[0] * (j - middle_u)
+            jacobian[3] = jacobian[1] * (i - middle_v)
+            jacobian[4] = value
+            jacobian[5] = 1.0
+            residual = template[i, j] - (x[4] * value + x[5])
+            for k in range(6):
+                right[k] += w * jacobian[k] * residual
+                for m in range(k, 6):
+                    normal[k, m] += w * jacobian[k] * jacobian[m]
+            inside += w
+            squares += w * residual * residual
+    for k in range(6):
+        for m in range(k):
+            normal[k, m] = normal[m, k]
+    return inside, squares
+
+
+def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.float32]:
+    """A view (rows, columns, 3) resampled into the template, with the template's gain and bias."""
+    rows, columns = view.shape[:2]
+    middle = (np.array([columns, rows]) - 1) / 2
+    move = middle - found.stretch * middle + found.shift
+    warp = np.array([[found.stretch[0], 0, move[0]], [0, found.stretch[1], move[1]]])
+    warped = cv2.warpAffine(
+        view,
+        warp,
+        (columns, rows),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(warped * np.float32(found.gain) + np.float32(found.bias), np.float32)

@@ -1,0 +1,186 @@
+"""The outer outline of a face: chosen among nested candidates by a linear model.
+
+A face has several outlines one within the other: legend, inner field, border line, rim. The strongest of each shape is
+found first. The edges parallel to it are the candidates; a conditional logit (McFadden 1974) over 12 features chooses
+the outer one: strength of the edge, evenness of the strip inside it (a rim has one colour all round, the background has
+not), and difference from the detected box.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import LinearModel
+from wayside.schemas.settings import OutlineSettings
+from wayside.stages.kernels import Array
+from wayside.stages.panel.outline_edges import (
+    STEP,
+    Gradients,
+    edge_profiles,
+    gradients_of,
+    strip_colors,
+)
+from wayside.stages.panel.outline_fit import (
+    Outline,
+    refine_outline,
+    rim_correction,
+    strongest_outlines,
+)
+from wayside.stages.panel.outline_shapes import box_size, growth, segments_of
+
+OUTLINE_FEATURES = (
+    "edge",
+    "log_edge",
+    "inner_strength",
+    "unevenness",
+    "edge_times_unevenness",
+    "log_width",
+    "log_height",
+    "log_width_squared",
+    "log_height_squared",
+    "log_width_height_difference",
+    "peak",
+    "rectangle",
+)
+"""Features of a candidate, in this order: edge strength as a fraction of the strongest; strength of the outline it
+surrounds; unevenness of the colour of the strip inside (30 grey levels); width and height relative to the detected box;
+whether its edge is a peak of the profile or a shoulder; whether it is a rectangle."""
+_UNEVEN_LEVELS, _MOST_UNEVEN = 30.0, 60.0
+"""Scale and limit of the unevenness, grey levels: part of what the feature means."""
+
+
+class FaceOutline(NamedTuple):
+    """The outer outline of a face: shape, box and rotation as in `Outline`; strength (0 to 1) of the one it surrounds.
+
+    sigma (2,): scatter of width and height, samples.
+    """
+
+    shape: str
+    box: Array
+    rotation: float
+    strength: float
+    sigma: Array
+
+
+class OutlineCandidate(NamedTuple):
+    """An outline that may be the outer one, and its features (12,), named by `OUTLINE_FEATURES`."""
+
+    outline: Outline
+    features: Array
+
+
+def fit_face_outline(
+    views: NDArray[np.float32], box: Array, model: LinearModel, settings: OutlineSettings
+) -> FaceOutline | None:
+    """Find the outer outline of the face that registered views show.
+
+    Parameters
+    ----------
+    views
+        (n, rows, columns, 3) float32, the nearest first.
+    box
+        Where the face was detected, [left, top, right, bottom] in samples (4,).
+    model
+        Weights of `OUTLINE_FEATURES`.
+    settings
+        Ranges and scatters.
+
+    Returns
+    -------
+    FaceOutline or None
+        None where no shape has edges all round.
+
+    Raises
+    ------
+    ValueError
+        The model is of other features, or the views are another kind of array.
+    """
+    if model.features != OUTLINE_FEATURES:
+        raise ValueError(f"wanted a model of {OUTLINE_FEATURES}, found {model.features}")
+    gradients = gradients_of(views)
+    candidates = list(outline_candidates(views, gradients, box, settings))
+    if not candidates:
+        return None
+    value = model.values(np.array([candidate.features for candidate in candidates]))
+    best = int(np.argmax(value))
+    probability = np.exp(value - value[best])
+    probability /= probability.sum()
+    chosen = candidates[best].outline
+    sharp = gradients.nearest(settings.refine_views)
+    fine = refine_outline(sharp, chosen, settings.refine_search, settings.side_sigma, settings)
+    outer = fine.box + rim_correction(sharp, fine, settings)
+    sizes = np.array([box_size(candidate.outline.box) for candidate in candidates])
+    variance = (probability[:, None] * (sizes - sizes[best]) ** 2).sum(axis=0)
+    sigma = np.sqrt(variance + settings.size_sigma**2)
+    return FaceOutline(chosen.shape, outer, fine.rotation, chosen.strength, sigma)
+
+
+def outline_candidates(
+    views: NDArray[np.float32], gradients: Gradients, box: Array, settings: OutlineSettings
+) -> Iterator[OutlineCandidate]:
+    """Outlines parallel to the strongest of the best shapes, with their features."""
+    for inner in strongest_outlines(gradients, box, settings):
+        low = -settings.candidates_inward
+        side = float(box_size(inner.box).min())
+        high = STEP * np.ceil((settings.candidates_outward * side + 1) / STEP)
+        segments = segments_of(inner.shape, inner.box, inner.rotation)
+        profiles = edge_profiles(gradients, segments, low, high, settings)
+        kept = math.ceil(settings.weaker_part * len(profiles))
+        strength = np.sort(profiles, axis=0)[:kept].mean(axis=0)
+        colors = strip_colors(views, segments, low, high)
+        middle = np.median(colors, axis=(0, 1))
+        uneven = np.median(np.abs(colors - middle).max(axis=3), axis=(0, 1))
+        grow = growth(segments)
+        peaks = _peaks(strength)
+        top = float(max((strength[i] for i in peaks), default=0.0))
+        for i in sorted({*peaks, *_shoulders(strength, settings)}):
+            offset = i * STEP + low
+            faint = top <= 0 or strength[i] < settings.smallest_edge * top
+            if faint or offset <= -settings.smallest_inward:
+                continue
+            outer = inner.box + offset * grow
+            strip = float(uneven[max(0, i - round(settings.strip / STEP)) : i + 1].min())
+            features = _features(inner, outer, box, float(strength[i]) / top, strip, i in peaks)
+            yield OutlineCandidate(inner._replace(box=outer), features)
+
+
+def _features(
+    inner: Outline, outer: Array, detected: Array, edge: float, strip: float, peak: bool
+) -> Array:
+    wide, tall = np.log(box_size(outer) / box_size(detected))
+    uneven = min(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS
+    return np.array(
+        [
+            edge,
+            np.log(edge),
+            inner.strength,
+            uneven,
+            edge * uneven,
+            wide,
+            tall,
+            wide**2,
+            tall**2,
+            abs(wide - tall),
+            float(peak),
+            float(inner.shape == "rectangle"),
+        ]
+    )
+
+
+def _peaks(values: Array) -> list[int]:
+    inner = values[1:-1]
+    return (np.flatnonzero((inner >= values[:-2]) & (inner > values[2:])) + 1).tolist()
+
+
+def _shoulders(values: Array, settings: OutlineSettings) -> list[int]:
+    """Where a falling flank is least steep: a faint edge beside a strong one."""
+    derivative = np.diff(values)
+    before, here, after = derivative[:-2], derivative[1:-1], derivative[2:]
+    at = np.flatnonzero((here < 0) & (here > before) & (here >= after)) + 2
+    outside = at * STEP - settings.candidates_inward > settings.shoulder
+    return [int(i) for i in at[outside]]

@@ -1,0 +1,216 @@
+"""Strength of edges along the segments of an outline, in registered views (rows, columns, 3).
+
+What belongs to a face is at the same samples in all views; its background moves from view to view. An edge of gradient
+e counts as e^2 / (e^2 + c^2), so that a faint rim all along an outline outweighs a strong letter.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.settings import OutlineSettings
+from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.panel.outline_shapes import Segments
+
+STEP = 0.25
+"""Samples between the offsets of a profile."""
+_GROWTH_STEP, _SWEEPS, _FINE_RANGE = 0.5, 3, 2.0
+"""Coordinate ascent of a box: step of a trial, samples; sweeps; range of the trials after the first sweep."""
+
+
+class Gradients(NamedTuple):
+    """Gradient right and down of each view, (views, rows, columns) each, of the channel that changes most."""
+
+    right: NDArray[np.float32]
+    down: NDArray[np.float32]
+
+    def nearest(self, count: int) -> Gradients:
+        """Those of the first views alone."""
+        return Gradients(self.right[:count], self.down[:count])
+
+
+def gradients_of(views: NDArray[np.float32]) -> Gradients:
+    """Gradients of views (n, rows, columns, 3), grey levels a sample; raises ValueError for other arrays."""
+    require_array(views, "views", np.float32, (None, None, None, 3))
+    right, down = np.zeros(views.shape[:3], np.float32), np.zeros(views.shape[:3], np.float32)
+    _gradients(views, right, down)
+    return Gradients(right, down)
+
+
+def edge_profiles(
+    gradients: Gradients, segments: Segments, low: float, high: float, settings: OutlineSettings
+) -> Array:
+    """Strength of the edge along each segment at offsets low, low + STEP, ... (k, m), 0 to 1, mean over the views.
+
+    Segments that leave the views have strength 0.
+    """
+    right, down = gradients
+    require_array(right, "right", np.float32, (None, None, None))
+    require_array(down, "down", np.float32, right.shape)
+    count = round((high - low) / STEP) + 1
+    profiles = np.zeros((len(segments.begin), count))
+    most, level, inside = settings.segment_samples, settings.edge_level, settings.inside
+    ends = (segments.begin, segments.end, segments.normal)
+    _profiles(right, down, *ends, low, most, level, inside, profiles)
+    return profiles
+
+
+def strip_colors(
+    views: NDArray[np.float32], segments: Segments, low: float, high: float
+) -> NDArray[np.float32]:
+    """Mean colour along each segment at offsets low, low + STEP, ...: (k, views, m, 3)."""
+    require_array(views, "views", np.float32, (None, None, None, 3))
+    count = round((high - low) / STEP) + 1
+    colors = np.zeros((len(segments.begin), len(views), count, 3), np.float32)
+    _colors(views, segments.begin, segments.end, segments.normal, low, colors)
+    return colors
+
+
+def strongest_box(
+    profiles: Array, jacobian: Array, low: float, directions: Array, limit: float
+) -> tuple[Array, float]:
+    """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
+
+    Coordinate ascent: the whole box grows first, then each of the `directions` (d, 4) is changed alone.
+    """
+    change = np.zeros(4)
+    best = _ascend(profiles, np.ascontiguousarray(jacobian[:, :4]), low, directions, limit, change)
+    return change, float(best)
+
+
+@compiled
+def _gradients(
+    views: NDArray[np.float32], right: NDArray[np.float32], down: NDArray[np.float32]
+) -> None:
+    count, rows, columns = views.shape[:3]
+    for q in range(count):
+        for i in range(1, rows - 1):
+            for j in range(1, columns - 1):
+                best = np.float32(-1)
+                for c in range(3):
+                    dx = (views[q, i, j + 1, c] - views[q, i, j - 1, c]) * np.float32(0.5)
+                    dy = (views[q, i + 1, j, c] - views[q, i - 1, j, c]) * np.float32(0.5)
+                    square = dx * dx + dy * dy
+                    if square > best:
+                        best = square
+                        right[q, i, j] = dx
+                        down[q, i, j] = dy
+
+
+@compiled
+def _profiles(
+    right: NDArray[np.float32],
+    down: NDArray[np.float32],
+    begin: Array,
+    end: Array,
+    normal: Array,
+    low: float,
+    most: int,
+    level: float,
+    inside: float,
+    profiles: Array,
+) -> None:
+    views, rows, columns = right.shape
+    for k in range(begin.shape[0]):
+        du, dv = end[k, 0] - begin[k, 0], end[k, 1] - begin[k, 1]
+        samples = min(max(4, int(np.sqrt(du * du + dv * dv))), most)
+        for m in range(profiles.shape[1]):
+            offset = low + m * STEP
+            total, count = 0.0, 0
+            for n in range(samples):
+                fraction = (n + 0.5) / samples
+                u = begin[k, 0] + fraction * du + offset * normal[k, 0]
+                v = begin[k, 1] + fraction * dv + offset * normal[k, 1]
+                if not (u >= 1 and v >= 1 and u < columns - 2 and v < rows - 2):
+                    continue
+                x, y = int(u), int(v)
+                a, b = u - x, v - y
+                w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+                for q in range(views):
+                    gx = w00 * right[q, y, x] + w01 * right[q, y, x + 1]
+                    gx += w10 * right[q, y + 1, x] + w11 * right[q, y + 1, x + 1]
+                    gy = w00 * down[q, y, x] + w01 * down[q, y, x + 1]
+                    gy += w10 * down[q, y + 1, x] + w11 * down[q, y + 1, x + 1]
+                    edge = gx * normal[k, 0] + gy * normal[k, 1]
+                    total += edge * edge / (edge * edge + level * level)
+                    count += 1
+            if count >= inside * samples * views:
+                profiles[k, m] = total / count
+
+
+@compiled
+def _colors(
+    views: NDArray[np.float32],
+    begin: Array,
+    end: Array,
+    normal: Array,
+    low: float,
+    colors: NDArray[np.float32],
+) -> None:
+    count, rows, columns = views.shape[:3]
+    for k in range(begin.shape[0]):
+        for m in range(colors.shape[2]):
+            for n in range(3):
+                fraction, offset = (n + 0.5) / 3, low + m * STEP
+                u = begin[k, 0] + fraction * (end[k, 0] - begin[k, 0]) + offset * normal[k, 0]
+                v = begin[k, 1] + fraction * (end[k, 1] - begin[k, 1]) + offset * normal[k, 1]
+                u, v = min(max(u, 0.0), columns - 1.001), min(max(v, 0.0), rows - 1.001)
+                x, y = int(u), int(v)
+                a, b = u - x, v - y
+                for q in range(count):
+                    for c in range(3):
+                        above = (1 - a) * views[q, y, x, c] + a * views[q, y, x + 1, c]
+                        below = (1 - a) * views[q, y + 1, x, c] + a * views[q, y + 1, x + 1, c]
+                        colors[k, q, m, c] += np.float32(((1 - b) * above + b * below) / 3)
+
+
+@compiled
+def _strength(profiles: Array, jacobian: Array, low: float, change: Array) -> float:
+    total = 0.0
+    last = profiles.shape[1] - 1.001
+    for k in range(profiles.shape[0]):
+        offset = 0.0
+        for c in range(4):
+            offset += jacobian[k, c] * change[c]
+        at = min(max((offset - low) / STEP, 0.0), last)
+        i = int(at)
+        total += profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
+    return float(total / profiles.shape[0])
+
+
+@compiled
+def _ascend(
+    profiles: Array, jacobian: Array, low: float, directions: Array, limit: float, change: Array
+) -> float:
+    high = low + STEP * (profiles.shape[1] - 1)
+    trial = np.zeros(4)
+    best = -1.0
+    steps = int((high - low) / _GROWTH_STEP) + 1
+    for s in range(steps):
+        size = low + _GROWTH_STEP * s
+        for c in range(4):
+            trial[c] = -size if c < 2 else size
+        strength = _strength(profiles, jacobian, low, trial)
+        if strength > best:
+            best = strength
+            change[:] = trial
+    for sweep in range(_SWEEPS):
+        for d in range(directions.shape[0]):
+            start = change.copy()
+            count = steps if sweep == 0 else int(2 * _FINE_RANGE / _GROWTH_STEP) + 1
+            for s in range(count):
+                size = (low if sweep == 0 else -_FINE_RANGE) + _GROWTH_STEP * s
+                inside = True
+                for c in range(4):
+                    trial[c] = start[c] + size * directions[d, c]
+                    inside = inside and abs(trial[c]) <= limit
+                if not inside:
+                    continue
+                strength = _strength(profiles, jacobian, low, trial)
+                if strength > best + 1e-9:
+                    best = strength
+                    change[:] = trial
+    return best

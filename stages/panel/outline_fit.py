@@ -1,0 +1,235 @@
+"""Outlines fitted to edges, to a fraction of a sample: the strongest of each shape, refined, and the outer rim.
+
+Boxes are [left, top, right, bottom] in samples of the template (4,), before the rotation about their centre.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.schemas.settings import OutlineSettings
+from wayside.stages.kernels import Array
+from wayside.stages.panel.outline_edges import STEP, Gradients, edge_profiles, strongest_box
+from wayside.stages.panel.outline_shapes import (
+    ASPECT,
+    OUTLINE_SHAPES,
+    Segments,
+    box_size,
+    growth,
+    segments_of,
+)
+
+_TRIANGLES = ("triangle", "triangle_up", "pennant")
+_DIRECTIONS = {
+    False: np.eye(4),
+    True: np.array(
+        [
+            [0.5, 0, 0.5, 0],
+            [0, 0.5, 0, 0.5],
+            [-0.5, -0.5, 0.5, 0.5],
+            [-0.5, 0, 0.5, 0],
+            [0, -0.5, 0, 0.5],
+        ]
+    ),
+}
+"""How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
+_STEPS, _LONGEST_STEP, _CONVERGED = 4, 2.0, 0.02
+"""Least-squares steps of a refinement, and of its weights; samples."""
+
+
+class Outline(NamedTuple):
+    """A fitted outline: shape, box, rotation (rad, clockwise), mean edge strength 0 to 1."""
+
+    shape: str
+    box: Array
+    rotation: float
+    strength: float
+
+
+def strongest_outlines(
+    gradients: Gradients, box: Array, settings: OutlineSettings
+) -> list[Outline]:
+    """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
+    starts = [(shape, start) for shape in OUTLINE_SHAPES for start in _starts(shape, box, settings)]
+    found = [
+        _strongest(gradients, shape, start, settings.inward, settings.outward, settings)
+        for shape, start in starts
+    ]
+    # segments rotate as the proportions change: once more, near by
+    found = [
+        _strongest(gradients, o.shape, o.box, 0.0, 0.0, settings)
+        for o in _by_strength(found)[: settings.most_tried]
+    ]
+    best = {outline.shape: outline for outline in reversed(_by_strength(found))}
+    refined = [
+        refine_outline(gradients, o, settings.free_search, None, settings)
+        for o in _by_strength(list(best.values()))[: settings.most_refined]
+    ]
+    return [
+        align_sides(gradients, o, settings) for o in _by_strength(refined)[: settings.most_inner]
+    ]
+
+
+def _by_strength(outlines: list[Outline]) -> list[Outline]:
+    return sorted(outlines, key=lambda outline: -outline.strength)
+
+
+def _starts(shape: str, box: Array, settings: OutlineSettings) -> list[Array]:
+    """Boxes of the shape's own proportion about the box, and it itself."""
+    if shape not in ASPECT:
+        return [box]
+    centre, size = (box[:2] + box[2:]) / 2, box_size(box)
+    tall = np.sqrt(size.prod() / ASPECT[shape])
+    half = np.array([ASPECT[shape] * tall, tall]) / 2
+    scales = (1.0, settings.triangle_scale)
+    own = [np.concatenate([centre - half * k, centre + half * k]) for k in scales]
+    return [*own, box] if shape in _TRIANGLES else own[:1]
+
+
+def _strongest(
+    gradients: Gradients,
+    shape: str,
+    box: Array,
+    inward: float,
+    outward: float,
+    settings: OutlineSettings,
+) -> Outline:
+    """The strongest outline of a shape within fractions of a box's smaller side."""
+    side = float(box_size(box).min())
+    low = -STEP * np.ceil(max(inward * side + 1, settings.search) / STEP)
+    high = STEP * np.ceil(max(outward * side + 1, settings.search) / STEP)
+    segments = segments_of(shape, box)
+    profiles = edge_profiles(gradients, segments, low, high, settings)
+    change, strength = strongest_box(
+        profiles, segments.jacobian, low, _DIRECTIONS[shape in ASPECT], max(-low, high)
+    )
+    return Outline(shape, box + change, 0.0, strength)
+
+
+def align_sides(gradients: Gradients, outline: Outline, settings: OutlineSettings) -> Outline:
+    """The outline with all sides on the same one of several parallel lines (rim, border line).
+
+    The profiles of all sides are alike: each side is shifted to where its profile correlates best with their mean.
+    """
+    x = np.array([*outline.box, outline.rotation])
+    reach = settings.side_search
+    for _ in range(2):
+        segments = segments_of(outline.shape, x[:4], x[4])
+        profiles = edge_profiles(gradients, segments, -2 * reach, 2 * reach, settings)
+        half = round(reach / STEP)
+        mean = profiles.mean(axis=0)[half:-half]
+        windows = np.lib.stride_tricks.sliding_window_view(profiles, len(mean), axis=1)
+        norm = np.sqrt((windows**2).sum(axis=2) * (mean**2).sum()) + 1e-9
+        shift = (np.arange(windows.shape[1]) - half) * STEP
+        correlation = (windows @ mean) / norm - settings.side_penalty * np.abs(shift)
+        best = correlation.argmax(axis=1)
+        weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
+        normal, right = _priors(outline.shape, x, x, None, settings)
+        x = x + _least_squares(segments, shift[best], weight, normal, right, settings)
+    return outline._replace(box=x[:4], rotation=float(x[4]))
+
+
+def refine_outline(
+    gradients: Gradients,
+    outline: Outline,
+    search: float,
+    side_sigma: float | None,
+    settings: OutlineSettings,
+) -> Outline:
+    """Least squares (Cauchy weights) of the box's sides and rotation on the nearest edge of each segment.
+
+    Parameters
+    ----------
+    gradients
+        Of the registered views.
+    outline
+        Where to begin.
+    search
+        Range of the edges, samples.
+    side_sigma
+        Scatter of the sides about where they begin, samples; None: they and the rotation are free.
+    settings
+        Scatter of edges, rotation and proportions.
+    """
+    shape = outline.shape
+    start = np.array([*outline.box, outline.rotation])
+    x, strength = start.copy(), 0.0
+    for _ in range(_STEPS):
+        segments = segments_of(shape, x[:4], x[4])
+        profiles = edge_profiles(gradients, segments, -search, search, settings)
+        strength = float(profiles[:, profiles.shape[1] // 2].mean())
+        offset, weight = nearest_edges(profiles, search, settings)
+        normal, right = _priors(shape, x, start, side_sigma, settings)
+        change = _least_squares(segments, offset, weight, normal, right, settings)
+        x += np.clip(change, -_LONGEST_STEP, _LONGEST_STEP)
+        if np.abs(change).max() < _CONVERGED:
+            break
+    return Outline(shape, x[:4], float(x[4]), strength)
+
+
+def rim_correction(gradients: Gradients, outline: Outline, settings: OutlineSettings) -> Array:
+    """Change (4,) of a box for a rim too narrow to have an edge of its own: it widens the outer flank of the edge."""
+    segments = segments_of(outline.shape, outline.box, outline.rotation)
+    reach = settings.flank
+    profile = edge_profiles(gradients, segments, -reach, reach + 1, settings).mean(axis=0)
+    centre, near = round(reach / STEP), round(1 / STEP)
+    top = centre - near + int(np.argmax(profile[centre - near : centre + near + 1]))
+    fallen = np.flatnonzero(profile[top:] < profile[top] / 2)
+    flank = (top + fallen[0] - centre) * STEP if len(fallen) else reach + 1
+    outward = settings.rim_fraction * (flank - settings.sharp_flank)
+    limited = np.clip(outward, -settings.most_rim_inward, settings.most_rim_outward)
+    return np.asarray(limited * growth(segments))
+
+
+def nearest_edges(profiles: Array, search: float, settings: OutlineSettings) -> tuple[Array, Array]:
+    """Offset (k,) of each segment's edge, interpolated, and its weight; 0 and 0 where there is none."""
+    centre = (profiles.shape[1] - 1) // 2
+    inner = profiles[:, 1:-1]
+    peak = (inner >= profiles[:, :-2]) & (inner > profiles[:, 2:])
+    away = (np.arange(1, profiles.shape[1] - 1) - centre) * STEP / settings.offset_sigma
+    value = np.where(peak, inner * np.exp(-0.5 * away**2), 0.0)
+    at = value.argmax(axis=1) + 1
+    row = np.arange(len(profiles))
+    before, here, after = profiles[row, at - 1], profiles[row, at], profiles[row, at + 1]
+    bend = before - 2 * here + after
+    part = np.divide(0.5 * (before - after), bend, out=np.zeros_like(bend), where=bend < 0)
+    found = value.max(axis=1) > settings.weakest_edge
+    offset = np.where(found, -search + STEP * (at + part), 0.0)
+    return offset, np.where(found, here**2, 0.0)
+
+
+def _priors(
+    shape: str, x: Array, start: Array, side_sigma: float | None, settings: OutlineSettings
+) -> tuple[Array, Array]:
+    """Normal matrix (5, 5) and right side (5,) of the priors of a box, in units of the scatter of an edge."""
+    sides = 1 / (side_sigma or settings.side_sigma) ** 2
+    rotation = 1 / float(np.radians(settings.rotation_sigma_deg)) ** 2
+    hold = np.array([sides] * 4 + [rotation]) * settings.edge_sigma**2
+    normal = np.diag(hold)
+    right = np.zeros(5) if side_sigma is None else -hold * (x - start)
+    if shape in ASPECT:
+        by = np.array([-1, ASPECT[shape], 1, -ASPECT[shape], 0])
+        weight = (settings.edge_sigma / (settings.aspect_sigma * (x[2] - x[0]))) ** 2
+        normal += weight * np.outer(by, by)
+        right -= weight * by * float(by @ x)
+    return normal, right
+
+
+def _least_squares(
+    segments: Segments,
+    offset: Array,
+    weight: Array,
+    normal: Array,
+    right: Array,
+    settings: OutlineSettings,
+) -> Array:
+    change: Array = np.zeros(5)
+    for _ in range(_STEPS):
+        residual = offset - segments.jacobian @ change
+        robust = weight / (1 + (residual / settings.edge_cauchy) ** 2)
+        weighted = segments.jacobian * robust[:, None]
+        matrix = segments.jacobian.T @ weighted + normal
+        change = np.asarray(np.linalg.solve(matrix, weighted.T @ offset + right), np.float64)
+    return change

@@ -1,0 +1,118 @@
+"""Images of a panel resampled on its plane (rectified views)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera, Pose
+from wayside.schemas.settings import PanelSettings
+from wayside.stages.geometry import distort_points, ideal_of_rays
+from wayside.stages.kernels import Array
+
+_CELLS = 8
+"""Cells of the grid, each way, whose knots are projected exactly; samples between are interpolated."""
+
+
+class PanelPlane(NamedTuple):
+    """A plane: a point (3,), metres, and the axes right, down and ahead (3,), its normal, in the world frame."""
+
+    point: Array
+    right: Array
+    down: Array
+    ahead: Array
+
+    @classmethod
+    def across(cls, point: Array, ahead: Array, up: Array) -> PanelPlane:
+        """The plane through a point with the unit normal `ahead`; `up` need not be perpendicular to it."""
+        up = up - (up @ ahead) * ahead
+        up /= np.linalg.norm(up)
+        return cls(point, np.cross(ahead, up), -up, ahead)
+
+    def meet(self, centre: Array, points: Array) -> Array:
+        """Where lines from a camera centre (3,) through points (n, 3) meet the plane: right and down (n, 2), metres."""
+        rays = points - centre
+        fraction = ((self.point - centre) @ self.ahead) / (rays @ self.ahead)
+        offset = centre + fraction[:, None] * rays - self.point
+        return np.column_stack([offset @ self.right, offset @ self.down])
+
+    def points(self, offsets: Array) -> Array:
+        """World points (n, 3) at offsets (n, 2) right and down in the plane, metres."""
+        return np.asarray(
+            self.point + offsets[:, :1] * self.right + offsets[:, 1:] * self.down, np.float64
+        )
+
+
+class PosedImage(NamedTuple):
+    """An image `rgb` (height, width, 3) with its camera and pose; frame: its number, larger where later."""
+
+    frame: int
+    pose: Pose
+    camera: Camera
+    rgb: NDArray[np.uint8]
+
+    @property
+    def focal(self) -> float:
+        """Mean focal length, px."""
+        return (self.camera.fx + self.camera.fy) / 2
+
+    def pixels(self, points: Array) -> Array:
+        """Recorded (distorted) pixels (n, 2) of world points (n, 3)."""
+        local = self.pose.to_camera(points)
+        return distort_points(self.camera, ideal_of_rays(self.camera, local[:, :2] / local[:, 2:]))
+
+
+class RectifiedView(NamedTuple):
+    """An image resampled on the plane: depth of the panel in it, metres; rgb (rows, columns, 3) and grey."""
+
+    image: PosedImage
+    depth: float
+    rgb: NDArray[np.float32]
+    grey: Array
+
+
+def usable_views(
+    plane: PanelPlane, size: Array, images: Sequence[PosedImage], settings: PanelSettings
+) -> list[tuple[float, PosedImage]]:
+    """Depth and image of the views that show all of a panel of this width and height (2,), metres; nearest first."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * settings.border
+    found = []
+    for image in images:
+        depth = float(image.pose.to_camera(plane.point)[2])
+        if not settings.nearest_m < depth < settings.farthest_m:
+            continue
+        pixels = image.pixels(plane.points(corners))
+        height, width = image.rgb.shape[:2]
+        edge = settings.border_px
+        inside = (pixels >= edge).all() and (pixels < (width - 1 - edge, height - 1 - edge)).all()
+        if inside and np.ptp(pixels, axis=0).min() >= settings.smallest_px:
+            found.append((depth, image))
+    found.sort(key=lambda view: (view[0], view[1].frame))
+    return found[: settings.most_views]
+
+
+def rectify(
+    plane: PanelPlane, columns: Array, rows: Array, depth: float, image: PosedImage
+) -> RectifiedView:
+    """Resample an image at offsets `columns` (m,) right and `rows` (n,) down in the plane, metres, evenly spaced.
+
+    The projection varies slowly over a panel: it is computed on a grid and interpolated linearly between.
+    """
+    knots = [np.linspace(at[0], at[-1], _CELLS + 1) for at in (columns, rows)]
+    grid = np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2)
+    pixels = image.pixels(plane.points(grid)).reshape(_CELLS + 1, _CELLS + 1, 2)
+    across, down = (_interpolation(len(at)) for at in (columns, rows))
+    u, v = ((down @ pixels[..., c] @ across.T).astype(np.float32) for c in (0, 1))
+    rgb = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    return RectifiedView(image, depth, rgb.astype(np.float32), grey.astype(np.float64))
+
+
+def _interpolation(count: int) -> Array:
+    """Weights (count, knots) of linear interpolation between the knots of the grid."""
+    at = np.linspace(0, _CELLS, count)
+    return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))))

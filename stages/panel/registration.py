@@ -1,0 +1,188 @@
+"""Registration of the rectified views of a panel, and the outline that they show together.
+
+The background of a panel moves from view to view and fills half of the box of a diamond: where boxes do not correlate,
+the face inside its outline is compared alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.models import LinearModel
+from wayside.schemas.settings import OutlineSettings, PanelSettings, RegistrationSettings
+from wayside.stages.kernels import Array
+from wayside.stages.panel.image_alignment import Alignment, align, warp_to_template
+from wayside.stages.panel.outline import FaceOutline, fit_face_outline
+from wayside.stages.panel.outline_shapes import segments_of
+from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, rectify
+
+
+@dataclass(frozen=True, slots=True)
+class PanelMethod:
+    """How panels are measured: the model that chooses outlines, and the settings."""
+
+    outline_model: LinearModel
+    panel: PanelSettings
+    registration: RegistrationSettings
+    outline: OutlineSettings
+
+
+class RegisteredViews(NamedTuple):
+    """Rectified views registered to the first of them, the template; `step` metres a sample."""
+
+    plane: PanelPlane
+    step: float
+    views: list[tuple[RectifiedView, Alignment]]
+
+    def stacked(self, settings: OutlineSettings) -> NDArray[np.float32]:
+        """The views (n, rows, columns, 3) that show the outline, resampled into the template."""
+        farthest = settings.depth_ratio * self.views[0][0].depth
+        near = [view for view in self.views if view[0].depth <= farthest]
+        warped = [warp_to_template(v.rgb, found) for v, found in near[: settings.most_views]]
+        return np.ascontiguousarray(np.stack(warped))
+
+    def box(self, size: Array) -> Array:
+        """The box [left, top, right, bottom] of a panel of this size (2,), metres, in samples of the template."""
+        middle = (np.array(self.views[0][0].grey.shape[::-1]) - 1) / 2
+        half = size / self.step / 2
+        return np.concatenate([middle - half, middle + half])
+
+
+def register_views(
+    plane: PanelPlane,
+    size: Array,
+    usable: Sequence[tuple[float, PosedImage]],
+    detected: NDArray[np.int64],
+    method: PanelMethod,
+) -> RegisteredViews:
+    """Register the views to the nearest one that enough others correlate with.
+
+    Parameters
+    ----------
+    plane, size
+        Where the panel is, and its width and height (2,), metres.
+    usable
+        Depth and image of the usable views, nearest first.
+    detected
+        Numbers of the frames in which the panel was detected: in others something may stand in front of it.
+    method
+        Settings, and the model of outlines.
+    """
+    s = method.registration
+    templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
+    first, *others = templates[: s.most_templates] or [0]
+    best = _registered_to(plane, size, usable[first:], method)
+    for i in others:
+        if len(best.views) >= s.enough_views or i == len(usable) - 1:
+            break
+        registered = _registered_to(plane, size, usable[i:], method)
+        if len(registered.views) > len(best.views):
+            best = registered
+    return best
+
+
+def outline_of(registered: RegisteredViews, size: Array, method: PanelMethod) -> FaceOutline | None:
+    """The outline of the face in samples of the template; None where there is none strong enough."""
+    views, box = registered.stacked(method.outline), registered.box(size)
+    outline = fit_face_outline(views, box, method.outline_model, method.outline)
+    strong = outline is not None and outline.strength >= method.panel.smallest_strength
+    return outline if strong else None
+
+
+def _registered_to(
+    plane: PanelPlane, size: Array, usable: Sequence[tuple[float, PosedImage]], method: PanelMethod
+) -> RegisteredViews:
+    """The first of the usable views as template, and those that correlate with it: by the box, or else by the face."""
+    s = method.registration
+    nearest, image = usable[0]
+    step = max(nearest / image.focal, float(size.max()) / s.most_samples)
+    margin = s.margin * max(float(size.min()), s.margin_longer * float(size.max()))
+    count = np.ceil((size / 2 + margin) / step)
+    columns, rows = (np.arange(-n, n + 1) * step for n in count)
+    template = rectify(plane, columns, rows, nearest, image)
+    others = [
+        rectify(plane, columns, rows, depth, other)
+        for depth, other in usable[1:]
+        if depth <= s.depth_ratio * nearest
+    ]
+    inside = [np.abs(at) <= m / 2 + step for at, m in zip((columns, rows), size, strict=True)]
+    box = np.outer(inside[1], inside[0]).astype(np.float64)
+    identity = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
+    alone = RegisteredViews(plane, step, [(template, identity)])
+    found = _correlated(template, others, [box] * len(others), s)
+    if len(found) + 1 < s.enough_views and others:
+        outline = outline_of(alone, size, method)
+        if outline is not None:
+            weights = [inside_outline(outline, box.shape, o.depth / nearest) for o in others]
+            found = _correlated(template, others, weights, s)
+    return alone._replace(views=[*alone.views, *found])
+
+
+def _correlated(
+    template: RectifiedView,
+    others: Sequence[RectifiedView],
+    weights: Sequence[Array],
+    settings: RegistrationSettings,
+) -> list[tuple[RectifiedView, Alignment]]:
+    """The views that correlate with the template where their weight is, with their alignment."""
+    found = [
+        (view, align_view(template, view, weight, settings))
+        for view, weight in zip(others, weights, strict=True)
+    ]
+    return [(view, a) for view, a in found if a is not None and a.zncc > settings.zncc]
+
+
+def inside_outline(outline: FaceOutline, shape: tuple[int, ...], margin: float) -> Array:
+    """1 on the samples inside an outline, farther from it than the margin, and 0 elsewhere: (rows, columns).
+
+    A view so many times coarser mixes the face with its background over so many samples.
+    """
+    sides = segments_of(outline.shape, outline.box, outline.rotation)
+    corners = cv2.convexHull(np.concatenate([sides.begin, sides.end]).astype(np.float32))
+    mask = np.zeros(shape, np.uint8)
+    cv2.fillConvexPoly(mask, np.round(corners * 16).astype(np.int32), 1, shift=4)
+    narrow = cv2.erode(mask, np.ones((3, 3), np.uint8), iterations=int(np.ceil(margin)))
+    return np.asarray(narrow, np.float64)
+
+
+def align_view(
+    template: RectifiedView, view: RectifiedView, weight: Array, settings: RegistrationSettings
+) -> Alignment | None:
+    """Alignment of a view with the template where the weight is; None where it fails or too little is compared."""
+    if np.count_nonzero(weight) < settings.fewest_samples:
+        return None
+    blur = settings.blur * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 0.0))
+    first, other, mask = template.grey, view.grey, weight
+    if blur > settings.smallest_blur:
+        first = np.asarray(cv2.GaussianBlur(first, (0, 0), blur))
+    if max(weight.shape) <= settings.full_size_samples:
+        return align(first, mask, other, _coarse_shift(first, other, mask), settings)
+    first, other, mask = (_halved(samples) for samples in (first, other, mask))
+    found = align(first, mask, other, _coarse_shift(first, other, mask), settings)
+    if found is None:
+        return None
+    ratio = np.array(weight.shape[::-1]) / mask.shape[::-1]
+    scale = np.diag([*ratio, 1.0, 1.0])
+    return found._replace(shift=found.shift * ratio, covariance=scale @ found.covariance @ scale)
+
+
+def _halved(samples: Array) -> Array:
+    size = (samples.shape[1] // 2, samples.shape[0] // 2)
+    return np.asarray(cv2.resize(samples, size, interpolation=cv2.INTER_AREA), np.float64)
+
+
+def _coarse_shift(template: Array, patch: Array, weight: Array) -> Array:
+    """Whole-sample shift (2,) of best correlation: the weighted part of the template in all of the patch."""
+    rows, columns = np.flatnonzero(weight.any(axis=1)), np.flatnonzero(weight.any(axis=0))
+    part = template[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    correlation = cv2.matchTemplate(
+        patch.astype(np.float32), part.astype(np.float32), cv2.TM_CCOEFF_NORMED
+    )
+    _, _, _, (left, top) = cv2.minMaxLoc(correlation)
+    return np.array([left - columns[0], top - rows[0]], np.float64)

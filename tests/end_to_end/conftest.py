@@ -1,0 +1,71 @@
+"""The demo log, run once per preset and session through the command `wayside run`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.pipeline.cli import app
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
+
+
+@dataclass(frozen=True)
+class Result:
+    """The tables of a result folder as rows, and its `run.json`."""
+
+    signs: list[dict[str, Any]]
+    observations: list[dict[str, Any]]
+    frames: list[dict[str, Any]]
+    about: dict[str, Any]
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """Regions by the verdict on them, the unlisted ones too."""
+        return dict(self.about["accounting"]["regions"])
+
+
+RunDemo = Callable[..., Result]
+
+
+def run_demo_log(folder: Path, *options: str) -> Result:
+    """Run the demo log with those options into the folder, in this process, and read the result."""
+    log = str(RECORDINGS / "demo.mcap")
+    status = app(["run", log, "-o", str(folder), *options], standalone_mode=False)
+    assert not status
+    signs, observations, frames = (
+        pq.read_table(folder / f"{name}.parquet").to_pylist()
+        for name in ("signs", "observations", "frames")
+    )
+    about = json.loads((folder / "run.json").read_text())
+    return Result(signs, observations, frames, about)
+
+
+@pytest.fixture(scope="session")
+def run_demo(tmp_path_factory: pytest.TempPathFactory) -> RunDemo:
+    """A function that runs the demo log with given options and reads the result."""
+    return lambda *options: run_demo_log(tmp_path_factory.mktemp("demo"), *options)
+
+
+@pytest.fixture(scope="session")
+def default_demo(run_demo: RunDemo) -> Result:
+    """The result of the preset `default`."""
+    return run_demo("--preset", "default")
+
+
+@pytest.fixture(scope="session")
+def report_demo(run_demo: RunDemo) -> Result:
+    """The result of the preset `report`."""
+    return run_demo("--preset", "report")
+
+
+@pytest.fixture(scope="session")
+def truth() -> dict[str, Any]:
+    """What was rendered into the demo log."""
+    return dict(json.loads((RECORDINGS / "demo.truth.json").read_text()))

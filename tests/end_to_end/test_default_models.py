@@ -1,0 +1,50 @@
+"""Models of one's own folder take part in the decisions of a run."""
+
+import json
+from importlib.resources import files
+
+import pytest
+
+SHORT_S = "2"
+
+
+@pytest.fixture(scope="module")
+def run_with(run_demo, tmp_path_factory):
+    """Run the first frames of the demo with some model files changed by a function each."""
+
+    def run(**changes):
+        folder = tmp_path_factory.mktemp("models")
+        for name, change in changes.items():
+            text = (files("wayside.pipeline") / "models" / f"{name}.json").read_text()
+            (folder / f"{name}.json").write_text(json.dumps(change(json.loads(text))))
+        return run_demo("--until", SHORT_S, "--set", f"models.folder={folder}")
+
+    return run
+
+
+def accept_nothing(model):
+    """The same classes with thresholds that no distance is below."""
+    return model | {"classes": [one | {"threshold": -100.0} for one in model["classes"]]}
+
+
+def test_a_location_model_that_accepts_no_place_leaves_no_sign(run_with):
+    result = run_with(location=accept_nothing)
+    assert not [row for row in result.signs if row["status"] == "sign"]
+    assert result.verdicts["location"] > 0
+
+
+def name_everything(name):
+    """A change of a network that makes it sure of one class."""
+
+    def change(model):
+        place = model["classes"].index(name)
+        bias = [30.0 if k == place else -30.0 for k in range(len(model["classes"]))]
+        return model | {"output_bias": bias}
+
+    return change
+
+
+def test_the_networks_of_faces_name_colors_and_shapes(run_with):
+    result = run_with(face_color=name_everything("blue"), face_shape=name_everything("circle"))
+    faces = [row for row in result.signs if row["status"] == "sign"]
+    assert {(row["color"], row["shape"]) for row in faces} == {("blue", "circle")}

@@ -1,0 +1,109 @@
+"""wayside as a library: the page docs/library.md runs, and what it says holds."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+import wayside
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "recordings" / "demo.mcap"
+SHORT = {"read.until_s": 0.8}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """What the code of docs/library.md leaves behind: its names, the folder it ran in and what it printed."""
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "recordings").symlink_to(ROOT / "recordings")
+    names: dict[str, Any] = {}
+    printed = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+        text = (ROOT / "docs" / "library.md").read_text("utf-8")
+        for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            exec(compile(block, "docs/library.md", "exec"), names)
+        yield names | {"folder": folder, "printed": printed.getvalue()}
+
+
+def test_the_page_finds_signs_and_shows_them(page: dict[str, Any]) -> None:
+    assert page["sure"].num_rows >= 3
+    assert page["verdicts"]["sign"] == page["signs"].num_rows
+    assert page["views"].num_rows == page["signs"].num_rows
+    assert 0 < page["used"] < page["inventory"].frames.num_rows
+    assert "'color': 'white'" in page["printed"]
+    assert "did you mean segment.clusters" in page["printed"]
+    assert wayside.__version__ in page["printed"]
+
+
+@pytest.mark.parametrize("table", [SIGNS, OBSERVATIONS, FRAMES], ids=lambda t: t.file)
+def test_tables_are_those_of_the_folder(page: dict[str, Any], table: Any) -> None:
+    written = pq.read_table(page["folder"] / "out" / "library" / table.file)
+    for inventory in (page["inventory"], page["again"]):
+        found = getattr(inventory, table.file.removesuffix(".parquet"))
+        assert found.equals(written)
+        assert found.schema.equals(table.schema)
+
+
+def test_a_finished_inventory_has_no_frame_left(page: dict[str, Any]) -> None:
+    assert list(page["inventory"]) == []
+    assert list(page["again"]) == []
+
+
+def test_without_a_folder_nothing_stays_on_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    monkeypatch.chdir(tmp_path)
+    steps: list[wayside.Progress] = []
+    inventory = wayside.run(DEMO, settings=SHORT, progress=steps.append)
+    assert steps == []
+    next(inventory)
+    assert len(steps) == 1
+    count = inventory.frames.num_rows
+    assert [step.frames for step in steps] == list(range(1, count + 1))
+    assert all(0 < step.fraction <= 1 for step in steps)
+    assert inventory.about["settings"]["read"]["until_s"] == SHORT["read.until_s"]
+    assert os.listdir(tmp_path) == ["scratch"]
+    assert os.listdir(scratch) == []
+
+
+def test_a_log_that_is_not_there_is_told_at_every_access(tmp_path: Path) -> None:
+    inventory = wayside.run(tmp_path / "none.mcap")
+    for _ in range(2):
+        with pytest.raises(InputError, match="none"):
+            inventory.finish()
+
+
+def test_what_excludes_each_other_is_refused(tmp_path: Path) -> None:
+    chosen, _ = load_settings("report")
+    with pytest.raises(UsageError, match="preset"):
+        wayside.run(DEMO, preset="report", settings=chosen)
+    with pytest.raises(UsageError, match="give out"):
+        wayside.run(DEMO, view="file")
+    with pytest.raises(UsageError, match="did you mean"):
+        wayside.run(DEMO, settings={"read.spacing": 8})
+    with pytest.raises(InputError, match="not a result folder"):
+        wayside.open_inventory(tmp_path)
+
+
+def test_importing_wayside_loads_nothing_heavy() -> None:
+    code = "import sys, wayside; print({'cv2', 'numba', 'pyarrow', 'rerun'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

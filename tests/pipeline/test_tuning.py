@@ -1,0 +1,32 @@
+"""What the command line sets for its process, and how it notices compilation."""
+
+from __future__ import annotations
+
+import gc
+
+from numba import njit
+
+from wayside.pipeline.tuning import keep_heap, watched_compilation
+
+
+def test_keeping_the_heap_is_advice_that_may_be_declined() -> None:
+    assert keep_heap() in (True, False)
+
+
+def test_a_compilation_is_told_once_with_collection_paused() -> None:
+    inner = njit(lambda x: x + 1)
+    outer = njit(lambda x: inner(x) * 2)
+    told: list[tuple[bool, bool]] = []
+    with watched_compilation(lambda active: told.append((active, gc.isenabled()))):
+        assert outer(2) == 6
+        assert outer(3) == 8
+    assert told == [(True, False), (False, True)]
+    assert gc.isenabled()
+
+
+def test_outside_of_the_block_nothing_is_told() -> None:
+    told: list[bool] = []
+    with watched_compilation(told.append):
+        pass
+    assert njit(lambda x: x - 1)(2) == 1
+    assert told == []

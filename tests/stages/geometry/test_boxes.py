@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wayside.stages.geometry.boxes import box_areas, iou_matrix, non_maximum_suppression
+
+boxes = st.lists(
+    st.tuples(st.floats(-50, 400), st.floats(-50, 300), st.floats(1, 300), st.floats(1, 300)),
+    max_size=60,
+)
+
+
+def as_boxes(rows):
+    table = np.array(rows, np.float32).reshape(-1, 4)
+    table[:, 2:] += table[:, :2]
+    return table
+
+
+@settings(max_examples=80, deadline=None)
+@given(boxes, st.sampled_from([0.3, 0.4, 0.7, 0.9]))
+def test_kept_boxes_are_those_of_the_plain_comparison_of_all_pairs(rows, same):
+    box = as_boxes(rows)
+    overlap = iou_matrix(box, box)
+    if np.isclose(overlap, same, atol=1e-4).any():
+        return
+    kept = []
+    for i in range(len(box)):
+        if not (overlap[i, kept] > same).any():
+            kept.append(i)
+    assert non_maximum_suppression(box, same).tolist() == kept
+
+
+def test_many_boxes_of_all_sizes_are_compared_like_by_the_plain_method():
+    rng = np.random.default_rng(1)
+    box = as_boxes(
+        np.column_stack([rng.uniform(0, 700, (1200, 2)), rng.uniform(4, 150, (1200, 2))])
+    )
+    overlap = iou_matrix(box, box)
+    kept = []
+    for i in range(len(box)):
+        if not (overlap[i, kept] > 0.7).any():
+            kept.append(i)
+    assert non_maximum_suppression(box, 0.7).tolist() == kept
+
+
+def test_the_first_of_two_overlapping_boxes_stays():
+    box = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [30, 0, 40, 10]], np.float32)
+    assert non_maximum_suppression(box, 0.5).tolist() == [0, 2]
+
+
+def test_overlap_is_one_for_equal_and_zero_for_separate_boxes():
+    box = np.array([[0, 0, 4, 4], [10, 10, 12, 12]], np.float64)
+    assert iou_matrix(box, box) == pytest.approx(np.eye(2))
+
+
+def test_a_box_without_sides_has_no_area():
+    assert box_areas(np.array([[0, 0, 4, 5], [4, 5, 0, 0]], np.float32)).tolist() == [20, 0]
+
+
+def test_no_boxes_are_kept_of_none():
+    assert len(non_maximum_suppression(np.zeros((0, 4), np.float32), 0.5)) == 0

@@ -1,0 +1,74 @@
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from wayside.stages.panel import facing
+from wayside.stages.panel.rectification import PanelPlane
+
+solve_facing = partial(facing.solve_facing, cauchy=2.385)
+
+PLANE = PanelPlane(
+    np.array([4.0, -1.5, 60.0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0])
+)
+CENTRES = np.array([[0.1 * k, 0.0, 8.0 * k] for k in range(1, 7)])[::-1].copy()
+
+
+def covered(turn, width, height):
+    """Width and height on the plane, seen from each centre: rays through the ends, met one by one."""
+    across = np.array([np.cos(turn), 0, -np.sin(turn)]) * width / 2
+    below = np.array([0, height / 2, 0])
+    sizes = []
+    for centre in CENTRES:
+        met = []
+        for end in (-across, across, -below, below):
+            ray = PLANE.point + end - centre
+            met.append(centre + ray * (PLANE.point[2] - centre[2]) / ray[2])
+        sizes.append([met[1][0] - met[0][0], met[3][1] - met[2][1]])
+    return np.array(sizes)
+
+
+@pytest.mark.parametrize("turn_deg", [-25.0, -8.0, 0.0, 5.0, 30.0])
+def test_turn_and_size_come_back_from_exact_sizes(turn_deg):
+    sizes = covered(np.radians(turn_deg), 0.9, 0.7)
+    sigmas = np.full(sizes.shape, 1e-4)
+    found = solve_facing(PLANE, CENTRES, sizes, sigmas, angle_sigma=1.0)
+    assert np.degrees(found.angle) == pytest.approx(turn_deg, abs=0.1)
+    np.testing.assert_allclose(np.exp(found.log_size), [0.9, 0.7], rtol=1e-3)
+
+
+def test_the_solution_is_that_of_scipy():
+    rng = np.random.default_rng(3)
+    sizes = covered(0.15, 0.75, 0.75) * np.exp(rng.normal(0, 0.004, (len(CENTRES), 2)))
+    sigmas = np.full(sizes.shape, 0.02)  # weights of the robust loss stay near one
+    found = solve_facing(PLANE, CENTRES, sizes, sigmas, angle_sigma=0.2, aspect=(1.0, 0.02))
+
+    def residuals(x):
+        gaps = (np.log(sizes) - np.log(covered(x[0], np.exp(x[1]), np.exp(x[2])))) / sigmas
+        return np.array([*gaps.ravel(), x[0] / 0.2, (x[1] - x[2]) / 0.02])
+
+    other = least_squares(residuals, [0.0, *np.log(sizes.mean(axis=0))])
+    np.testing.assert_allclose([found.angle, *found.log_size], other.x, atol=2e-3)
+    expected = np.linalg.inv(other.jac.T @ other.jac)
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected), rtol=0.1)
+
+
+def test_one_view_leaves_the_turn_to_its_prior():
+    found = solve_facing(
+        PLANE, CENTRES[:1], covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01), angle_sigma=0.14
+    )
+    assert found.angle == pytest.approx(0.0, abs=1e-6)
+    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.14, rel=0.01)
+
+
+def test_a_known_proportion_tells_the_turn_of_one_view():
+    found = solve_facing(
+        PLANE,
+        CENTRES[:1],
+        covered(-0.2, 0.6, 0.6)[:1],
+        np.full((1, 2), 1e-3),
+        angle_sigma=1.0,
+        aspect=(1.0, 1e-3),
+    )
+    assert found.angle == pytest.approx(-0.2, abs=0.02)

@@ -1,0 +1,94 @@
+from functools import partial
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from wayside.schemas.settings import RegistrationSettings
+from wayside.stages.panel import image_alignment
+from wayside.stages.panel.image_alignment import warp_to_template
+
+align = partial(image_alignment.align, settings=RegistrationSettings())
+
+ROWS, COLUMNS = 61, 71
+
+
+def scene(seed):
+    noise = np.random.default_rng(seed).normal(size=(ROWS, COLUMNS))
+    return 120 + 400 * gaussian_filter(noise, 2.0)
+
+
+def moved(picture, shift, stretch):
+    """What shows the template's sample x at middle + shift + stretch * (x - middle)."""
+    v, u = np.mgrid[:ROWS, :COLUMNS].astype(float)
+    middle = np.array([COLUMNS - 1, ROWS - 1]) / 2
+    x = middle[0] + (u - middle[0] - shift[0]) / stretch[0]
+    y = middle[1] + (v - middle[1] - shift[1]) / stretch[1]
+    return map_coordinates(picture, [y, x], order=3, mode="nearest")
+
+
+def middle_weight():
+    weight = np.zeros((ROWS, COLUMNS))
+    weight[12:-12, 12:-12] = 1.0
+    return weight
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    seed=st.integers(0, 50),
+    shift=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+    stretch=st.tuples(st.floats(0.95, 1.05), st.floats(0.95, 1.05)),
+    gain=st.floats(0.7, 1.4),
+)
+def test_shift_and_stretch_are_found_to_hundredths_whatever_the_light(seed, shift, stretch, gain):
+    template = scene(seed)
+    patch = moved(template, shift, stretch) * gain + 7.0
+    found = align(template, middle_weight(), patch, np.round(shift))
+    assert found is not None
+    np.testing.assert_allclose(found.shift, shift, atol=0.05)
+    np.testing.assert_allclose(found.stretch, stretch, atol=0.004)
+    assert found.gain == pytest.approx(1 / gain, rel=0.06)  # bilinear sampling smooths
+    assert found.zncc > 0.99
+
+
+def test_the_covariance_grows_with_noise():
+    template = scene(1)
+    rng = np.random.default_rng(2)
+    spreads = []
+    for noise in (2.0, 10.0):
+        found = align(
+            template, middle_weight(), template + rng.normal(0, noise, template.shape), np.zeros(2)
+        )
+        assert found is not None
+        spreads.append(np.trace(found.covariance))
+    assert spreads[1] > 4 * spreads[0]
+
+
+def test_a_patch_of_something_else_is_unlike():
+    found = align(scene(1), middle_weight(), scene(2), np.zeros(2))
+    assert found is None or found.zncc < 0.6
+
+
+def test_a_template_without_texture_or_weight_is_refused():
+    flat = np.full((ROWS, COLUMNS), 50.0)
+    assert align(flat, middle_weight(), flat.copy(), np.zeros(2)) is None
+    assert align(scene(1), np.zeros((ROWS, COLUMNS)), scene(1), np.zeros(2)) is None
+
+
+def test_patches_of_different_shape_are_refused():
+    with pytest.raises(ValueError, match="patch"):
+        align(scene(1), middle_weight(), scene(1)[:-1], np.zeros(2))
+
+
+def test_a_view_is_drawn_as_the_template_sees_it():
+    template = scene(3)
+    patch = moved(template, (1.3, -0.7), (1.03, 0.98)) * 0.8 + 5
+    found = align(template, middle_weight(), patch, np.zeros(2))
+    assert found is not None
+    view = cv2.cvtColor(patch.astype(np.float32), cv2.COLOR_GRAY2BGR)
+    drawn = warp_to_template(view, found)[..., 0]
+    inside = (slice(12, -12), slice(12, -12))
+    assert np.abs(drawn[inside] - template[inside]).mean() < 2.0

@@ -1,0 +1,145 @@
+import cv2
+import numpy as np
+import pytest
+
+from wayside.schemas.settings import OutlineSettings
+from wayside.stages.panel.outline import fit_face_outline
+from wayside.stages.panel.outline_edges import STEP, edge_profiles, gradients_of, strip_colors
+from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
+
+ROWS, COLUMNS, SCALE = 110, 120, 8
+CORNERS = {
+    "rectangle": [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+    "diamond": [(0, -1), (1, 0), (0, 1), (-1, 0)],
+    "octagon": [
+        (np.cos(a) / np.cos(np.pi / 8), np.sin(a) / np.cos(np.pi / 8))
+        for a in (np.arange(8) + 0.5) * np.pi / 4
+    ],
+}
+
+
+def polygon(shape, middle, half, turn=0.0):
+    c, s = np.cos(turn), np.sin(turn)
+    corners = np.array(CORNERS[shape]) * half
+    return corners @ np.array([[c, s], [-s, c]]) + middle
+
+
+def painted(layers, seed):
+    """A view: polygons over a background of its own, drawn large and shrunk, with the blur of a lens."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(40, 200, (6, 7, 3)).astype(np.uint8)
+    size = (COLUMNS * SCALE * 2, ROWS * SCALE * 2)
+    image = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
+    left, top = rng.integers(0, size[0] // 2), rng.integers(0, size[1] // 2)
+    image = image[top : top + ROWS * SCALE, left : left + COLUMNS * SCALE].copy()
+    for corners, color in layers:
+        at = np.round(((corners + 0.5) * SCALE - 0.5) * 16).astype(np.int32)
+        cv2.fillPoly(image, [at], color, cv2.LINE_AA, 4)
+    small = cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
+    return cv2.GaussianBlur(small.astype(np.float32), (0, 0), 0.6)
+
+
+def views_of(shape, middle, half, turn=0.0, rim=2.0):
+    """Three views of a yellow face with a black line inside a yellow rim, each before another background."""
+    apothem = np.sqrt(2) if shape == "diamond" else 1.0
+    layers = [(polygon(shape, middle, half, turn), (240, 180, 20))]
+    if rim:
+        for inset, color in ((rim, (20, 20, 20)), (2 * rim, (240, 180, 20))):
+            inner = np.asarray(half) - inset * apothem
+            layers.append((polygon(shape, middle, inner, turn), color))
+    return np.stack([painted(layers, seed) for seed in range(3)])
+
+
+def size_of(box):
+    return box[2:] - box[:2]
+
+
+def around(middle, half):
+    return np.concatenate([np.asarray(middle) - half, np.asarray(middle) + half])
+
+
+@pytest.mark.parametrize("shape", OUTLINE_SHAPES)
+def test_segments_lie_on_the_outline_and_face_outwards(shape):
+    box = np.array([20.0, 30.0, 80.0, 70.0])
+    segments = segments_of(shape, box)
+    middles = (segments.begin + segments.end) / 2
+    assert ((middles - [50, 50]) * segments.normal).sum(axis=1).min() > 0
+    np.testing.assert_allclose(
+        ((segments.end - segments.begin) * segments.normal).sum(axis=1), 0, atol=1e-9
+    )
+    assert middles.min() > 19
+    assert middles.max() < 81
+
+
+@pytest.mark.parametrize("shape", ["rectangle", "diamond", "octagon", "pennant"])
+def test_offsets_change_as_the_jacobian_says(shape):
+    box, turn, small = np.array([20.0, 30.0, 80.0, 70.0]), 0.05, 1e-4
+    segments = segments_of(shape, box, turn)
+    middles = (segments.begin + segments.end) / 2
+    for k in range(5):
+        there = segments_of(shape, box + small * np.eye(5)[k, :4], turn + small * (k == 4))
+        moved = ((there.begin + there.end) / 2 - middles) / small
+        if k == 4 or shape == "rectangle":
+            rate = (moved * segments.normal).sum(axis=1)
+            np.testing.assert_allclose(rate, segments.jacobian[:, k], atol=2e-3 * 60)
+
+
+def test_the_profile_peaks_where_the_edge_stands():
+    middle, half = np.array([60.0, 54.0]), np.array([30.3, 22.6])
+    edges = gradients_of(views_of("rectangle", middle, half, rim=0))
+    segments = segments_of("rectangle", around(middle, half - 2.0))
+    profiles = edge_profiles(edges, segments, -1.0, 5.0, OutlineSettings())
+    assert np.abs(np.median(profiles.argmax(axis=1)) * STEP - 1.0 - 2.0) <= 0.25
+
+
+def test_strips_take_the_colour_that_is_there():
+    views = np.full((2, 40, 50, 3), 0, np.float32)
+    views[:, :, 25:] = (10, 20, 30)
+    segments = segments_of("rectangle", np.array([10.0, 10.0, 30.0, 30.0]))
+    colors = strip_colors(views, segments, -1.0, 1.0)
+    right = np.flatnonzero(segments.normal[:, 0] > 0.9)
+    np.testing.assert_allclose(colors[right], np.broadcast_to([10, 20, 30], colors[right].shape))
+
+
+@pytest.mark.parametrize(
+    ("shape", "half"),
+    [
+        ("rectangle", (32.4, 24.2)),
+        ("diamond", (33.0, 33.0)),
+        ("octagon", (30.2, 30.2)),
+    ],
+)
+def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, outline_model):
+    middle, half = np.array([60.3, 54.7]), np.array(half)
+    start = around(middle + 1.0, half * 0.92)
+    face = fit_face_outline(views_of(shape, middle, half), start, outline_model, OutlineSettings())
+    assert face is not None
+    assert face.shape == shape or {face.shape, shape} == {"octagon", "circle"}
+    np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
+    np.testing.assert_allclose((face.box[:2] + face.box[2:]) / 2, middle, atol=0.6)
+
+
+def test_a_rotated_panel_keeps_its_size(outline_model):
+    middle, half, turn = np.array([60.0, 54.0]), np.array([30.0, 22.0]), np.radians(4.0)
+    face = fit_face_outline(
+        views_of("rectangle", middle, half, turn),
+        around(middle, half * 0.95),
+        outline_model,
+        OutlineSettings(),
+    )
+    assert face is not None
+    assert np.degrees(face.rotation) == pytest.approx(4.0, abs=1.2)  # drawn to upright
+    np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
+
+
+def test_no_face_has_an_outline_on_an_even_wall(outline_model):
+    views = np.full((2, ROWS, COLUMNS, 3), 120, np.float32)
+    face = fit_face_outline(
+        views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model, OutlineSettings()
+    )
+    assert face is None or face.strength < 0.1
+
+
+def test_views_of_another_type_are_refused():
+    with pytest.raises(ValueError, match="views"):
+        gradients_of(np.zeros((1, 10, 10, 3), np.uint8))

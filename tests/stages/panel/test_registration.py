@@ -1,0 +1,110 @@
+"""A warning sign before another background in each image: only the face correlates."""
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import Camera, Pose
+from wayside.schemas.settings import RegistrationSettings
+from wayside.stages.panel.outline import FaceOutline
+from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, usable_views
+from wayside.stages.panel.registration import align_view, inside_outline, register_views
+
+MIDDLE = np.array([4.2, -1.1, 44.0])
+SIDE = 0.9
+METRIC = np.array([SIDE, SIDE])
+FINER = 4
+
+
+def drawn(image, pose, camera, corners, color):
+    """Fill a polygon (n, 2), metres right and down of the middle, into an image FINER times as fine."""
+    points = MIDDLE + np.column_stack([np.array(corners) * SIDE / 2, np.zeros(len(corners))])
+    local = pose.to_camera(points)
+    pixels = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    at = np.round(((pixels + 0.5) * FINER - 0.5) * 16).astype(np.int32)
+    cv2.fillPoly(image, [at], color, shift=4)
+
+
+def image_of(moved, *, hidden):
+    """A yellow diamond with a black arrow, or what stands in front of it: the same wherever it hides the sign."""
+    frame, pose = moved.frame, moved.motion.pose
+    camera = frame.camera
+    rng = np.random.default_rng(frame.index)
+    coarse = rng.integers(20, 235, (60, 80, 3)).astype(np.uint8)
+    size = (camera.width * FINER, camera.height * FINER)
+    image = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
+    if hidden:
+        drawn(image, pose, camera, [(-2, -2), (2, -2), (2, 2), (-2, 2)], (60, 70, 150))
+        drawn(image, pose, camera, [(-0.7, -0.5), (0.6, -0.6), (0.1, 0.7)], (200, 200, 210))
+    else:
+        drawn(image, pose, camera, [(0, -1), (1, 0), (0, 1), (-1, 0)], (210, 170, 30))
+        drawn(
+            image, pose, camera, [(-0.1, 0.5), (-0.1, -0.1), (0.1, -0.1), (0.1, 0.5)], (20, 20, 20)
+        )
+        drawn(image, pose, camera, [(-0.35, -0.05), (0.0, -0.5), (0.3, -0.1)], (20, 20, 20))
+    return cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+
+
+@pytest.fixture
+def images_of(drive):
+    """The first four images, with the sign hidden in some."""
+
+    def make(hidden=()):
+        return [
+            PosedImage(
+                k, moved.motion.pose, moved.frame.camera, image_of(moved, hidden=k in hidden)
+            )
+            for k, moved in enumerate(drive([], 4))
+        ]
+
+    return make
+
+
+@pytest.fixture
+def registered(panel_method):
+    """Numbers of the frames that are registered, the template first."""
+
+    def register(images, detected):
+        plane = PanelPlane.across(MIDDLE, np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0]))
+        usable = usable_views(plane, METRIC, images, panel_method.panel)
+        found = register_views(plane, METRIC, usable, np.array(detected), panel_method)
+        return [view.image.frame for view, _ in found.views]
+
+    return register
+
+
+def test_views_are_registered_by_the_face_alone_where_half_of_the_box_is_background(
+    images_of, registered
+):
+    assert registered(images_of(), [0, 1, 2, 3]) == [3, 2, 1, 0]
+
+
+def test_what_hides_the_panel_in_the_nearest_images_is_not_taken_for_it(images_of, registered):
+    images = images_of(hidden=(2, 3))
+    assert registered(images, [0, 1]) == [1, 0]
+    assert registered(images, [0, 1, 2, 3])[:2] == [3, 2]
+
+
+def test_the_weight_keeps_from_the_edge_of_the_face_by_the_margin():
+    face = FaceOutline("diamond", np.array([10.0, 10.0, 50.0, 50.0]), 0.0, 1.0, np.ones(2))
+    near, far = inside_outline(face, (60, 60), 1.0), inside_outline(face, (60, 60), 2.4)
+    assert near.shape == (60, 60)
+    assert near[30, 13:48].all()
+    assert near[:11].sum() == near[:, 50:].sum() == near[12:16, 12:16].sum() == 0
+    assert far.sum() < near.sum()
+    assert far[30, 17:44].all()
+    assert inside_outline(face, (60, 60), 30.0).sum() == 0
+
+
+@pytest.mark.parametrize("left", [0, RegistrationSettings().fewest_samples - 1])
+def test_views_of_which_hardly_anything_is_left_to_compare_are_not_registered(left):
+    grey = np.random.default_rng(4).normal(120, 30, (60, 60))
+    rgb = np.repeat(grey[..., None], 3, axis=2)
+    pose = Pose(np.eye(3), np.zeros(3))
+    image = PosedImage(0, pose, Camera(60, 60, 50.0, 50.0, 29.5, 29.5), rgb.astype(np.uint8))
+    view = RectifiedView(image, 20.0, rgb.astype(np.float32), grey)
+    settings = RegistrationSettings()
+    weight = np.zeros((60, 60))
+    weight.flat[:left] = 1.0
+    assert align_view(view, view, weight, settings) is None
+    assert align_view(view, view, np.ones((60, 60)), settings) is not None

@@ -1,0 +1,289 @@
+"""Does a test fail for every stage and model that is left out of the flow? Run by `make wiring`.
+
+Every stage function that `pipeline/flow.py` calls and every model of `pipeline/model_files.Models`, parts of models
+included, is bypassed one at a time: a stage passes its items on undecided, a model is absent or tells nothing. The
+end-to-end tests of the preset then have to fail. What they do not notice is named, and the exit status is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import wraps
+from multiprocessing.connection import wait
+from pathlib import Path
+from types import FunctionType, NoneType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+import pytest
+
+from wayside.pipeline import cli, flow, model_files, run, workers  # noqa: F401
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.detections import Candidates, Detections, Segmentation
+from wayside.schemas.frame import Frame, Image
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.models import GaussianModel, NetworkModel, TreeModel
+from wayside.schemas.motion import PosedDetections
+from wayside.stages.segmentation import unsegmented
+
+TESTS = Path(__file__).parent / "end_to_end"
+PRESETS = ("default", "report")
+NOT_BYPASSED = {"read", "queue"}
+"""Names that the clock knows beside the stages: the source of the frames and the wait for the workers."""
+CPU_LIMIT_S = 40
+"""Several times what the tests of a preset need. Without a classifier, every region is followed, for minutes."""
+NOTICED = (1, -signal.SIGKILL, -signal.SIGXCPU)
+"""Exit statuses of tests that fail or do not come to an end."""
+
+
+def _undecided(posed: PosedDetections) -> TrackedFrame:
+    """The frame with every candidate as it came, without landmarks."""
+    table, segmentation = posed.detections.candidates, posed.detections.segmentation
+    return TrackedFrame(
+        posed.frame,
+        posed.motion,
+        table,
+        np.full(len(table), -1, np.int32),
+        np.full(len(table), np.nan, np.float32),
+        segmentation.region_count,
+        segmentation.rows,
+        left_out=segmentation.left_out,
+    )
+
+
+DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
+    (Frame, Image): lambda frame: Image(frame, None, None),
+    (Image, Segmentation): unsegmented,
+    (Segmentation, Detections): lambda found: Detections(found, Candidates.of(found.regions)),
+    (Detections, PosedDetections): lambda found: PosedDetections(found, None),
+    (PosedDetections, TrackedFrame): _undecided,
+}
+"""What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
+
+
+def _uninformed(model: GaussianModel | TreeModel | NetworkModel) -> object:
+    """A model of that kind that says the same of everything."""
+    if isinstance(model, GaussianModel):
+        first = model.classes[0]
+        same = [
+            replace(one, mean=first.mean, covariance=first.covariance, threshold=float("inf"))
+            for one in model.classes
+        ]
+        return replace(model, classes=tuple(same))
+    if isinstance(model, TreeModel):
+        blank = replace(model, bias=model.accept + 1.0, value=np.zeros_like(model.value))
+        parts = {f.name: None for f in fields(blank) if _is_model(getattr(blank, f.name))}
+        return replace(blank, **parts)
+    return replace(
+        model,
+        output=np.zeros_like(model.output),
+        output_bias=np.zeros_like(model.output_bias),
+    )
+
+
+def _is_model(value: object) -> bool:
+    return is_dataclass(value) and hasattr(value, "kind")
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """One thing to leave out: `stage <function>` or `model <field>[.<part>...]`; nothing: the flow as it is."""
+
+    preset: str
+    kind: str = ""
+    name: str = ""
+
+    def __str__(self) -> str:
+        """For the table."""
+        return f"{self.preset}: {self.kind} {self.name}" if self.kind else f"{self.preset}: whole"
+
+
+def stage_functions() -> dict[str, tuple[FunctionType, type, type]]:
+    """The functions that the flow imports from iterator to iterator, with the types of their items."""
+    found = {}
+    for name, function in vars(flow).items():
+        if not isinstance(function, FunctionType) or function.__module__ == workers.__name__:
+            continue
+        hints = get_type_hints(function)
+        given = next(iter(hints.values()), None)
+        ends = [given, hints.get("return")]
+        if all(get_origin(end) is Iterator for end in ends):
+            source, result = (get_args(end)[0] for end in ends)
+            found[name] = (function, source, result)
+    return found
+
+
+def model_paths(models: object) -> list[str]:
+    """Every model and part of one that is there."""
+    paths = []
+    for field in fields(models):  # type: ignore[arg-type]
+        value = getattr(models, field.name)
+        if _is_model(value):
+            paths.append(field.name)
+            paths += [f"{field.name}.{rest}" for rest in model_paths(value)]
+    return paths
+
+
+def without_model(models: Any, path: str) -> Any:
+    """The models without that one, or with one in its place that tells nothing."""
+    name, _, rest = path.partition(".")
+    value = getattr(models, name)
+    if rest:
+        return replace(models, **{name: without_model(value, rest)})
+    optional = NoneType in get_args(get_type_hints(type(models))[name])
+    return replace(models, **{name: None if optional else _uninformed(value)})
+
+
+def cut_stage(name: str) -> None:
+    """Bypass a stage function of the flow in this process."""
+    function, source, result = stage_functions()[name]
+    step = DO_NOTHING.get((source, result))
+    if source is not result and step is None:
+        raise SystemExit(
+            f"stage {name}: tests/wiring.py does not know what a stage from {source.__name__} to "
+            f"{result.__name__} gives when it decides nothing; add that to DO_NOTHING"
+        )
+
+    @wraps(function)
+    def bypass(items: Iterator[Any], *_: Any, **__: Any) -> Iterator[Any]:
+        yield from items if step is None else map(step, items)
+
+    setattr(flow, name, bypass)
+
+
+def cut_model(path: str) -> None:
+    """Leave a model out of every flow that this process makes."""
+    make = flow.Flow.__init__
+
+    def without(self: Any, *args: Any, **named: Any) -> None:
+        def cut(value: Any) -> Any:
+            return without_model(value, path) if isinstance(value, model_files.Models) else value
+
+        make(self, *map(cut, args), **{name: cut(value) for name, value in named.items()})
+
+    flow.Flow.__init__ = without  # type: ignore[method-assign]
+
+
+def note_stages(file: Path) -> None:
+    """Write down which function works under which name of the clock, for all flows of this process."""
+    timed = workers.StageClock.timed
+    seen: dict[str, str] = {}
+
+    def noted(self: Any, name: str, items: Any) -> Any:
+        if name not in NOT_BYPASSED:
+            seen[name] = getattr(items, "__name__", type(items).__name__)
+            file.write_text(json.dumps(seen))
+        return timed(self, name, items)
+
+    workers.StageClock.timed = noted  # type: ignore[method-assign]
+
+
+def attempt(cut: Cut, folder: Path) -> None:
+    """Run the tests of the preset on the cut flow; leaves with pytest's exit status."""
+    if cut.kind == "stage":
+        cut_stage(cut.name)
+    elif cut.kind == "model":
+        cut_model(cut.name)
+    else:
+        note_stages(folder / f"{cut.preset}.json")
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-k", cut.preset, str(TESTS)]
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT_S, CPU_LIMIT_S))
+    words = folder / f"{os.getpid()}.txt"
+    with words.open("w") as out, redirect_stdout(out), redirect_stderr(out):
+        status = pytest.main([*options, "--ignore", str(TESTS / "test_command_line.py")])
+    if status not in (0, 1):
+        print(words.read_text(), file=sys.stderr, flush=True)
+    os._exit(int(status))
+
+
+def try_all(cuts: list[Cut], folder: Path, jobs: int) -> dict[Cut, int]:
+    """Exit status of the tests for each cut; so many processes side by side."""
+    fork = multiprocessing.get_context("fork")
+    waiting, running, statuses = list(cuts), {}, {}
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            cut = waiting.pop(0)
+            process = fork.Process(target=attempt, args=(cut, folder))
+            process.start()
+            running[process.sentinel] = (cut, process, time.monotonic())
+        for sentinel in wait(list(running)):
+            cut, process, started = running.pop(sentinel)
+            process.join()
+            status = statuses[cut] = process.exitcode
+            words = "noticed" if status in NOTICED else f"passes ({status})"
+            print(f"{cut!s:45} {words:10} {time.monotonic() - started:5.1f} s", flush=True)
+    return statuses
+
+
+def cuts_of(preset: str, calls: dict[str, str], known: set[str]) -> tuple[list[Cut], list[str]]:
+    """What to leave out of a preset, and which of its stages have no function to bypass.
+
+    known: functions, and digests of models, that are left out in another preset already; those of this one join them.
+    """
+    functions = stage_functions()
+    names = {function.__name__: name for name, (function, *_) in functions.items()}
+    new = sorted({call for call in calls.values() if call in names} - known)
+    stages = [Cut(preset, "stage", names[call]) for call in new]
+    unknown = [
+        f"{preset}: stage {name} ({call})" for name, call in calls.items() if call not in names
+    ]
+    settings, _ = load_settings(preset)
+    models = model_files.load_models(settings)
+    digests = models.digests()
+    fresh = {name for name, digest in digests.items() if digest not in known}
+    known |= {*digests.values(), *calls.values()}
+    paths = [path for path in model_paths(models) if path.split(".")[0] in fresh]
+    return stages + [Cut(preset, "model", path) for path in paths], unknown
+
+
+def main() -> int:
+    """Leave everything out, one at a time, and say what no test noticed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--jobs", type=int, default=2, help="processes side by side")
+    parser.add_argument("--only", default="", help="part of the name of what to leave out")
+    asked = parser.parse_args()
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        whole = try_all([Cut(preset) for preset in PRESETS], folder, asked.jobs)
+        if any(whole.values()):
+            print("the end-to-end tests fail as it is; see `make test`", file=sys.stderr)
+            return 1
+        cuts: list[Cut] = []
+        faults: list[str] = []
+        called: set[str] = set()
+        known: set[str] = set()
+        for preset in PRESETS:
+            calls = json.loads((folder / f"{preset}.json").read_text())
+            called |= set(calls.values())
+            more, unknown = cuts_of(preset, calls, known)
+            cuts += more
+            faults += [f"{one}: has no function from iterator to iterator" for one in unknown]
+        for name, (function, *_) in stage_functions().items():
+            if function.__name__ not in called:
+                faults.append(f"stage {name}: no preset calls it")
+        cuts = [cut for cut in cuts if asked.only in str(cut)]
+        statuses = try_all(cuts, folder, asked.jobs)
+    for cut, status in statuses.items():
+        if status not in NOTICED:
+            faults.append(f"{cut}: left out, and no test fails (exit status {status} of pytest)")
+    took = time.monotonic() - started
+    print(f"{len(cuts)} stages and models left out, {len(faults)} faults, {took:.0f} s")
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
