@@ -15,7 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Fix, Pose
-from wayside.schemas.settings import GeoreferenceSettings, MotionSettings, ReadSettings
+from wayside.schemas.settings import (
+    GeoreferenceSettings,
+    LandmarkSettings,
+    MotionSettings,
+    ReadSettings,
+)
 from wayside.stages.georeference import (
     AbsoluteMeasurements,
     Globe,
@@ -173,7 +178,7 @@ def on_earth(log: Path, *, poses: bool) -> tuple[Globe | None, Array]:
         path.append(
             PathPoint(frame.index, chained, given, frame.fix, frame.time_ns, covariance, "straight")
         )
-    (laid,) = georeference(iter(path), GeoreferenceSettings(), MotionSettings())
+    (laid,) = georeference(iter(path), GeoreferenceSettings(), MotionSettings(), LandmarkSettings())
     globe = laid.globe
     if globe is None:
         return None, np.zeros((0, 3))

@@ -106,13 +106,13 @@ class Flow:
         located = stage(
             "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
         )
-        assembled = stage("assemble", assemble(located))
+        assembled = stage("assemble", assemble(located, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
     def georeference(self) -> DrivePath:
         """After the last frame: the path of the whole drive in its world frame and on the globe."""
         s, points = self.settings, iter(self.record.points)
-        laid = georeference(points, settings=s.georeference, motion=s.motion)
+        laid = georeference(points, settings=s.georeference, motion=s.motion, landmark=s.landmark)
         (path,) = self.drive_stage("georeference", laid)
         return path
 
@@ -128,7 +128,7 @@ class Flow:
         """By descriptors as in the report, or by predicted position."""
         s, m = self.settings, self.models
         if s.track.matching == "sift":
-            return match_by_descriptors(posed, settings=s.track, sift=s.sift)
+            return match_by_descriptors(posed, settings=s.mapping, sift=s.sift)
         by_report = s.candidates.judge == "report"
         boxes = None if by_report else BoxClassifier(m.box_classifier)
         front = SideClassifiers(boxes, m.landmark_classifier)
@@ -137,7 +137,7 @@ class Flow:
             back = SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
         return track(
             posed,
-            settings=s.track,
+            settings=s.mapping,
             front=front,
             back=back,
             panel=self.panel_method(),

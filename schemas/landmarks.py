@@ -1,4 +1,4 @@
-"""What stands along the road: landmarks measured over several frames, and frames whose candidates are all decided."""
+"""Landmarks measured over several frames, and frames whose candidates are all decided."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wayside.schemas.motion import Motion
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """One frame's measurement of a place: candidate `row` of frame `frame`, ideal pixels."""
+    """One frame's view of a landmark: candidate `row` of frame `frame`; centre in ideal pixels, box in recorded."""
 
     frame: int
     row: int
@@ -26,19 +26,21 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A thing seen in several frames, in three dimensions, with the verdict on it.
+    """A panel seen in several frames, in three dimensions, with the verdict on it.
 
-    position (3,), covariance (3, 3): metres in the camera frame of `best_frame` (right, down, ahead);
-    normal (3,): of the face there, pointing to the camera; offset (3,): right of the path, above the camera's path,
-    along it, all at the sign (metres); score: log odds that it is a sign; evidence: what the judge of places saw, in
-    the order of its model's features.
+    position (3,), covariance (3, 3): metres in the camera frame of `best_frame` (right, down, ahead); right_m, above_m:
+    distance right of the path and above the camera's path, at station_m along it; best_*: the image that shows it
+    largest and whole; best_pose: of its camera in the drive's frame; score: log odds that it is a sign; residual_px:
+    RMS of the views that the point was fitted to; back: seen from behind; assembly: number of its support, -1: none;
+    features: what the landmark classifier saw, in the order of its model's features.
     """
 
     track_id: int
     views: tuple[Observation, ...]
     position: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    right_m: float
+    above_m: float
     station_m: float
     best_frame: int
     best_time_ns: int
@@ -59,16 +61,16 @@ class Landmark:
     verdict: str
     back: bool = False
     assembly: int = -1
-    evidence: tuple[float, ...] = field(default=(), repr=False)
+    features: tuple[float, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedFrame:
-    """A frame whose candidates are all decided: the end of the flow, ready for the tables.
+    """A frame whose candidates are all decided.
 
-    track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; places: those that ended here, each
-    given once.
-    Pixels are gone by now; `frame.data` keeps the bytes as recorded.
+    track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; region_count: regions of its image;
+    landmarks: those seen first in it; left_out: regions that are not among the candidates because others are likelier.
+    The pixels are gone by now; `frame.data` keeps the bytes as recorded.
     """
 
     frame: Frame
@@ -77,6 +79,5 @@ class TrackedFrame:
     track_id: NDArray[np.int32]
     residual_px: NDArray[np.float32]
     region_count: int
-    rows: tuple[int, int]
-    places: tuple[Landmark, ...] = field(default=())
+    landmarks: tuple[Landmark, ...] = field(default=())
     left_out: int = 0

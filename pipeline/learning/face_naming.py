@@ -14,8 +14,8 @@ from wayside.pipeline.learning.samples import ON, face_weights
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkModel
+from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.detection import box_feature_names, name_log_probabilities
-from wayside.stages.mapping import DOUBT
 
 PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
 """Box features that do not depend on the names of a face: distance and position."""
@@ -88,7 +88,10 @@ def named_right(network: NetworkModel, one: PrefilteredDrive, what: str) -> tupl
     rows = rows[np.unique(one.candidates.face[rows], return_index=True)[1]]
     truth = true_names(one, what)[rows]
     signs = np.array([one.drive.signs[face].sign for face in one.candidates.face[rows]])
-    odds = np.maximum(name_log_probabilities(network, NAMES[what], one.values[rows]), DOUBT)
+    odds = np.maximum(
+        name_log_probabilities(network, NAMES[what], one.values[rows]),
+        LandmarkSettings().least_log_probability,
+    )
     right = total = 0
     for sign in np.unique(signs):
         own = signs == sign

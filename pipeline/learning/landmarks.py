@@ -15,7 +15,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import TreeModel
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import TrackSettings
+from wayside.schemas.settings import MappingSettings, TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.mapping import FEATURES, SideClassifiers, track
@@ -80,18 +80,18 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     backs: list[bool] = []
     for drive in drives:
         known = panels_by_frame(drive.truth)
-        settings = TrackSettings(fewest_views=FEWEST)
+        settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
         front, back = (
             SideClassifiers(None if model is None else BoxClassifier(model))
             for model in (drive.face, drive.back)
         )
         behind = None if drive.back is None else back
-        for settled in track(iter(drive.moved), settings, front, behind, drive.panel):
-            for place in settled.places:
-                values.append(place.evidence)
-                labels.append(label_of(place, known))
+        for frame in track(iter(drive.moved), settings, front, behind, drive.panel):
+            for landmark in frame.landmarks:
+                values.append(landmark.features)
+                labels.append(label_of(landmark, known))
                 names.append(drive.truth["name"])
-                backs.append(place.back)
+                backs.append(landmark.back)
     return LandmarkSamples(
         np.array(values, np.float32).reshape(-1, len(FEATURES)),
         np.array(labels, np.int8),

@@ -19,6 +19,7 @@ from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import (
     LocalAdjustmentSettings,
+    MappingSettings,
     MotionSettings,
     TieSettings,
     TrackSettings,
@@ -95,13 +96,14 @@ def simulate(survey: Survey) -> SimulationResult:
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
+    mapping = MappingSettings(settings)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     for settled in track(
         drive.posed(MotionSettings(), TieSettings()),
-        settings,
+        mapping,
         adjustment=LocalAdjustmentSettings(),
     ):
-        for place in settled.places:
+        for place in settled.landmarks:
             if place.verdict != "sign":
                 continue
             sign = _sign_of(drive, place)

@@ -49,9 +49,8 @@ def landmark_words(landmark: Landmark) -> str:
 
 def rejection(landmark: Landmark) -> str:
     """Why a landmark is no sign, in words with the numbers that decided."""
-    right, above, _ = landmark.offset
     return (
-        f"{landmark.verdict}: {landmark_words(landmark)}; {right:+.1f} m right, {above:+.1f} m above the camera, "
+        f"{landmark.verdict}: {landmark_words(landmark)}; {landmark.right_m:+.1f} m right, {landmark.above_m:+.1f} m above the camera, "
         f"station {landmark.station_m:.1f} m, {len(landmark.views)} views, score {landmark.score:.1f}, "
         f"residual {landmark.residual_px:.2f} px"
     )
@@ -72,7 +71,7 @@ def cross_section(landmarks: list[Landmark], names: list[str] | None = None) -> 
     """Landmarks in the plane across the road, with words or names."""
     # The plane across the road as an image: right is right, up is up (images count downwards).
     return rr.Points2D(
-        np.array([(p.offset[0], -p.offset[1]) for p in landmarks]).reshape(-1, 2),
+        np.array([(p.right_m, -p.above_m) for p in landmarks]).reshape(-1, 2),
         colors=[landmark_color(p) for p in landmarks] or None,
         labels=names or [landmark_words(p) for p in landmarks] or None,
         show_labels=False,

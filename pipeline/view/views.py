@@ -288,7 +288,7 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
     if stage != LAST_STAGE:
         return [signs]
     state.poses.setdefault(frame.index, (motion.pose, frame.camera))
-    state.landmarks.extend((frame.index, landmark) for landmark in item.places)
+    state.landmarks.extend((frame.index, landmark) for landmark in item.landmarks)
     while state.landmarks and state.landmarks[0][0] < frame.index - RECENT:
         state.landmarks.popleft()
     recent = [landmark for _, landmark in state.landmarks]
@@ -301,7 +301,7 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
         Entity(f"{at.LOCATION}/places", (cross_section(recent),)),
         *(
             Entity(at.REJECTIONS, (rr.TextLog(rejection(landmark), level="INFO"),))
-            for landmark in item.places
+            for landmark in item.landmarks
             if landmark.verdict != "sign"
         ),
     ]

@@ -8,7 +8,19 @@ from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.georeference import GeoreferenceSettings
-from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
+from wayside.schemas.settings.landmark import (
+    AssemblySettings,
+    LandmarkSettings,
+    LocateSettings,
+    VerdictSettings,
+)
+from wayside.schemas.settings.mapping import (
+    AcceptanceSettings,
+    AssociationSettings,
+    MappingSettings,
+    PredictionSettings,
+    TrackSettings,
+)
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
@@ -24,17 +36,23 @@ from wayside.schemas.settings.tree import REPORT, Settings
 
 __all__ = [
     "REPORT",
+    "AcceptanceSettings",
     "AdjustmentSettings",
+    "AssemblySettings",
+    "AssociationSettings",
     "CandidateSettings",
     "FeatureSettings",
     "GateSettings",
     "GeoreferenceSettings",
+    "LandmarkSettings",
     "LocalAdjustmentSettings",
     "LocateSettings",
+    "MappingSettings",
     "ModelSettings",
     "MotionSettings",
     "PanelOutlineSettings",
     "PanelSettings",
+    "PredictionSettings",
     "ReadSettings",
     "RegionOutlineSettings",
     "RegistrationSettings",
@@ -44,5 +62,6 @@ __all__ = [
     "SiftSettings",
     "TieSettings",
     "TrackSettings",
+    "VerdictSettings",
     "setting",
 ]

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Any
 
+SET = "set on the development drives"
+MEASURED = "measured on the development drives"
+"""Origins of many settings: chosen by trial, or a figure of the drives themselves."""
+
 
 def setting(
     default: Any,

@@ -1,10 +1,11 @@
-"""Settings of tracks, landmarks and their classification by location (report chapters 5, 7, 8 and 11)."""
+"""Settings of tracking: association of candidates, acceptance of hypotheses, predicted views (report chapter 5)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from wayside.schemas.settings.field import setting
+from wayside.schemas.settings.field import SET, setting
+from wayside.schemas.settings.landmark import LandmarkSettings, VerdictSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,25 +23,205 @@ class TrackSettings:
         "places: by predicted position; sift: by descriptors (the report)",
         choices=("places", "sift"),
     )
+    window_step: int = setting(
+        4,
+        "frames",
+        "frames between two solutions of the window",
+        origin="bounds the time",
+        expert=True,
+        low=1,
+    )
+    weakest_score: float = setting(
+        -7.0,
+        "log odds",
+        "weakest refused candidate that may still join a landmark that others propose",
+        origin=SET,
+        expert=True,
+    )
+    edge_px: float = setting(
+        2.0,
+        "px",
+        "a box nearer to the edge of the image than this is taken as cut",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    sift_views: int = setting(
+        2,
+        "views",
+        "nearest views that place a chain of descriptors",
+        origin="report chapter 7: two views",
+        expert=True,
+        low=2,
+    )
+    sift_score: float = setting(
+        1.0,
+        "log odds",
+        "score of every sign placed by descriptors",
+        origin="the report states no probability",
+        expert=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class LocateSettings:
-    """Classification by location, and what is reported."""
+class AssociationSettings:
+    """Gates of pairs and of views, and what a view counts."""
 
-    confidence: float = setting(
-        0.5, "", "places below this confidence get status uncertain", low=0, high=1
+    pair_reach: int = setting(
+        3,
+        "frames",
+        "frames between the two candidates of a hypothesis at most",
+        origin="one or two views may be missing between",
+        expert=True,
+        low=1,
     )
-    beyond: float = setting(
-        0.8,
-        "log odds",
-        "a place farther than a model's threshold from all places of signs must be a sign by so much for each "
-        "unit of distance beyond; a large number: none may lie there",
+    gap_share: float = setting(
+        0.06, "heights", "added to track.gap_px", origin=SET, expert=True, low=0
+    )
+    taller: float = setting(
+        1.35, "", "largest ratio of two metric heights", origin=SET, expert=True, low=1
+    )
+    wider: float = setting(
+        1.47, "", "largest ratio of two metric widths", origin=SET, expert=True, low=1
+    )
+    nearest_m: float = setting(
+        4.0, "m", "least depth of a view", origin="nearer panels are cut", expert=True, low=0.1
+    )
+    farthest_m: float = setting(
+        220.0, "m", "largest depth of a view", origin=SET, expert=True, low=1
+    )
+    aside_m: float = setting(
+        22.0, "m", "largest distance of a panel beside the camera", origin=SET, expert=True, low=0
+    )
+    above_m: float = setting(
+        9.0, "m", "largest height of a panel above the camera", origin=SET, expert=True, low=0
+    )
+    below_m: float = setting(
+        1.6, "m", "largest depth of a panel below the camera", origin=SET, expert=True, low=0
+    )
+    horizon_slope: float = setting(
+        0.06,
+        "m/m",
+        "these three grow with depth: far off, road and horizon are not known well",
+        origin=SET,
+        expert=True,
         low=0,
     )
-    smallest_side_m: float = setting(
-        0.12, "m", "panels with a smaller side are refused", low=0, high=10
+    narrowest_m: float = setting(
+        0.15, "m", "least width of a panel", origin=SET, expert=True, low=0
     )
-    largest_side_m: float = setting(
-        7.0, "m", "panels with a larger side are refused", low=0, high=100
+    lowest_m: float = setting(0.12, "m", "least height of a panel", origin=SET, expert=True, low=0)
+    widest_m: float = setting(6.5, "m", "largest width of a panel", origin=SET, expert=True, low=0)
+    tallest_m: float = setting(
+        4.5, "m", "largest height of a panel", origin=SET, expert=True, low=0
     )
+    value_shift: float = setting(
+        2.0, "log odds", "added to the score of a view", origin=SET, expert=True
+    )
+    value_least: float = setting(-1.0, "log odds", "least value of a view", origin=SET, expert=True)
+    value_most: float = setting(6.0, "log odds", "largest value of a view", origin=SET, expert=True)
+    gap_cost: float = setting(
+        1.0,
+        "log odds",
+        "cost of a view at the gate, falling with the square of the gap",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    miss_cost: float = setting(
+        0.7,
+        "log odds",
+        "cost of a frame that should show the panel and has no candidate there",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    expected_px: float = setting(
+        14.0, "px", "height from which a view is expected", origin=SET, expert=True, low=0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptanceSettings:
+    """Greedy acceptance of hypotheses, and boxes over two faces."""
+
+    least_value: float = setting(
+        -1.0,
+        "log odds",
+        "hypotheses with a smaller sum over their views are dropped",
+        origin=SET,
+        expert=True,
+    )
+    fewest_found: int = setting(
+        2,
+        "views",
+        "views that a hypothesis needs where the missing ones are predicted",
+        origin="two rays place a landmark",
+        expert=True,
+        low=2,
+    )
+    rounds: int = setting(
+        3, "", "fits of a hypothesis to its views at most", origin=SET, expert=True, low=1
+    )
+    same_face_iou: float = setting(
+        0.4, "", "other boxes of more overlap show the same face", origin=SET, expert=True
+    )
+    same_face_cover: float = setting(
+        0.75, "", "so do boxes covered by more than this", origin=SET, expert=True
+    )
+    part_within: float = setting(
+        0.85, "", "share of a part's box within the whole's", origin=SET, expert=True
+    )
+    part_largest: float = setting(
+        0.85, "", "largest area of a part, by the whole's", origin=SET, expert=True
+    )
+    part_frames: int = setting(
+        6,
+        "frames",
+        "nearest views of the whole, half of which must show the part",
+        origin=SET,
+        expert=True,
+        low=2,
+    )
+    most_parts: int = setting(
+        12, "", "parts that are compared", origin="bounds the time", expert=True, low=2
+    )
+    part_value: float = setting(
+        1.5, "log odds", "least mean value of the views of a part", origin=SET, expert=True
+    )
+    parts_fill: float = setting(
+        0.75, "", "share of the whole that both parts fill", origin=SET, expert=True
+    )
+    parts_share: float = setting(
+        0.15, "", "overlap of both, by the smaller, at most", origin=SET, expert=True
+    )
+    parts_gain: float = setting(
+        1.25, "", "sum of the parts' values by the whole's, at least", origin=SET, expert=True
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionSettings:
+    """Views that a landmark predicts where no candidate was found."""
+
+    smallest_px: float = setting(
+        9.0, "px", "lower boxes show too little to classify", origin=SET, expert=True, low=1
+    )
+    sigma_share: float = setting(
+        0.15, "heights", "largest scatter of a predicted box", origin=SET, expert=True, low=0
+    )
+    sigma_px: float = setting(
+        1.0, "px", "scatter that is always allowed", origin=SET, expert=True, low=0
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class MappingSettings:
+    """The groups that tracking reads, under their names in the tree."""
+
+    track: TrackSettings = field(default_factory=TrackSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
+    prediction: PredictionSettings = field(default_factory=PredictionSettings)
+    landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)

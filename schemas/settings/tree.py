@@ -8,7 +8,19 @@ from typing import Any
 from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.georeference import GeoreferenceSettings
-from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
+from wayside.schemas.settings.landmark import (
+    AssemblySettings,
+    LandmarkSettings,
+    LocateSettings,
+    VerdictSettings,
+)
+from wayside.schemas.settings.mapping import (
+    AcceptanceSettings,
+    AssociationSettings,
+    MappingSettings,
+    PredictionSettings,
+    TrackSettings,
+)
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
@@ -36,6 +48,11 @@ class Settings:
     ties: TieSettings = field(default_factory=TieSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
+    prediction: PredictionSettings = field(default_factory=PredictionSettings)
+    landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
     panel: PanelSettings = field(default_factory=PanelSettings)
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
@@ -43,8 +60,21 @@ class Settings:
     local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
+    assembly: AssemblySettings = field(default_factory=AssemblySettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
+
+    @property
+    def mapping(self) -> MappingSettings:
+        """The groups that tracking reads."""
+        return MappingSettings(
+            track=self.track,
+            association=self.association,
+            acceptance=self.acceptance,
+            prediction=self.prediction,
+            landmark=self.landmark,
+            verdict=self.verdict,
+        )
 
 
 REPORT: dict[str, dict[str, Any]] = {

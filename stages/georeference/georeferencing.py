@@ -13,20 +13,20 @@ from math import nan, pi, radians
 import numpy as np
 
 from wayside.schemas.frame import Pose
-from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
+from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.notes import notes_on
 from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, drive_path
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
-from wayside.stages.mapping import STEP_SIGMA
 
 
 def georeference(
     points: Iterator[PathPoint],
     settings: GeoreferenceSettings,
     motion: MotionSettings,
+    landmark: LandmarkSettings,
 ) -> Iterator[DrivePath]:
     """Choose the world frame of a drive and give every used camera its pose in it: one path for all points.
 
@@ -40,8 +40,9 @@ def georeference(
         Used frames in the order of travel.
     settings
         Scatter of what is measured, and of what is known beforehand.
-    motion
-        Scatter of poses and fixes where the log does not say, and the antenna of the fixes.
+    motion, landmark
+        Scatter of poses and fixes where the log does not say, and the antenna of the fixes; scatter of steps without
+        covariance.
 
     Raises
     ------
@@ -50,7 +51,7 @@ def georeference(
     """
     path = list(points)
     if any(p.given is not None for p in path):
-        yield _in_world_of_poses(path, settings, motion)
+        yield _in_world_of_poses(path, _chain(path, landmark.step_sigma), settings, motion)
         return
     start = _drive_start(path, settings.heading_step_m) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
@@ -59,7 +60,7 @@ def georeference(
             path, "drive_start", {p.frame: q for p, q in zip(path, poses, strict=True)}
         )
         return
-    chain = _chain(path)
+    chain = _chain(path, landmark.step_sigma)
     tilt, roll = radians(settings.first_tilt_deg), radians(settings.roll_deg)
     globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, settings, motion)
     scales = _scales(path, chain, globe.trajectory)
@@ -67,10 +68,13 @@ def georeference(
 
 
 def _in_world_of_poses(
-    path: Sequence[PathPoint], settings: GeoreferenceSettings, motion: MotionSettings
+    path: Sequence[PathPoint],
+    chain: RelativeMotionChain,
+    settings: GeoreferenceSettings,
+    motion: MotionSettings,
 ) -> DrivePath:
     """The path in the world of the log's poses; on the globe by a second adjustment, since that world drifts."""
-    chain, measured = _chain(path), _measured_poses(path, settings, motion)
+    measured = _measured_poses(path, settings, motion)
     inside = smooth(chain, measured, *_stacked(_follow_given(path)), settings)
     notes = notes_on([p.frame for p in path], chain, measured, inside, "poses", settings)
     globe = None
@@ -93,11 +97,11 @@ def _stacked(poses: Sequence[Pose]) -> tuple[Array, Array]:
     return np.stack([q.rotation for q in poses]), np.stack([q.centre for q in poses])
 
 
-def _chain(path: Sequence[PathPoint]) -> RelativeMotionChain:
+def _chain(path: Sequence[PathPoint], step_sigma: Sequence[float]) -> RelativeMotionChain:
     """The steps as measured; lengths that came from fixes are unknowns, which these determine."""
     count = len(path)
     rotation, translation = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    covariance = np.tile(np.diag(STEP_SIGMA**2), (count, 1, 1))
+    covariance = np.tile(np.diag(np.square(step_sigma)), (count, 1, 1))
     for row in range(1, count):
         one = path[row].chained.relative_to(path[row - 1].chained)
         rotation[row], translation[row] = one.rotation, one.centre

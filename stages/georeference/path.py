@@ -106,7 +106,7 @@ def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[Tr
     """Pass every frame on and note in `record` what the end of the drive needs of it: no pixels, no candidates."""
     for item in tracked:
         frame, motion = item.frame, item.motion
-        record.landmarks += [landmark for landmark in item.places if landmark.verdict == "sign"]
+        record.landmarks += [landmark for landmark in item.landmarks if landmark.verdict == "sign"]
         if motion is not None:
             record.points.append(
                 PathPoint(

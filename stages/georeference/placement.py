@@ -35,7 +35,7 @@ def place_signs(
     confidence
         Signs below get the status `uncertain`; backs keep theirs.
     """
-    ordered = sorted(landmarks, key=lambda p: (p.station_m, p.offset[0], p.track_id))
+    ordered = sorted(landmarks, key=lambda p: (p.station_m, p.right_m, p.track_id))
     assemblies: dict[int, int] = {}
     for number, landmark in enumerate(ordered, 1):
         key = landmark.assembly if landmark.assembly >= 0 else -1 - landmark.track_id
@@ -60,7 +60,9 @@ def _sign(
         centre, landmark.best_frame, settings.frames_before, settings.frames_after
     )
     right, above = (
-        scale.factor * landmark.offset[:2] if offset is None else (offset.right, offset.above)
+        (scale.factor * landmark.right_m, scale.factor * landmark.above_m)
+        if offset is None
+        else (offset.right, offset.above)
     )
     road_m = math.nan if path.camera_height_m is None else path.camera_height_m
     up = float(above) + road_m

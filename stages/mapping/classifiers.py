@@ -1,4 +1,4 @@
-"""What decides on panels of one side, handed to the tracker: it knows no detector."""
+"""Classifiers of panels of one side, handed to the tracker, which does not import the detection."""
 
 from __future__ import annotations
 

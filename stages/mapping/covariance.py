@@ -1,4 +1,4 @@
-"""How the errors of rays and of motion pass into a point: without the motion its covariance is far too small."""
+"""Covariance of a point by the errors of its rays and of the motion between them; the latter is the larger part."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import cross_matrix
-
-STEP_SIGMA = np.array([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025])
-"""Scatter of a step whose covariance is not known: rotation vector (rad), then right, down, ahead (m)."""
 
 
 def point_covariance(
@@ -44,10 +41,10 @@ def point_covariance(
         The frame the point is reported in.
     """
     local = np.einsum("ni,nij->nj", point - centres[views], rotations[views])
-    z = local[:, 2]
+    depth = local[:, 2]
     project = np.zeros((len(views), 2, 3))
-    project[:, 0, 0] = project[:, 1, 1] = 1 / z
-    project[:, :, 2] = -local[:, :2] / z[:, None] ** 2
+    project[:, 0, 0] = project[:, 1, 1] = 1 / depth
+    project[:, :, 2] = -local[:, :2] / depth[:, None] ** 2
     jacobian = project @ rotations[views].transpose(0, 2, 1)
     weight = 1 / weight_sigma**2
     information = np.einsum("v,vki,vkj->ij", weight, jacobian, jacobian)
@@ -59,8 +56,8 @@ def point_covariance(
         if not beyond.any():
             continue
         before = rotations[step - 1]
-        arm = (point - centres[step]) @ before
-        moved = before @ np.concatenate([-cross_matrix(arm), np.eye(3)], axis=1)
-        effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ moved
+        lever_arm = (point - centres[step]) @ before
+        by_step = before @ np.concatenate([-cross_matrix(lever_arm), np.eye(3)], axis=1)
+        effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ by_step
         covariance += effect @ steps[step] @ effect.T
     return (covariance + covariance.T) / 2

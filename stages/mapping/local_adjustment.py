@@ -25,7 +25,7 @@ from wayside.stages.kernels import Array
 from wayside.stages.mapping.bundle_adjustment import adjust_window
 from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepConstraints
 from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.odometry import (
     correlated_point_covariance,
     correlated_sigma_px,
@@ -82,7 +82,7 @@ _NO_TIES = _WindowTies(
 
 
 def adjust_jointly(
-    held: Sequence[Held],
+    held: Sequence[WindowFrame],
     best: int,
     observed: LandmarkRays,
     point: Array,
@@ -184,7 +184,7 @@ def step_constraints(priors: Sequence[StepPrior], *, common: bool) -> StepConstr
     )
 
 
-def ties_of(window: Sequence[Held], sliding_px: float) -> _WindowTies:
+def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> _WindowTies:
     """Ties of all steps of a window that agree with their motion and slide less than `sliding_px`."""
     parts = [_NO_TIES]
     for k in range(1, len(window)):

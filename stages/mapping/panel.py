@@ -17,9 +17,9 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.settings import AdjustmentSettings, PanelSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.hypotheses import DRIFT_RAD, Fit
+from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.triangulation import triangulate_views
-from wayside.stages.mapping.window import Held
+from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.panel import (
     ASPECT,
     FaceOutline,
@@ -38,9 +38,9 @@ from wayside.stages.panel import (
 class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
-    frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `Fit`; centre_sigma (2,):
-    scatter of the centre across the face that all views share, metres; residual_px: RMS distance of the centres in the
-    registered views from the point they were fitted to.
+    frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `LandmarkFit`; centre_sigma
+    (2,): scatter of the centre across the face that all views share, metres; residual_px: RMS distance of the centres
+    in the registered views from the point they were fitted to.
     """
 
     point: Array
@@ -58,7 +58,11 @@ class Panel:
 
 
 def measure_panel(
-    fit: Fit, held: Sequence[Held], beside: FrenetOffset, method: PanelMethod
+    fit: LandmarkFit,
+    held: Sequence[WindowFrame],
+    beside: FrenetOffset,
+    method: PanelMethod,
+    drift_rad: float,
 ) -> tuple[int, Panel | None]:
     """How many registered views a landmark has, and its panel; None where the outline or the position is refused."""
     plane = across_path(fit.point, held, beside)
@@ -74,10 +78,12 @@ def measure_panel(
     outline = outline_of(registered, fit.metric, method)
     if outline is None:
         return len(registered.views), None
-    return len(registered.views), solve_panel(fit, registered, outline, held, method.panel)
+    return len(registered.views), solve_panel(
+        fit, registered, outline, held, method.panel, drift_rad
+    )
 
 
-def across_path(point: Array, held: Sequence[Held], beside: FrenetOffset) -> PanelPlane:
+def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> PanelPlane:
     """The plane through a point across the path there."""
     stations = np.array([h.motion.station_m for h in held])
     after = int(np.clip(np.searchsorted(stations, beside.station), 1, max(len(held) - 1, 1)))
@@ -90,25 +96,25 @@ def across_path(point: Array, held: Sequence[Held], beside: FrenetOffset) -> Pan
     return PanelPlane.across(point, ahead, -pose.rotation[:, 1])
 
 
-def box_rays(fit: Fit, held: Sequence[Held]) -> Array:
+def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     """Rays (v, 2) of the centres of the boxes that a landmark was fitted to."""
-    first = np.cumsum([0, *(len(h.open) for h in held)])
     used = zip(fit.rows[fit.used], fit.frames[fit.used], strict=True)
-    return np.array([held[frame].ray[row - first[frame]] for row, frame in used])
+    return np.array([held[frame].ray[row] for row, frame in used])
 
 
-def projected(point: Array, fit: Fit, held: Sequence[Held]) -> Array:
+def projected(point: Array, fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     """Rays (v, 2) of a point of the world in the frames that a landmark was fitted to."""
     poses = [held[frame].motion.pose for frame in fit.frames[fit.used]]
     return _rays(poses, np.broadcast_to(point, (len(poses), 3)))
 
 
 def solve_panel(
-    fit: Fit,
+    fit: LandmarkFit,
     registered: RegisteredViews,
     outline: FaceOutline,
-    held: Sequence[Held],
+    held: Sequence[WindowFrame],
     settings: PanelSettings,
+    drift_rad: float,
 ) -> Panel | None:
     """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
     plane, step = registered.plane, registered.step
@@ -129,7 +135,7 @@ def solve_panel(
     rays = _rays(poses, points)
     shift_px = deviations[:, :2].mean(axis=1) * step / depth * focal
     ray_sigma = np.hypot(settings.centre_sigma_px, shift_px) / focal
-    weight_sigma = np.hypot(ray_sigma, DRIFT_RAD * np.sqrt(frames.max() - frames))
+    weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
         point, _, _ = triangulate_views(rotations, centres, rays, weight_sigma)

@@ -1,35 +1,35 @@
-"""How far measured centres really scatter: what one place shows, weighed against what the places before it showed."""
+"""Scale of residuals: what one landmark shows, pooled with what those before it showed."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
-PRIOR_FREEDOM = 8.0
-"""Weight of earlier places, in degrees of freedom: alone, five views know their scatter to a third."""
-FIRST, FEWEST, MEMORY = 1.0, 5, 100
-"""Factor while fewer places than that are known, and how many are remembered."""
-LEAST, MOST = 0.02, 6.0
+from wayside.schemas.settings import LandmarkSettings
 
 
-@dataclass(slots=True)
-class Scatter:
-    """Variance of the centres of a drive as a factor on what was assumed; always the same for the same places."""
+class ResidualScale:
+    """Variance of the centres of a drive's boxes, as a factor on what was assumed."""
 
-    seen: deque[float] = field(default_factory=lambda: deque(maxlen=MEMORY))
+    def __init__(self, settings: LandmarkSettings) -> None:
+        self._settings = settings
+        self._seen: deque[float] = deque(maxlen=settings.scale_memory)
 
     @property
     def usual(self) -> float:
-        """Median factor of the places so far."""
-        return float(np.median(self.seen)) if len(self.seen) >= FEWEST else FIRST
+        """Median factor of the landmarks so far; 1 while there are few."""
+        few = len(self._seen) < self._settings.scale_fewest
+        return 1.0 if few else float(np.median(self._seen))
 
-    def factor(self, chi: float, freedom: float) -> float:
-        """Factor (variance) for a place whose residuals have this sum of squares, in sigmas, and freedom."""
-        pooled = (PRIOR_FREEDOM * self.usual + chi) / (PRIOR_FREEDOM + freedom)
-        return min(max(pooled, LEAST), MOST)
+    def factor(self, chi_square: float, degrees_of_freedom: float) -> float:
+        """Factor (variance) of a landmark with this sum of squared residuals in sigmas."""
+        prior = self._settings.scale_prior_freedom
+        return self._limited((prior * self.usual + chi_square) / (prior + degrees_of_freedom))
 
-    def learn(self, chi: float, freedom: float) -> None:
-        """Take in a place that was accepted."""
-        self.seen.append(min(max(chi / freedom, LEAST), MOST))
+    def learn(self, chi_square: float, degrees_of_freedom: float) -> None:
+        """Take in a landmark that was accepted."""
+        self._seen.append(self._limited(chi_square / degrees_of_freedom))
+
+    def _limited(self, factor: float) -> float:
+        return min(max(factor, self._settings.scale_least), self._settings.scale_most)

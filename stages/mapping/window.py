@@ -1,4 +1,4 @@
-"""The frames that a tracker holds: candidates as rays, the travelled path, and what became of each candidate."""
+"""The frames that tracking holds: their followed candidates as rays, the travelled path, what became of each row."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from wayside.schemas.detections import Candidates, Features, Regions, verdict_co
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.motion import Motion, PosedDetections
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import (
     FrenetOffset,
     frenet_offset,
@@ -22,94 +23,94 @@ from wayside.stages.geometry import (
     to_rays,
 )
 from wayside.stages.imaging import pyramid
-from wayside.stages.mapping.association import Sightings
+from wayside.stages.mapping.association import WindowCandidates
+from wayside.stages.mapping.verdicts import unassigned_verdicts
 
 NO_TRACK = -1
-WEAKEST = -7.0
-"""Log odds of the weakest candidate that may join a place; it cannot propose one."""
 
 
 @dataclass(slots=True)
-class Held:
-    """One frame in the window; candidates and what is known of them change until it is released.
+class WindowFrame:
+    """A frame in the window; its candidates and what is known of them change until it leaves.
 
-    open (k,): candidate rows that are followed; back (k,): as the back of a panel (a row may be followed as its face,
-    too); leads (k,): those that may propose a place; ray, size (k, 2): ideal image coordinates of centre and extent;
-    score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge of the picture;
-    taken (k,): belongs to a finished place; linked (k, 2): fits something in an earlier, in a later frame; verdict,
-    track, residual: of all rows; rgb: the picture, None where it is gone; levels: it at full, half and quarter size,
-    made when first asked for.
+    followed (k,): candidate rows that are followed; back (k,): as the back of a panel (a row may be followed as a
+    face, too); seeds (k,): those that may form hypotheses; ray, size (k, 2): ideal image coordinates of centre and
+    extent; score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge of the image;
+    assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate of an earlier, of a later frame;
+    bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks: those first
+    seen here; rgb: the image, None where it is gone.
     """
 
     frame: Frame
     motion: Motion
     candidates: Candidates
     region_count: int
-    rows: tuple[int, int]
     left_out: int
-    open: NDArray[np.int64]
+    followed: NDArray[np.int64]
     back: NDArray[np.bool_]
-    leads: NDArray[np.bool_]
+    seeds: NDArray[np.bool_]
     ray: NDArray[np.float64]
     size: NDArray[np.float64]
     score: NDArray[np.float64]
     whole: NDArray[np.bool_]
     bounds: NDArray[np.float64]
     focal: float
-    taken: NDArray[np.bool_]
-    linked: NDArray[np.bool_]
+    assigned: NDArray[np.bool_]
+    paired: NDArray[np.bool_]
     verdict: NDArray[np.uint8]
-    track: NDArray[np.int32]
-    residual: NDArray[np.float32]
-    places: list[Landmark]
+    track_id: NDArray[np.int32]
+    residual_px: NDArray[np.float32]
+    landmarks: list[Landmark]
     rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
-    levels: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
+    _pyramid: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, moved: PosedDetections, motion: Motion, camera: Camera) -> Held:
-        """Take what tracking needs of a frame."""
-        detections = moved.detections
+    def of(
+        cls, posed: PosedDetections, motion: Motion, camera: Camera, settings: TrackSettings
+    ) -> WindowFrame:
+        """What tracking needs of a frame."""
+        detections = posed.detections
         table = detections.candidates
-        faces, backs = followed_rows(table), table.back_rows()
+        faces, backs = followed_rows(table, settings.weakest_score), table.back_rows()
         rows = np.concatenate([faces, backs])
         back = np.arange(len(rows)) >= len(faces)
         box = table.regions.box[rows].astype(np.float64)
-        ray = rays_of_ideal(camera, table.ideal[rows])
         score = table.score[rows].astype(np.float64)
         if table.back_score is not None:
             score[back] = table.back_score[backs]
-        edge = (box[:, :2] < 2).any(axis=1)
-        edge |= (box[:, 2] > camera.width - 2) | (box[:, 3] > camera.height - 2)
+        cut = (box[:, :2] < settings.edge_px).any(axis=1)
+        cut |= (box[:, 2] > camera.width - settings.edge_px) | (
+            box[:, 3] > camera.height - settings.edge_px
+        )
         return cls(
             frame=detections.frame,
             motion=motion,
             candidates=table,
             region_count=detections.segmentation.region_count,
-            rows=detections.segmentation.rows,
             left_out=detections.segmentation.left_out,
-            open=rows,
+            followed=rows,
             back=back,
-            leads=back | (table.verdict[rows] != verdict_code("score")),
-            ray=np.ascontiguousarray(ray),
+            seeds=back | (table.verdict[rows] != verdict_code("score")),
+            ray=np.ascontiguousarray(rays_of_ideal(camera, table.ideal[rows])),
             size=ideal_size(box, camera),
             score=np.nan_to_num(score),
-            whole=~edge,
-            bounds=picture_bounds(camera),
+            whole=~cut,
+            bounds=image_bounds(camera),
             focal=(camera.fx + camera.fy) / 2,
-            taken=np.zeros(len(rows), np.bool_),
-            linked=np.zeros((len(rows), 2), np.bool_),
+            assigned=np.zeros(len(rows), np.bool_),
+            paired=np.zeros((len(rows), 2), np.bool_),
             verdict=table.verdict.copy(),
-            track=np.full(len(table), NO_TRACK, np.int32),
-            residual=np.full(len(table), np.nan, np.float32),
-            places=[],
+            track_id=np.full(len(table), NO_TRACK, np.int32),
+            residual_px=np.full(len(table), np.nan, np.float32),
+            landmarks=[],
             rgb=detections.image.rgb,
         )
 
-    def picture_levels(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """The picture at full, half and quarter size, None where it is gone."""
-        if self.levels is None and self.rgb is not None:
-            self.levels = pyramid(self.rgb)
-        return self.levels
+    def image_pyramid(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """The image at full, half and quarter size, made when first asked for; None where it is gone."""
+        if self._pyramid is None and self.rgb is not None:
+            self._pyramid = pyramid(self.rgb)
+        return self._pyramid
 
     def add(self, region: Regions, score: float, *, back: bool = False) -> int:
         """Take one more candidate, as if it had been followed from the start; its number among the followed ones."""
@@ -119,123 +120,118 @@ class Held:
                 "wanted a frame with calibration, found none; such frames are not used"
             )
         one = Candidates.of(region)
-        told = np.array([score], np.float32)
+        known = np.array([score], np.float32)
         one = replace(one, ideal=ideal_points(camera, one.center))
-        one = replace(one, back_score=told) if back else replace(one, score=told)
-        self.open = np.append(self.open, len(self.candidates))
+        one = replace(one, back_score=known) if back else replace(one, score=known)
+        self.followed = np.append(self.followed, len(self.candidates))
         self.candidates = self.candidates.joined(one)
         self.back = np.append(self.back, back)
-        self.leads = np.append(self.leads, False)
+        self.seeds = np.append(self.seeds, False)
         self.ray = np.vstack([self.ray, rays_of_ideal(camera, one.ideal)])
         self.size = np.vstack([self.size, ideal_size(region.box.astype(np.float64), camera)])
         self.score = np.append(self.score, score)
         self.whole = np.append(self.whole, True)
-        self.taken = np.append(self.taken, False)
-        self.linked = np.vstack([self.linked, np.zeros((1, 2), np.bool_)])
+        self.assigned = np.append(self.assigned, False)
+        self.paired = np.vstack([self.paired, np.zeros((1, 2), np.bool_)])
         self.verdict = np.append(self.verdict, np.uint8(verdict_code("open")))
-        self.track = np.append(self.track, np.int32(NO_TRACK))
-        self.residual = np.append(self.residual, np.float32(np.nan))
-        return len(self.open) - 1
+        self.track_id = np.append(self.track_id, np.int32(NO_TRACK))
+        self.residual_px = np.append(self.residual_px, np.float32(np.nan))
+        return len(self.followed) - 1
 
-    def claim(self, local: int, track: int, verdict: str, residual: float) -> None:
-        """Give one followed candidate to a place; a row that is part of a sign stays that."""
-        row = self.open[local]
-        self.taken[local] = True
-        if self.verdict[row] != verdict_code("sign"):
-            self.track[row], self.residual[row] = track, residual
-            self.verdict[row] = verdict_code(verdict)
+    def assign(self, row: int, track_id: int, verdict: str, residual_px: float) -> None:
+        """Give a followed candidate to a landmark; a candidate of a sign stays one."""
+        own = self.followed[row]
+        self.assigned[row] = True
+        if self.verdict[own] != verdict_code("sign"):
+            self.track_id[own], self.residual_px[own] = track_id, residual_px
+            self.verdict[own] = verdict_code(verdict)
 
-    def settle(self) -> TrackedFrame:
-        """The frame with every candidate decided.
-
-        What no place took is `unmatched` where it fits nothing nearby, `moving` where it fits something before and
-        something after but no one standing thing, and else `few_views`.
-        """
-        rows = self.open
-        rest = ~self.back & (self.track[rows] == NO_TRACK)
-        rest &= self.candidates.verdict[rows] == verdict_code("open")
-        before, after = self.linked[:, 0], self.linked[:, 1]
-        self.verdict[rows[rest]] = verdict_code("unmatched")
-        self.verdict[rows[rest & (before | after)]] = verdict_code("few_views")
-        self.verdict[rows[rest & before & after]] = verdict_code("moving")
+    def finished(self) -> TrackedFrame:
+        """The frame with every candidate decided."""
+        rest = ~self.back & (self.track_id[self.followed] == NO_TRACK)
+        rest &= self.candidates.verdict[self.followed] == verdict_code("open")
+        self.verdict[self.followed[rest]] = unassigned_verdicts(self.paired[rest])
         return TrackedFrame(
             self.frame,
             self.motion,
             replace(self.candidates, verdict=self.verdict),
-            self.track,
-            self.residual,
+            self.track_id,
+            self.residual_px,
             self.region_count,
-            self.rows,
-            tuple(self.places),
+            tuple(self.landmarks),
             self.left_out,
         )
 
 
-class Follower(Protocol):
-    """Finds the views that belong together among the frames it holds."""
+class WindowTracker(Protocol):
+    """Associates the candidates of the frames that it holds."""
 
-    def append(self, one: Held, features: Features) -> None:
+    def append(self, frame: WindowFrame, features: Features) -> None:
         """Take the next frame."""
 
     def finish(self) -> None:
-        """Nothing more comes: let go of everything."""
+        """End all tracks: no frame follows."""
 
-    def holds(self, one: Held) -> bool:
+    def holds(self, frame: WindowFrame) -> bool:
         """Whether the frame may still change."""
 
 
-def through_window(moved: Iterator[PosedDetections], follower: Follower) -> Iterator[TrackedFrame]:
-    """Send frames through a follower's window; each comes out once, in order, when it cannot change any more."""
-    waiting: deque[PosedDetections | Held] = deque()
-    for item in moved:
+def through_window(
+    posed: Iterator[PosedDetections], tracker: WindowTracker, settings: TrackSettings
+) -> Iterator[TrackedFrame]:
+    """Send frames through a tracker; each comes out once, in order, when it cannot change any more."""
+    waiting: deque[PosedDetections | WindowFrame] = deque()
+    for item in posed:
         camera = item.frame.camera
         if item.motion is None or camera is None:
             waiting.append(item)
         else:
-            held = Held.of(item, item.motion, camera)
-            waiting.append(held)
-            follower.append(held, item.detections.features)
-        yield from _released(waiting, follower)
-    follower.finish()
-    yield from _released(waiting, follower)
+            frame = WindowFrame.of(item, item.motion, camera, settings)
+            waiting.append(frame)
+            tracker.append(frame, item.detections.features)
+        yield from _released(waiting, tracker)
+    tracker.finish()
+    yield from _released(waiting, tracker)
 
 
-def _released(waiting: deque[PosedDetections | Held], follower: Follower) -> Iterator[TrackedFrame]:
+def _released(
+    waiting: deque[PosedDetections | WindowFrame], tracker: WindowTracker
+) -> Iterator[TrackedFrame]:
     while waiting:
         first = waiting[0]
-        if isinstance(first, Held):
-            if follower.holds(first):
+        if isinstance(first, WindowFrame):
+            if tracker.holds(first):
                 return
-            yield first.settle()
+            yield first.finished()
         else:
-            yield settle_unused(first)
+            yield untracked(first)
         waiting.popleft()
 
 
-def followed_rows(table: Candidates) -> NDArray[np.int64]:
-    """Rows worth following: open ones, those that gave way to a better box, and weak ones, ascending.
+def untracked(posed: PosedDetections) -> TrackedFrame:
+    """A frame that takes no part, as it came."""
+    detections = posed.detections
+    table = detections.candidates
+    return TrackedFrame(
+        detections.frame,
+        posed.motion,
+        table,
+        np.full(len(table), NO_TRACK, np.int32),
+        np.full(len(table), np.nan, np.float32),
+        detections.segmentation.region_count,
+        left_out=detections.segmentation.left_out,
+    )
+
+
+def followed_rows(table: Candidates, weakest: float) -> NDArray[np.int64]:
+    """Rows that are followed as faces, ascending: open ones, overlapped ones, and weak ones from a score on.
 
     Which of several overlapping boxes is the face shows only over several frames; and where near views place a sign,
     a weak far view may join it.
     """
-    weak = (table.verdict == verdict_code("score")) & (table.score >= WEAKEST)
+    weak = (table.verdict == verdict_code("score")) & (table.score >= weakest)
     return np.flatnonzero(
         (table.verdict == verdict_code("open")) | (table.verdict == verdict_code("overlap")) | weak
-    )
-
-
-def settle_unused(moved: PosedDetections) -> TrackedFrame:
-    """A frame that takes no part, as it came."""
-    table = moved.detections.candidates
-    return TrackedFrame(
-        moved.detections.frame,
-        moved.motion,
-        table,
-        np.full(len(table), NO_TRACK, np.int32),
-        np.full(len(table), np.nan, np.float32),
-        moved.detections.segmentation.region_count,
-        moved.detections.segmentation.rows,
-        left_out=moved.detections.segmentation.left_out,
     )
 
 
@@ -251,7 +247,7 @@ def ideal_size(box: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     return np.ascontiguousarray(np.stack([right[:, 0] - left[:, 0], bottom[:, 1] - top[:, 1]], 1))
 
 
-def picture_bounds(camera: Camera) -> NDArray[np.float64]:
+def image_bounds(camera: Camera) -> NDArray[np.float64]:
     """Rays of the middle of the left, upper, right and lower edge: (4,) as x, y, x, y."""
     right, bottom = camera.width - 1.0, camera.height - 1.0
     edges = np.array([[0, camera.cy], [camera.cx, 0], [right, camera.cy], [camera.cx, bottom]])
@@ -259,38 +255,21 @@ def picture_bounds(camera: Camera) -> NDArray[np.float64]:
     return np.array([rays[0, 0], rays[1, 1], rays[2, 0], rays[3, 1]])
 
 
-def sightings_of(held: Sequence[Held]) -> Sightings:
-    """Rays of all followed candidates of a stretch of frames."""
-    counts = [len(h.open) for h in held]
-    return Sightings(
-        rotation=np.stack([h.motion.pose.rotation for h in held]),
-        centre=np.stack([h.motion.pose.centre for h in held]),
-        focal=np.array([h.focal for h in held]),
-        bounds=np.stack([h.bounds for h in held]),
+def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
+    """Rays of all followed candidates of consecutive frames."""
+    counts = [len(f.followed) for f in window]
+    return WindowCandidates(
+        rotation=np.stack([f.motion.pose.rotation for f in window]),
+        centre=np.stack([f.motion.pose.centre for f in window]),
+        focal=np.array([f.focal for f in window]),
+        bounds=np.stack([f.bounds for f in window]),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        ray=np.concatenate([h.ray for h in held]),
-        size=np.concatenate([h.size for h in held]),
-        score=np.concatenate([h.score for h in held]),
-        whole=np.concatenate([h.whole for h in held]),
-        leads=np.concatenate([h.leads for h in held]),
+        ray=np.concatenate([f.ray for f in window]),
+        size=np.concatenate([f.size for f in window]),
+        score=np.concatenate([f.score for f in window]),
+        whole=np.concatenate([f.whole for f in window]),
+        seeds=np.concatenate([f.seeds for f in window]),
     )
-
-
-def first_rows(held: Sequence[Held]) -> NDArray[np.int64]:
-    """Row of the window's sightings at which each frame's begin, (n + 1,)."""
-    return np.concatenate([[0], np.cumsum([len(h.open) for h in held])]).astype(np.int64)
-
-
-def frames_of(rows: NDArray[np.int64], held: Sequence[Held]) -> NDArray[np.int64]:
-    """Frame in the window of each sighting."""
-    return np.asarray(np.searchsorted(first_rows(held), rows, side="right") - 1, np.int64)
-
-
-def local_rows(
-    rows: NDArray[np.int64], frames: NDArray[np.int64], held: Sequence[Held]
-) -> NDArray[np.int64]:
-    """Sightings as rows among the followed candidates of their own frames."""
-    return np.asarray(rows - first_rows(held)[frames], np.int64)
 
 
 class TravelledPath:
@@ -308,7 +287,7 @@ class TravelledPath:
         self._ahead = pose.rotation[:, 2]
         del self._points[: -self._longest]
 
-    def beside(self, point: NDArray[np.float64]) -> FrenetOffset:
-        """Station and offset of a point of the drive's frame."""
+    def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
+        """Station and offset of a point (3,) of the drive's frame."""
         centres, ups, stations = (np.array(column) for column in zip(*self._points, strict=True))
         return frenet_offset(point, centres, ups, stations, self._ahead)

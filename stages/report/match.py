@@ -1,4 +1,4 @@
-"""The report's matching: by SIFT from frame to frame, placed by two views (chapters 5 and 7)."""
+"""The report's matching: by SIFT from frame to frame, triangulated from two views (chapters 5 and 7)."""
 
 from __future__ import annotations
 
@@ -10,130 +10,137 @@ import numpy as np
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import SiftSettings, TrackSettings
+from wayside.schemas.settings import MappingSettings, SiftSettings
 from wayside.stages.mapping import (
-    Fit,
-    Gates,
-    Held,
-    Scatter,
+    AssociationGates,
+    LandmarkFit,
+    ResidualScale,
     TravelledPath,
-    build_place,
+    WindowFrame,
+    build_landmark,
+    candidates_of,
     fit_views,
-    measured_place,
-    sightings_of,
+    measure_landmark,
     through_window,
 )
 from wayside.stages.report.sift_matching import match_points, vote_regions
 
-REPORT_SCORE = 1.0
-"""Log odds given to every sign: the report judges by gates alone and states no probability."""
-
 
 def match_by_descriptors(
-    moved: Iterator[PosedDetections], settings: TrackSettings, sift: SiftSettings
+    posed: Iterator[PosedDetections], settings: MappingSettings, sift: SiftSettings
 ) -> Iterator[TrackedFrame]:
-    """Chain candidates from frame to frame by their key points; each chain is placed by its two nearest views.
+    """Chain candidates from frame to frame by their key points; the two nearest views of a chain place its landmark.
 
-    Frames come out in order, each once, when no open chain holds them, at most `settings.longest` used frames late;
-    what a chain saw earlier than that is left `unmatched`.
+    Frames come out in order, each once, when no open chain holds them, at most `track.longest` used frames late;
+    candidates that a chain had before that are left `unmatched`.
+
+    Parameters
+    ----------
+    posed
+        Frames with their candidates, key points and motion.
+    settings, sift
+        Groups of settings of tracking and of landmarks, and of the SIFT matches.
     """
-    yield from through_window(moved, _Matcher(settings, sift))
+    yield from through_window(posed, _Matcher(settings, sift), settings.track)
 
 
 @dataclass(frozen=True, slots=True)
 class _Chain:
-    """Views of one thing so far: (frame, followed candidate), oldest first."""
+    """Views so far: (frame, followed candidate), oldest first."""
 
-    views: tuple[tuple[Held, int], ...]
+    views: tuple[tuple[WindowFrame, int], ...]
 
 
 class _Matcher:
     """Open chains, and the frames that they hold."""
 
-    def __init__(self, settings: TrackSettings, sift: SiftSettings) -> None:
-        self._settings, self._sift = settings, sift
-        self._gates = Gates(gap_px=settings.gap_px)
-        self._path = TravelledPath(2 * settings.longest)
-        self._held: list[Held] = []
+    def __init__(self, settings: MappingSettings, sift: SiftSettings) -> None:
+        self._settings, self._sift = settings.track, sift
+        self._landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
+        self._gates = AssociationGates.of(settings.track, settings.association)
+        self._path = TravelledPath(2 * settings.track.longest)
+        self._window: list[WindowFrame] = []
         self._features: Features | None = None
         self._chains: dict[int, _Chain] = {}  # by followed candidate of the newest frame
         self._next_id = 0
 
-    def holds(self, one: Held) -> bool:
+    def holds(self, frame: WindowFrame) -> bool:
         """Whether a chain may still claim candidates of the frame."""
-        return any(h is one for h in self._held)
+        return any(f is frame for f in self._window)
 
-    def append(self, one: Held, features: Features) -> None:
+    def append(self, frame: WindowFrame, features: Features) -> None:
         """Take the next frame: chains go on or end."""
         going: dict[int, _Chain] = {}
         if self._features is not None:
-            before, previous = self._held[-1], self._features
+            before, previous = self._window[-1], self._features
             pairs = match_points(
                 previous.sign_descriptors, features.sign_descriptors, self._sift.ratio
             )
-            local_before, local_now = _faces(before), _faces(one)
+            local_before, local_now = _faces(before), _faces(frame)
             for a, b in vote_regions(pairs, previous.sign_rows, features.sign_rows):
                 old, new = local_before.get(int(a)), local_now.get(int(b))
                 if old is None or new is None:
                     continue
                 chain = self._chains.pop(old, _Chain(((before, old),)))
-                before.linked[old, 1] = one.linked[new, 0] = True
-                going[new] = _Chain((*chain.views, (one, new))[-self._settings.longest :])
+                before.paired[old, 1] = frame.paired[new, 0] = True
+                going[new] = _Chain((*chain.views, (frame, new))[-self._settings.longest :])
         ended = list(self._chains.values())
-        self._held.append(one)
-        self._path.append(one.motion)
+        self._window.append(frame)
+        self._path.append(frame.motion)
         self._end(ended)
         self._chains, self._features = going, features
         self._let_go()
 
     def finish(self) -> None:
-        """End all chains: nothing more comes."""
+        """End all chains: no frame follows."""
         self._end(list(self._chains.values()))
         self._chains = {}
-        self._held = []
+        self._window = []
 
     def _let_go(self) -> None:
-        wanted = {id(h) for chain in self._chains.values() for h, _ in chain.views}
-        wanted.add(id(self._held[-1]))
-        while id(self._held[0]) not in wanted:
-            del self._held[0]
+        wanted = {id(f) for chain in self._chains.values() for f, _ in chain.views}
+        wanted.add(id(self._window[-1]))
+        while id(self._window[0]) not in wanted:
+            del self._window[0]
 
     def _end(self, chains: list[_Chain]) -> None:
         if not chains:
             return
-        sightings = sightings_of(self._held)
-        at = {id(h): i for i, h in enumerate(self._held)}
+        candidates = candidates_of(self._window)
+        at = {id(f): i for i, f in enumerate(self._window)}
         for chain in chains:
             if len(chain.views) < self._settings.fewest_views:
                 continue
-            frames = np.array([at[id(h)] for h, _ in chain.views])
-            rows = sightings.first[frames] + np.array([row for _, row in chain.views])
-            fit = fit_views(sightings, rows, frames, nearest=2)
+            frames = np.array([at[id(f)] for f, _ in chain.views])
+            rows = candidates.first[frames] + np.array([row for _, row in chain.views])
+            fit = fit_views(candidates, rows, frames, self._landmark)
             if fit is not None:
-                self._settle(fit, chain)
+                self._add_landmark(fit)
 
-    def _settle(self, fit: Fit, chain: _Chain) -> None:
-        beside = self._path.beside(fit.point)
-        tall_px = fit.metric[1] / fit.depth.min() * self._held[fit.frames[-1]].focal
-        allowed = self._gates.gap_px + self._gates.gap_share * tall_px
-        verdict = "sign" if fit.rms_px < allowed else "residual"
-        factor = Scatter().factor(fit.chi, fit.freedom)
-        weighed = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
-        place = build_place(
-            weighed,
-            self._held,
-            measured_place(weighed, self._held),
-            beside,
+    def _add_landmark(self, fit: LandmarkFit) -> None:
+        """Measure a landmark and give it to its frames; `residual` where its rays do not meet."""
+        window, settings = self._window, self._landmark
+        tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
+        allowed_px = self._gates.gap_px + self._gates.gap_share * tall_px
+        verdict = "sign" if fit.rms_px < allowed_px else "residual"
+        factor = ResidualScale(settings).factor(fit.chi_square, fit.degrees_of_freedom)
+        scaled = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
+        landmark = build_landmark(
+            scaled,
+            window,
+            measure_landmark(scaled, window, settings),
+            self._path.offset(fit.point),
+            settings,
             track_id=self._next_id,
-            score=REPORT_SCORE,
+            score=self._settings.sift_score,
             verdict=verdict,
         )
-        self._held[fit.frames[0]].places.append(place)
-        for (held, row), residual in zip(chain.views, fit.residual_px, strict=True):
-            held.claim(row, self._next_id, verdict, float(residual))
+        window[fit.frames[0]].landmarks.append(landmark)
+        for frame, row, residual in zip(fit.frames, fit.rows, fit.residual_px, strict=True):
+            window[frame].assign(row, self._next_id, verdict, float(residual))
         self._next_id += 1
 
 
-def _faces(held: Held) -> dict[int, int]:
+def _faces(frame: WindowFrame) -> dict[int, int]:
     """Number among the followed ones of each row that is followed as a face."""
-    return {int(row): i for i, row in enumerate(held.open) if not held.back[i]}
+    return {int(row): i for i, row in enumerate(frame.followed) if not frame.back[i]}

@@ -12,7 +12,7 @@ from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
+from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 
@@ -38,7 +38,8 @@ def place(track, frame, station, lateral, **changes):
         views=(view, dataclasses.replace(view, frame=frame - 1)),
         position=np.array([3.0, -0.5, 12.0]),
         covariance=np.diag([0.01, 0.02, 0.04]),
-        offset=np.array([lateral, 1.0, 0.0]),
+        right_m=lateral,
+        above_m=1.0,
         station_m=station,
         best_frame=frame,
         best_time_ns=frame * 10**9,
@@ -88,7 +89,6 @@ def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
         np.array(tracks, np.int32),
         np.full(len(verdicts), np.nan, np.float32),
         7,
-        (0, 1200),
         places,
     )
 
@@ -98,7 +98,7 @@ def write(folder, frames, **options):
     for frame in collect(iter(frames), record):
         writer.append(frame)
     settings = GeoreferenceSettings()
-    (path,) = georeference(iter(record.points), settings, MotionSettings())
+    (path,) = georeference(iter(record.points), settings, MotionSettings(), LandmarkSettings())
     return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, settings, 0.5)))
 
 

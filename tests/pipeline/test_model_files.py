@@ -8,7 +8,7 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.stages.detection import REGION_FEATURES, box_feature_names, prefilter_feature_names
-from wayside.stages.mapping.landmark import FEATURES
+from wayside.stages.mapping.landmark_features import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
 
 NAMES = (

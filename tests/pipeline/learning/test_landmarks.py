@@ -18,7 +18,7 @@ from wayside.pipeline.learning.landmarks import (
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Observation
 from wayside.stages.classifiers.trees import log_odds
-from wayside.stages.mapping.landmark import FEATURES
+from wayside.stages.mapping.landmark_features import FEATURES
 
 
 class SeenAt:
@@ -108,8 +108,8 @@ def test_too_few_places_are_refused_with_what_to_do():
 
 def test_places_are_gathered_from_tracked_drives(monkeypatch):
     place = SeenAt(FACE, FACE, FACE)
-    place.evidence = tuple(range(len(FEATURES)))
-    settled = [type("S", (), {"places": (place,)})]
+    place.features = tuple(range(len(FEATURES)))
+    settled = [type("S", (), {"landmarks": (place,)})]
     monkeypatch.setattr(module, "track", lambda moved, settings, front, back, panel: iter(settled))
     known, none = truth() | {"name": "a"}, {"name": "b", "signs": []}
     found = module.gather_landmarks(

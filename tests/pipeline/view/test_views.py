@@ -202,7 +202,8 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
         views=(Observation(4, 0, 900.0, 500.0, (890.0, 490.0, 910.0, 510.0), 0.3),),
         position=np.array([24.2, -1.6, 40.0]),
         covariance=np.eye(3),
-        offset=np.array([24.2, 1.6, 40.0]),
+        right_m=24.2,
+        above_m=1.6,
         station_m=198.1,
         best_frame=4,
         best_time_ns=10,
@@ -230,7 +231,6 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
         np.zeros(0, np.int32),
         np.zeros(0, np.float32),
         0,
-        (0, 1200),
         (place,),
     )
     logged = [e for e in entities_of(settled, LAST_STAGE, ViewState()) if e.path == "rejections"]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.series import blend_fixes
 from wayside.schemas.frame import Fix, Pose, PosePrior
-from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
+from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
 
 LEVEL_CAMERA = np.array(
@@ -21,7 +21,7 @@ LEVEL_CAMERA = np.array(
 def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
     right, down, ahead = antenna_m
     motion = MotionSettings(antenna_right_m=right, antenna_down_m=down, antenna_ahead_m=ahead)
-    (path,) = georeference(iter(points), GeoreferenceSettings(), motion)
+    (path,) = georeference(iter(points), GeoreferenceSettings(), motion, LandmarkSettings())
     return path
 
 

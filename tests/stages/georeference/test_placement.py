@@ -9,7 +9,7 @@ from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import GeoreferenceSettings, MotionSettings
+from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference import (
     DrivePath,
     DriveRecord,
@@ -71,7 +71,7 @@ def tracked(index, *landmarks, used=True):
 def path_of(frames=4):
     record = DriveRecord()
     list(collect(map(tracked, range(frames)), record))
-    (path,) = georeference(iter(record.points), SETTINGS, MotionSettings())
+    (path,) = georeference(iter(record.points), SETTINGS, MotionSettings(), LandmarkSettings())
     return path
 
 
@@ -158,6 +158,6 @@ def test_errors_of_neighbouring_steps_are_independent_at_first_and_common_in_the
 
 
 def test_a_path_without_points_is_empty():
-    (path,) = georeference(iter(()), SETTINGS, MotionSettings())
+    (path,) = georeference(iter(()), SETTINGS, MotionSettings(), LandmarkSettings())
     assert isinstance(path, DrivePath)
     assert (path.world, path.poses, path.camera_height_m) == ("drive_start", {}, None)

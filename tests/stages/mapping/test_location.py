@@ -5,7 +5,7 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.settings import LocateSettings, TrackSettings
+from wayside.schemas.settings import LocateSettings, MappingSettings
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import track
 
@@ -22,44 +22,44 @@ HARD = LocateSettings(beyond=1e9)
 
 
 def located(frames, *means, settings=HARD):
-    return list(classify_location(track(iter(frames), TrackSettings()), model(*means), settings))
+    return list(classify_location(track(iter(frames), MappingSettings()), model(*means), settings))
 
 
-def places_of(settled):
-    return {round(p.station_m): p.verdict for item in settled for p in item.places}
+def landmarks_of(tracked):
+    return {round(p.station_m): p.verdict for item in tracked for p in item.landmarks}
 
 
 def test_a_place_near_any_class_of_the_mixture_stays(panel, drive):
     frames = drive([panel(3.5, 1.0, 100.0), panel(-4.0, 1.0, 130.0)], 20)
-    found = places_of(located(frames, (3.1, 0.6), (-4.0, 0.6)))
+    found = landmarks_of(located(frames, (3.1, 0.6), (-4.0, 0.6)))
     assert set(found.values()) == {"sign"}
 
 
 def test_the_single_mean_refuses_the_left_side_and_overhead(panel, drive):
     signs = [panel(3.5, 1.0, 100.0), panel(-4.0, 1.0, 130.0), panel(3.0, 5.0, 140.0)]
-    found = places_of(located(drive(signs, 22), (3.121, 0.603)))
+    found = landmarks_of(located(drive(signs, 22), (3.121, 0.603)))
     assert found == {100: "sign", 130: "location", 140: "location"}
 
 
 def test_a_sign_beyond_doubt_may_stand_farther_off_than_any_sign_learned_from(panel, drive):
     frames = drive([panel(11.0, 1.0, 130.0)], 20)
-    (score,) = (p.score for s in track(iter(frames), TrackSettings()) for p in s.places)
+    (score,) = (p.score for s in track(iter(frames), MappingSettings()) for p in s.landmarks)
     beyond = float(np.hypot(11.0 - 3.1, 1.0 - 0.6)) - 2.0
     for share, verdict in ((0.9, "sign"), (1.1, "location")):
         settings = LocateSettings(beyond=share * score / beyond)
-        assert places_of(located(frames, (3.1, 0.6), settings=settings)) == {130: verdict}
+        assert landmarks_of(located(frames, (3.1, 0.6), settings=settings)) == {130: verdict}
 
 
 def test_a_refused_places_candidates_follow_in_every_frame(panel, drive):
-    settled = located(drive([panel(-4.0, 1.0, 130.0)], 20), (3.1, 0.6))
-    verdicts = [VERDICTS[v] for item in settled for v in item.candidates.verdict]
+    tracked = located(drive([panel(-4.0, 1.0, 130.0)], 20), (3.1, 0.6))
+    verdicts = [VERDICTS[v] for item in tracked for v in item.candidates.verdict]
     assert set(verdicts) == {"location"}
 
 
 def test_a_panel_of_no_signs_size_is_refused(panel, drive):
     frames = drive([panel(3.5, 1.0, 100.0)], 20)
     settings = replace(HARD, largest_side_m=0.5)
-    assert places_of(located(frames, (3.1, 0.6), settings=settings)) == {100: "panel_size"}
+    assert landmarks_of(located(frames, (3.1, 0.6), settings=settings)) == {100: "panel_size"}
 
 
 def test_a_model_of_another_space_is_refused():

@@ -5,18 +5,19 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import TreeModel
-from wayside.schemas.settings import TrackSettings
+from wayside.schemas.settings import LandmarkSettings, MappingSettings, TrackSettings
 from wayside.stages.detection import BoxClassifier, box_feature_names
 from wayside.stages.mapping import SideClassifiers
-from wayside.stages.mapping.association import Gates
-from wayside.stages.mapping.hypotheses import fit_views
-from wayside.stages.mapping.prediction import follow_back, predicted_box
+from wayside.stages.mapping.landmark_fit import fit_views
+from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
 from wayside.stages.mapping.tracker import track
-from wayside.stages.mapping.window import Held, sightings_of
+from wayside.stages.mapping.window import WindowFrame, candidates_of
+
+SETTINGS = MappingSettings()
 
 
 def reddish():
-    """A judge of views: what is red in its middle is a face."""
+    """A classifier of views: what is red in its middle is a face."""
     names = box_feature_names()
     column = next(k for k, name in enumerate(names) if name == "region_red_green")
     one = np.array([[column, 0, 0]], np.int32)
@@ -55,40 +56,53 @@ def shown(drive):
 
 
 def holding(frames):
-    return [Held.of(m, m.motion, m.frame.camera) for m in frames]
+    return [WindowFrame.of(m, m.motion, m.frame.camera, TrackSettings()) for m in frames]
 
 
 def fit_of(held, frames):
-    rows = np.array([sightings_of(held).first[f] for f in frames], np.int64)
-    fit = fit_views(sightings_of(held), rows, np.array(frames, np.int64))
+    candidates = candidates_of(held)
+    rows = np.array([candidates.first[f] for f in frames], np.int64)
+    fit = fit_views(candidates, rows, np.array(frames, np.int64), LandmarkSettings())
     assert fit is not None
     return fit
 
 
-def test_the_box_of_a_known_place_is_predicted_where_the_panel_stands(shown, panel):
+def predicted(fit, frame):
+    return predicted_box(fit, frame, SETTINGS.prediction, SETTINGS.association.nearest_m)
+
+
+def with_predicted_views(fit, held, model):
+    classifiers = {False: BoxClassifier(model), True: None}
+    (found,) = add_predicted_views(
+        [fit], held, classifiers, SETTINGS.prediction, SETTINGS.association
+    )
+    return found
+
+
+def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11)
     held = holding(frames)
     fit = fit_of(held, [9, 10])
     for k in (5, 6, 7, 8):
-        box, tall_px = predicted_box(fit, held[k])
+        box, tall_px = predicted(fit, held[k])
         np.testing.assert_allclose(box, held[k].candidates.regions.box[0], atol=0.02)
         assert tall_px == pytest.approx(box[3] - box[1], rel=1e-3)
 
 
-def test_a_place_that_is_hardly_known_is_not_looked_for_elsewhere(shown, panel):
+def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
     held = holding(shown([panel(3.5, 1.2, 100.0)], 11))
     fit = fit_of(held, [9, 10])
     unsure = replace(fit, covariance=fit.covariance * 1e4)
-    assert predicted_box(unsure, held[6]) is None
+    assert predicted(unsure, held[6]) is None
 
 
-def test_views_that_no_candidate_showed_are_found_where_they_must_be(shown, panel):
+def test_views_without_a_candidate_are_predicted(shown, panel):
     gone = tuple(range(9))
     frames = shown([panel(3.5, 1.2, 100.0, hidden_in=gone)], 13)
     held = holding(frames)
-    with_views = [k for k, h in enumerate(held) if len(h.open)]
+    with_views = [k for k, h in enumerate(held) if len(h.followed)]
     fit = fit_of(held, with_views)
-    _, (followed,) = follow_back([fit], held, BoxClassifier(reddish()), Gates())
+    followed = with_predicted_views(fit, held, reddish())
     assert len(followed.rows) > len(fit.rows) + 3
     assert followed.frames.tolist() == sorted(followed.frames.tolist())
     new = ~np.isin(followed.frames, with_views)
@@ -97,34 +111,32 @@ def test_views_that_no_candidate_showed_are_found_where_they_must_be(shown, pane
     for frame in followed.frames[new]:
         sources = held[frame].candidates.regions.source
         assert [SOURCES[s] for s in sources] == ["predicted"]
-    rows = sightings_of(held)
-    local = np.array([(fit.point - rows.centre[f]) @ rows.rotation[f] for f in followed.frames])
-    np.testing.assert_allclose(rows.ray[followed.rows], local[:, :2] / local[:, 2:], atol=1e-5)
+    for frame, row in zip(followed.frames, followed.rows, strict=True):
+        x, y, z = held[frame].motion.pose.to_camera(fit.point)
+        np.testing.assert_allclose(held[frame].ray[row], [x / z, y / z], atol=1e-5)
 
 
-def test_what_the_judge_refuses_there_is_no_view(shown, panel):
+def test_a_predicted_box_that_the_classifier_refuses_is_no_view(shown, panel):
     held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
-    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.open)])
+    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
     never = replace(reddish(), threshold=99.0)
     before = [len(h.candidates) for h in held]
-    _, found = follow_back([fit], held, BoxClassifier(never), Gates())
-    assert found[0].rows.tolist() == fit.rows.tolist()
+    found = with_predicted_views(fit, held, never)
+    assert found.rows.tolist() == fit.rows.tolist()
     assert [len(h.candidates) for h in held] == before
 
 
 def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
-    def settled(judge):
+    def tracked(model):
         frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
-        return list(
-            track(iter(frames), TrackSettings(), SideClassifiers(judge and BoxClassifier(judge)))
-        )
+        return list(track(iter(frames), SETTINGS, SideClassifiers(model and BoxClassifier(model))))
 
-    (alone,) = [p for s in settled(None) for p in s.places]
-    followed = settled(reddish())
-    (place,) = [p for s in followed for p in s.places]
-    assert len(place.views) >= len(alone.views) + 3
-    np.testing.assert_array_equal(place.position, alone.position)
-    for view in place.views:
+    (alone,) = [p for s in tracked(None) for p in s.landmarks]
+    followed = tracked(reddish())
+    (landmark,) = [p for s in followed for p in s.landmarks]
+    assert len(landmark.views) >= len(alone.views) + 3
+    np.testing.assert_array_equal(landmark.position, alone.position)
+    for view in landmark.views:
         table = followed[view.frame].candidates
         assert table.verdict[view.row] == verdict_code("sign")
         assert tuple(table.regions.box[view.row].tolist()) == view.box
@@ -132,11 +144,11 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
 
 def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    settled = track(iter(frames), TrackSettings(), SideClassifiers(BoxClassifier(reddish())))
-    assert {p.verdict for s in settled for p in s.places} == {"residual"}
+    tracked = track(iter(frames), SETTINGS, SideClassifiers(BoxClassifier(reddish())))
+    assert {p.verdict for s in tracked for p in s.landmarks} == {"residual"}
 
 
-def test_joined_tables_keep_chances_and_fill_what_is_missing():
+def test_joined_tables_keep_probabilities_and_fill_what_is_missing():
     table = Candidates.of(holding_regions(2))
     named = replace(table, color_log_probability=np.zeros((2, 8), np.float32))
     both = named.joined(Candidates.of(holding_regions(1)))

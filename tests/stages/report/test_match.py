@@ -5,23 +5,23 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import SiftSettings, TrackSettings
+from wayside.schemas.settings import MappingSettings, SiftSettings, TrackSettings
 from wayside.stages.mapping.tracker import track
 from wayside.stages.report.match import match_by_descriptors
 
-REPORT = TrackSettings(fewest_views=2)
+REPORT = MappingSettings(TrackSettings(fewest_views=2))
 
 
 def run(frames):
     return list(match_by_descriptors(iter(frames), REPORT, SiftSettings()))
 
 
-def places_of(settled):
-    return [place for item in settled for place in item.places]
+def landmarks_of(tracked):
+    return [place for item in tracked for place in item.landmarks]
 
 
 def test_a_panel_is_chained_by_its_key_points_and_placed_by_two_views(panel, drive):
-    (place,) = places_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
+    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
     np.testing.assert_allclose(
         place.best_pose.to_world(place.position), [3.5, -1.2, 90.0], atol=0.02
     )
@@ -30,13 +30,13 @@ def test_a_panel_is_chained_by_its_key_points_and_placed_by_two_views(panel, dri
 
 
 def test_two_views_suffice(panel, drive):
-    (place,) = places_of(run(drive([panel(3.5, 1.2, 90.0, only_in=(6, 7))], 14)))
+    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0, only_in=(6, 7))], 14)))
     assert len(place.views) == 2
 
 
 def test_a_chain_ends_where_the_next_frame_does_not_show_it(panel, drive):
-    settled = run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14))
-    assert len(places_of(settled)) == 2
+    tracked = run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14))
+    assert len(landmarks_of(tracked)) == 2
 
 
 def test_without_key_points_nothing_is_matched(panel, drive):
@@ -48,9 +48,9 @@ def test_without_key_points_nothing_is_matched(panel, drive):
         sign_descriptors=np.zeros((0, 128), np.float32),
         sign_rows=np.zeros(0, np.int32),
     )
-    settled = run([replace(f, detections=replace(f.detections, features=blank)) for f in frames])
-    assert places_of(settled) == []
-    assert {VERDICTS[v] for item in settled for v in item.candidates.verdict} == {"unmatched"}
+    tracked = run([replace(f, detections=replace(f.detections, features=blank)) for f in frames])
+    assert landmarks_of(tracked) == []
+    assert {VERDICTS[v] for item in tracked for v in item.candidates.verdict} == {"unmatched"}
 
 
 def test_what_does_not_fit_one_point_is_refused_by_its_residual(panel, drive):
@@ -58,7 +58,7 @@ def test_what_does_not_fit_one_point_is_refused_by_its_residual(panel, drive):
     low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)
     even, odd = drive([low], 7), drive([high], 7)
     mixed = [(even if i % 2 else odd)[i] for i in range(7)]
-    assert {place.verdict for place in places_of(run(mixed))} == {"residual"}
+    assert {place.verdict for place in landmarks_of(run(mixed))} == {"residual"}
 
 
 def test_frames_come_out_once_in_order(panel, drive):
@@ -69,5 +69,5 @@ def test_frames_come_out_once_in_order(panel, drive):
 @pytest.mark.parametrize("follow", [track, partial(match_by_descriptors, sift=SiftSettings())])
 def test_both_ways_of_matching_agree_on_a_clear_panel(panel, drive, follow):
     frames = drive([panel(3.5, 1.2, 90.0)], 14)
-    (place,) = places_of(list(follow(iter(frames), TrackSettings(fewest_views=2))))
+    (place,) = landmarks_of(list(follow(iter(frames), REPORT)))
     assert place.station_m == pytest.approx(90.0, abs=0.05)

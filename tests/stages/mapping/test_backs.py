@@ -1,4 +1,4 @@
-"""Panels seen from behind: what the judge takes for a back, and what tracking makes of it."""
+"""Panels seen from behind: what the detector takes for a back, and what tracking makes of it."""
 
 from dataclasses import replace
 
@@ -7,9 +7,9 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
 from wayside.schemas.models import TreeModel
-from wayside.schemas.settings import TrackSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping import SideClassifiers
-from wayside.stages.mapping.landmark import FEATURES
+from wayside.stages.mapping.landmark_features import FEATURES
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.tracker import track
 
@@ -32,12 +32,12 @@ def seen_from_behind(frames, score, faces="score"):
     return made
 
 
-def places_of(settled):
-    return [place for item in settled for place in item.places]
+def landmarks_of(tracked):
+    return [landmark for item in tracked for landmark in item.landmarks]
 
 
 def sure(odds):
-    """A judge of places that is always as sure."""
+    """A landmark classifier that is always as sure."""
     one = np.zeros((1, 1), np.int32)
     return TreeModel(
         FEATURES,
@@ -52,15 +52,17 @@ def sure(odds):
     )
 
 
-def test_a_panel_seen_from_behind_is_placed_as_a_back_without_a_colour(panel, drive):
+def test_a_panel_seen_from_behind_is_measured_as_a_back_without_a_colour(panel, drive):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    settled = list(track(iter(frames), TrackSettings(), back=BEHIND))
-    (place,) = places_of(settled)
-    assert place.back
-    assert place.verdict == "sign"
-    assert place.color is None
-    np.testing.assert_allclose(place.best_pose.to_world(place.position), [-6, -1.2, 120], atol=0.02)
-    verdicts = {VERDICTS[v] for item in settled for v in item.candidates.verdict}
+    tracked = list(track(iter(frames), MappingSettings(), back=BEHIND))
+    (landmark,) = landmarks_of(tracked)
+    assert landmark.back
+    assert landmark.verdict == "sign"
+    assert landmark.color is None
+    np.testing.assert_allclose(
+        landmark.best_pose.to_world(landmark.position), [-6, -1.2, 120], atol=0.02
+    )
+    verdicts = {VERDICTS[v] for item in tracked for v in item.candidates.verdict}
     assert verdicts == {"sign"}
 
 
@@ -70,11 +72,11 @@ def test_a_panel_seen_from_behind_is_placed_as_a_back_without_a_colour(panel, dr
 def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
     panel, drive, monkeypatch, panel_method, outline, shape
 ):
-    def measured(fit, held, beside, method):
+    def measured(fit, window, offset, method, drift_rad):
         return 3, Panel(
             fit.point,
             fit.frames[fit.used],
-            box_rays(fit, held),
+            box_rays(fit, window),
             fit.weight_sigma[fit.used],
             fit.ray_sigma[fit.used],
             np.full(2, 0.01),
@@ -88,26 +90,27 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    settled = track(iter(frames), TrackSettings(), back=BEHIND, panel=panel_method)
-    (place,) = places_of(settled)
-    assert (place.color, place.shape) == (None, shape)
+    (landmark,) = landmarks_of(
+        track(iter(frames), MappingSettings(), back=BEHIND, panel=panel_method)
+    )
+    assert (landmark.color, landmark.shape) == (None, shape)
 
 
-def test_backs_are_not_looked_for_where_nobody_judges_them(panel, drive):
+def test_backs_are_not_tracked_where_no_classifier_of_them_is_given(panel, drive):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    settled = list(track(iter(frames), TrackSettings()))
-    assert places_of(settled) == []
-    assert {VERDICTS[v] for item in settled for v in item.candidates.verdict} == {"score"}
+    tracked = list(track(iter(frames), MappingSettings()))
+    assert landmarks_of(tracked) == []
+    assert {VERDICTS[v] for item in tracked for v in item.candidates.verdict} == {"score"}
 
 
 @pytest.mark.parametrize(("face", "back"), [(1.0, 3.0), (3.0, 1.0)])
 def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(panel, drive, face, back):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0, faces="open")
-    judges = SideClassifiers(landmark=sure(face)), SideClassifiers(landmark=sure(back))
-    settled = list(track(iter(frames), TrackSettings(), *judges))
-    reported = [place for place in places_of(settled) if place.verdict == "sign"]
-    assert [place.back for place in reported] == [back > face]
-    kept = {track for item in settled for track in item.track_id.tolist()}
+    classifiers = SideClassifiers(landmark=sure(face)), SideClassifiers(landmark=sure(back))
+    tracked = list(track(iter(frames), MappingSettings(), *classifiers))
+    reported = [landmark for landmark in landmarks_of(tracked) if landmark.verdict == "sign"]
+    assert [landmark.back for landmark in reported] == [back > face]
+    kept = {track for item in tracked for track in item.track_id.tolist()}
     assert kept == {reported[0].track_id}
 
 
@@ -124,8 +127,11 @@ def test_a_face_and_a_back_apart_are_both_reported(panel, drive):
             score=np.where(left, -9, 3).astype(np.float32),
         )
         frames.append(replace(one, detections=replace(one.detections, candidates=told)))
-    found = places_of(track(iter(frames), TrackSettings(), back=BEHIND))
-    assert sorted((place.back, place.color) for place in found) == [(False, "yellow"), (True, None)]
+    found = landmarks_of(track(iter(frames), MappingSettings(), back=BEHIND))
+    assert sorted((landmark.back, landmark.color) for landmark in found) == [
+        (False, "yellow"),
+        (True, None),
+    ]
 
 
 def test_candidates_of_which_only_some_may_be_backs_are_joined():

@@ -1,4 +1,4 @@
-"""Colour and shape of a place by the votes of its views, on exact scenes."""
+"""Colour and shape of a landmark by the votes of its views, on exact scenes."""
 
 from dataclasses import replace
 
@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import COLORS
-from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping.landmark import winner
+from wayside.schemas.settings import MappingSettings
+from wayside.stages.mapping.class_votes import winner
 from wayside.stages.mapping.tracker import track
 
 
-def named(frames, chances):
-    """The frames, each view with the chances that `chances(index of the frame)` gives by colour; None: unnamed."""
+def classified(frames, probabilities):
+    """The frames, each view with the `probabilities(index of the frame)` of its colours; None: unclassified."""
     for index, moved in enumerate(frames):
         table = moved.detections.candidates
         odds = np.full((len(table), len(COLORS)), np.nan, np.float32)
-        given = chances(index)
+        given = probabilities(index)
         if given is not None:
             odds[:] = -np.inf
-            for name, chance in given.items():
-                odds[:, COLORS.index(name)] = np.log(chance)
+            for name, probability in given.items():
+                odds[:, COLORS.index(name)] = np.log(probability)
         yield replace(
             moved,
             detections=replace(
@@ -30,31 +30,32 @@ def named(frames, chances):
 
 
 def color_of(frames):
-    places = [p for settled in track(iter(frames), TrackSettings()) for p in settled.places]
-    assert len(places) == 1
-    return places[0].color
+    (landmark,) = [
+        one for tracked in track(iter(frames), MappingSettings()) for one in tracked.landmarks
+    ]
+    return landmark.color
 
 
-def test_the_chances_of_all_views_together_decide(panel, drive):
+def test_the_probabilities_of_all_views_together_decide(panel, drive):
     frames = drive([panel(5, 1, 75)], 9)
     faint = {"red": 0.55, "orange": 0.45}
     sure = {"red": 0.05, "orange": 0.95}
-    assert color_of(named(frames, lambda k: sure if k in (5, 6) else faint)) == "orange"
+    assert color_of(classified(frames, lambda k: sure if k in (5, 6) else faint)) == "orange"
 
 
 def test_one_sure_view_rules_nothing_out(panel, drive):
     frames = drive([panel(5, 1, 75)], 9)
     others = {"red": 0.9, "orange": 0.1}
-    assert color_of(named(frames, lambda k: {"orange": 1.0} if k == 2 else others)) == "red"
+    assert color_of(classified(frames, lambda k: {"orange": 1.0} if k == 2 else others)) == "red"
 
 
-def test_unnamed_views_have_no_vote(panel, drive):
+def test_unclassified_views_have_no_vote(panel, drive):
     frames = drive([panel(5, 1, 75)], 9)
-    assert color_of(named(frames, lambda k: {"blue": 1.0} if k == 6 else None)) == "blue"
+    assert color_of(classified(frames, lambda k: {"blue": 1.0} if k == 6 else None)) == "blue"
 
 
-def test_without_any_named_view_the_nearest_class_decides(panel, drive):
-    assert color_of(named(drive([panel(5, 1, 75)], 9), lambda k: None)) == "yellow"
+def test_without_any_classified_view_the_nearest_class_decides(panel, drive):
+    assert color_of(classified(drive([panel(5, 1, 75)], 9), lambda k: None)) == "yellow"
 
 
 def test_a_winner_that_is_no_views_nearest_class_has_no_distance():

@@ -1,0 +1,260 @@
+"""Settings of landmarks: measurement, verdicts, location and assembly (report chapters 7, 8 and 11)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wayside.schemas.settings.field import MEASURED, SET, setting
+
+
+@dataclass(frozen=True, slots=True)
+class LandmarkSettings:
+    """Errors of boxes and of motion, and the measurement of a landmark."""
+
+    centre_sigma_px: float = setting(
+        1.0, "px", "scatter of the centre of a box", origin=SET, expert=True, low=0.01
+    )
+    centre_sigma_share: float = setting(
+        0.02,
+        "heights",
+        "added to it: some boxes follow the inner field of a face",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    drift_rad: float = setting(
+        2.5e-4,
+        "rad",
+        "scatter of a ray, times the root of the frames to the nearest view: chained motion",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    fitted_views: int = setting(
+        8,
+        "views",
+        "nearest views that the point is fitted to",
+        origin="more add nothing (measured)",
+        expert=True,
+        low=2,
+    )
+    nearest_m: float = setting(
+        1.0,
+        "m",
+        "rays that meet nearer are not believed",
+        origin="no panel is so near",
+        expert=True,
+        low=0,
+    )
+    farthest_m: float = setting(
+        1000.0, "m", "rays that meet farther are parallel", origin=SET, expert=True, low=1
+    )
+    size_views: int = setting(
+        6, "views", "nearest views whose median is the size", origin=SET, expert=True, low=1
+    )
+    least_spread: float = setting(
+        0.02, "", "least scatter of the size, by the size", origin=SET, expert=True, low=0
+    )
+    border: float = setting(
+        1.06, "", "panel by box: boxes follow the inner field", origin=MEASURED, expert=True, low=1
+    )
+    size_sigma: float = setting(
+        0.05, "", "scatter of that factor", origin=MEASURED, expert=True, low=0
+    )
+    centre_bias: float = setting(
+        0.02, "sizes", "error that all boxes' centres share", origin=MEASURED, expert=True, low=0
+    )
+    facing_sigma_deg: float = setting(
+        20.0, "deg", "scatter of an unmeasured facing", origin=SET, expert=True, low=0
+    )
+    step_sigma_rad: float = setting(
+        2e-4, "rad", "rotation of a step of unknown scatter", origin=SET, expert=True, low=0
+    )
+    step_sigma_right_m: float = setting(
+        0.01, "m", "the same, sideways", origin=SET, expert=True, low=0
+    )
+    step_sigma_down_m: float = setting(
+        0.005, "m", "the same, up and down", origin=SET, expert=True, low=0
+    )
+    step_sigma_ahead_m: float = setting(
+        0.025, "m", "the same, ahead", origin=SET, expert=True, low=0
+    )
+    scale_prior_freedom: float = setting(
+        8.0,
+        "degrees of freedom",
+        "weight of earlier landmarks in the scale of residuals",
+        origin="five views alone know their scatter to a third",
+        expert=True,
+        low=0,
+    )
+    scale_fewest: int = setting(
+        5, "landmarks", "with fewer the scale is 1", origin=SET, expert=True, low=1
+    )
+    scale_memory: int = setting(
+        100, "landmarks", "latest ones that the scale is from", origin=SET, expert=True, low=1
+    )
+    scale_least: float = setting(0.02, "", "least scale (variance)", origin=SET, expert=True, low=0)
+    scale_most: float = setting(6.0, "", "largest scale (variance)", origin=SET, expert=True, low=0)
+    clear_px: float = setting(
+        60.0, "px", "a view of this height shows a face in full", origin=SET, expert=True
+    )
+    cut_weight: float = setting(
+        0.2, "", "weight of a view cut by the edge of the image", origin=SET, expert=True
+    )
+    least_log_probability: float = setting(
+        -5.0,
+        "log",
+        "least log probability that a view gives a class: each may be of a wrong box",
+        origin=SET,
+        expert=True,
+        high=0,
+    )
+    unsure_weight: float = setting(
+        0.1,
+        "",
+        "added to a view's probability of being a face in votes by nearest class",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    right_limit_m: float = setting(
+        10.0,
+        "m",
+        "farther aside the landmark classifier sees no difference",
+        origin="the location model decides there; part of the learned model's features",
+        expert=True,
+        low=0,
+    )
+
+    @property
+    def step_sigma(self) -> tuple[float, ...]:
+        """Scatter of a step whose covariance is not known: rotation vector (rad), then right, down, ahead (m)."""
+        turn = self.step_sigma_rad
+        metres = (self.step_sigma_right_m, self.step_sigma_down_m, self.step_sigma_ahead_m)
+        return (turn, turn, turn, *metres)
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictSettings:
+    """Verdicts on landmarks while they are tracked."""
+
+    swept_half_width_m: float = setting(
+        1.3, "m", "half width of what the vehicle sweeps", origin="size of a vehicle", expert=True
+    )
+    swept_height_m: float = setting(
+        2.0, "m", "height of that above the camera", origin="size of a vehicle", expert=True
+    )
+    same_depth_share: float = setting(
+        0.12, "", "relative depth within which two are one face", origin=SET, expert=True
+    )
+    same_depth_m: float = setting(2.5, "m", "or so many metres", origin=SET, expert=True, low=0)
+    same_depth_sigmas: float = setting(
+        4.0, "sigmas", "or so many standard deviations", origin=SET, expert=True, low=0
+    )
+    same_cover: float = setting(
+        0.4, "", "share of either that the other must cover", origin=SET, expert=True
+    )
+    similar_width: float = setting(
+        0.8,
+        "",
+        "narrower by wider; from this ratio less cover is enough",
+        origin="a diamond's tip reaches into its plaque's box, panels of one width stand clear",
+        expert=True,
+    )
+    similar_width_cover: float = setting(0.25, "", "that cover", origin=SET, expert=True, low=0)
+    duplicate_reach_m: float = setting(
+        2.0,
+        "m",
+        "hypotheses so near to a duplicate are solved again without its boxes",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    fewest_boxes: int = setting(
+        3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
+    )
+    sufficient_boxes: int = setting(
+        5, "boxes", "that need no two images in register", origin=SET, expert=True
+    )
+    certain_log_odds: float = setting(
+        4.0,
+        "log odds",
+        "from which three boxes need no two images in register",
+        origin="fifty to one: a branch or the edge may make each image different",
+        expert=True,
+    )
+    sure_log_odds: float = setting(
+        2.2,
+        "log odds",
+        "from which two images in register are enough",
+        origin="nine to one",
+        expert=True,
+    )
+    register_px: float = setting(
+        1.5, "px", "largest residual of three images in register", origin=SET, expert=True
+    )
+    register_pair_px: float = setting(
+        0.5,
+        "px",
+        "largest residual of only two",
+        origin="two rays nearly always meet: 19 of 20 standing panels are below",
+        expert=True,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LocateSettings:
+    """Classification by location, and what is reported."""
+
+    confidence: float = setting(
+        0.5, "", "places below this confidence get status uncertain", low=0, high=1
+    )
+    beyond: float = setting(
+        0.8,
+        "log odds",
+        "a place farther than a model's threshold from all places of signs must be a sign by so much for each "
+        "unit of distance beyond; a large number: none may lie there",
+        low=0,
+    )
+    smallest_side_m: float = setting(
+        0.12, "m", "panels with a smaller side are refused", low=0, high=10
+    )
+    largest_side_m: float = setting(
+        7.0, "m", "panels with a larger side are refused", low=0, high=100
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AssemblySettings:
+    """Panels on one support, and panels measured twice."""
+
+    support_m: float = setting(
+        0.6,
+        "m",
+        "panels of one support are nearer than this, with less between them",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    same_share: float = setting(
+        0.4,
+        "sizes",
+        "centres nearer than this are one panel's",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    along_sigmas: float = setting(
+        2.5, "sigmas", "tolerance along the path", origin=SET, expert=True, low=0
+    )
+    along_most_m: float = setting(
+        2.0, "m", "largest tolerance along the path", origin=SET, expert=True, low=0
+    )
+    remember_m: float = setting(
+        60.0,
+        "m",
+        "stretch of path over which landmarks are compared",
+        origin="longer than the window",
+        expert=True,
+        low=0,
+    )

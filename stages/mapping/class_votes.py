@@ -1,0 +1,102 @@
+"""Colour and shape of a landmark by the votes of its views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.settings import LandmarkSettings
+from wayside.stages.mapping.landmark_fit import LandmarkFit
+from wayside.stages.mapping.window import WindowFrame
+
+Votes = tuple[dict[int, float], dict[int, float]]
+"""Weight of each class, and the least distance of a view to it."""
+
+
+def voted_class(
+    fit: LandmarkFit,
+    window: Sequence[WindowFrame],
+    what: str,
+    names: tuple[str, ...],
+    settings: LandmarkSettings,
+) -> tuple[str | None, float]:
+    """The class of most weight with its distance; None where no view has a class.
+
+    Where a network classified the views (`color_log_probability`, `shape_log_probability`), the weight is the mean log
+    probability. Else it is by the nearest classes of the views; where no view has one, other boxes on the same face
+    vote.
+
+    Parameters
+    ----------
+    fit, window
+        The landmark and its frames.
+    what
+        `color` or `shape`.
+    names
+        Names of the classes, by number.
+    settings
+        Weights of views.
+    """
+    own = [(window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True)]
+    weights, distances = nearest_class_votes(own, what, settings)
+    means = mean_log_probabilities(own, what, settings)
+    if means is not None:
+        weights = dict(enumerate(means.tolist()))
+    elif not weights:
+        others = [(window[f], row) for f, row in fit.covered]
+        weights, distances = nearest_class_votes(others, what, settings)
+    return winner(weights, distances, names)
+
+
+def mean_log_probabilities(
+    views: Iterable[tuple[WindowFrame, int]], what: str, settings: LandmarkSettings
+) -> NDArray[np.float64] | None:
+    """Mean over the classified views of the log probability of each class; None where no view is classified.
+
+    A view weighs as it is tall, up to `clear_px`, less where it is cut; none may rule a class out.
+    """
+    total, weights = 0.0, 0.0
+    for frame, row in views:
+        odds = getattr(frame.candidates, f"{what}_log_probability")
+        own = frame.followed[row]
+        if odds is None or np.isnan(odds[own]).any():
+            continue
+        tall_px = float(frame.size[row, 1] * frame.focal)
+        weight = min(tall_px, settings.clear_px) * (
+            1.0 if frame.whole[row] else settings.cut_weight
+        )
+        total = total + weight * np.maximum(
+            odds[own].astype(np.float64), settings.least_log_probability
+        )
+        weights += weight
+    return np.asarray(total / weights) if weights else None
+
+
+def nearest_class_votes(
+    views: Iterable[tuple[WindowFrame, int]], what: str, settings: LandmarkSettings
+) -> Votes:
+    """Votes by the nearest class of each view; large and sure views weigh more."""
+    weights: dict[int, float] = {}
+    distances: dict[int, float] = {}
+    for frame, row in views:
+        own = frame.followed[row]
+        kind = int(getattr(frame.candidates, what)[own])
+        distance = float(getattr(frame.candidates, f"{what}_distance")[own])
+        if kind < 0:
+            continue
+        sure = settings.unsure_weight + 1 / (1 + np.exp(-frame.score[row]))
+        weights[kind] = weights.get(kind, 0.0) + float(frame.size[row].prod() * sure)
+        distances[kind] = float(np.fmin(distances.get(kind, np.nan), distance))
+    return weights, distances
+
+
+def winner(
+    weights: dict[int, float], distances: dict[int, float], names: tuple[str, ...]
+) -> tuple[str | None, float]:
+    """The class of most weight with its distance; None where there is none."""
+    if not weights:
+        return None, float("nan")
+    kind = max(sorted(weights), key=lambda k: weights[k])
+    return names[kind], distances.get(kind, float("nan"))

@@ -1,0 +1,179 @@
+"""A landmark fitted to its views: point, covariance, metric size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.settings import LandmarkSettings
+from wayside.stages.mapping.association import (
+    MISSED,
+    AssociationGates,
+    WindowCandidates,
+    associate,
+)
+from wayside.stages.mapping.triangulation import triangulate_views
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation of normal errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class LandmarkFit:
+    """A landmark fitted to its views, v in number, oldest first.
+
+    frames, rows (v,): position in the window, and number among the followed candidates of that frame; used (v,): the
+    point was fitted to them; point (3,), covariance (3, 3) in the world, by the rays alone; residual_px, depth (v,):
+    pixels, metres; metric, spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what
+    the views were weighted by, and the scatter of their rays alone; chi_square: of the used residuals in that scatter;
+    missed: frames that should show it and have no candidate there; value: sum over the views; covered (c, 2): frame and
+    row of other candidates on the same face; back: it is followed as the back of a panel.
+    """
+
+    frames: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    used: NDArray[np.bool_]
+    point: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    residual_px: NDArray[np.float64]
+    depth: NDArray[np.float64]
+    metric: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    weight_sigma: NDArray[np.float64]
+    ray_sigma: NDArray[np.float64]
+    chi_square: float
+    missed: int = 0
+    value: float = 0.0
+    covered: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    back: bool = False
+
+    @property
+    def rms_px(self) -> float:
+        """RMS of the residuals of the views that were used."""
+        return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Degrees of freedom of `chi_square`, 1 at least."""
+        return max(2.0 * float(self.used.sum()) - 3.0, 1.0)
+
+
+def fit_hypothesis(
+    candidates: WindowCandidates,
+    row: NDArray[np.int32],
+    free: NDArray[np.bool_],
+    gates: AssociationGates,
+    settings: LandmarkSettings,
+    *,
+    fewest: int,
+    rounds: int,
+) -> LandmarkFit | None:
+    """Fit a landmark to its views and associate anew, in turn, until the views stay the same.
+
+    Parameters
+    ----------
+    candidates, free, gates
+        As in `associate`.
+    row
+        Candidate of each frame or -1, (n,).
+    settings
+        Errors of boxes.
+    fewest
+        Views that it needs; with fewer there is no landmark (None), nor where the rays do not meet ahead.
+    rounds
+        Fits before the last one at most.
+    """
+    for _ in range(rounds):
+        fit = _fit_row(candidates, row, settings, fewest)
+        if fit is None:
+            return None
+        found = associate(candidates, fit.point[None], fit.metric[None], free, gates)
+        if np.array_equal(found.row[0], row):
+            break
+        row = found.row[0]
+    else:
+        fit = _fit_row(candidates, row, settings, fewest)
+        if fit is None:
+            return None
+    missed = int((found.state[0] == MISSED).sum())
+    return replace(fit, missed=missed, value=float(found.value[0]))
+
+
+def _fit_row(
+    candidates: WindowCandidates, row: NDArray[np.int32], settings: LandmarkSettings, fewest: int
+) -> LandmarkFit | None:
+    frames = np.flatnonzero(row >= 0)
+    if len(frames) < max(fewest, 2):
+        return None
+    return fit_views(candidates, row[frames].astype(np.int64), frames, settings)
+
+
+def fit_views(
+    candidates: WindowCandidates,
+    rows: NDArray[np.int64],
+    frames: NDArray[np.int64],
+    settings: LandmarkSettings,
+) -> LandmarkFit | None:
+    """Point, covariance and metric size from views; None where the rays do not meet ahead.
+
+    Parameters
+    ----------
+    candidates
+        The window.
+    rows, frames
+        Candidates (v,) of the window and their frames, ascending.
+    settings
+        Errors of boxes; the point is fitted to the latest `fitted_views`.
+    """
+    c = candidates
+    tall_px = c.size[rows, 1] * c.focal[frames]
+    used = np.zeros(len(rows), bool)
+    used[np.argsort(-frames, kind="stable")[: settings.fitted_views]] = True
+    own = (settings.centre_sigma_px + settings.centre_sigma_share * tall_px) / c.focal[frames]
+    sigma = np.hypot(own, settings.drift_rad * np.sqrt(frames.max() - frames))
+    point, covariance, _ = triangulate_views(
+        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used]
+    )
+    if not np.isfinite(point).all() or not np.isfinite(covariance).all():
+        return None
+    local = np.einsum("ni,nij->nj", point - c.centre[frames], c.rotation[frames])
+    depth = local[:, 2]
+    if depth.min() < settings.nearest_m or depth.max() > settings.farthest_m:
+        return None
+    gap = (local[:, :2] / depth[:, None] - c.ray[rows]) * c.focal[frames][:, None]
+    residual = np.hypot(gap[:, 0], gap[:, 1])
+    metric, spread = metric_size(c.size[rows] * depth[:, None], depth, c.whole[rows], settings)
+    return LandmarkFit(
+        frames,
+        rows - c.first[frames],
+        used,
+        point,
+        covariance,
+        residual,
+        depth,
+        metric,
+        spread,
+        sigma,
+        own,
+        float(((residual[used] / (own[used] * c.focal[frames[used]])) ** 2).sum()),
+    )
+
+
+def metric_size(
+    sizes: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    whole: NDArray[np.bool_],
+    settings: LandmarkSettings,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Median width and height (2,) over the nearest views, and their scatter (2,), metres.
+
+    Views cut by the edge of the image are left out where others exist.
+    """
+    order = np.argsort(depth, kind="stable")
+    best = order[whole[order]]
+    near = sizes[(best if len(best) else order)[: settings.size_views]]
+    middle = np.median(near, axis=0)
+    scatter = MAD_TO_SIGMA * np.median(np.abs(near - middle), axis=0)
+    return middle, np.maximum(scatter, settings.least_spread * middle)

@@ -1,0 +1,57 @@
+"""Windows of candidates made of exact geometry: cameras straight ahead, 8 m apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from wayside.schemas.settings import AssociationSettings, TrackSettings
+from wayside.stages.mapping.association import AssociationGates, WindowCandidates
+
+Boxes = Sequence[Sequence[tuple[float, ...]]]
+"""For each frame: right, down, depth, width, height, score in the frame of its camera."""
+
+
+def made_window(boxes: Boxes, noise_px: float = 0.0) -> WindowCandidates:
+    n, rng = len(boxes), np.random.default_rng(2)
+    flat = np.array([b for frame in boxes for b in frame], float).reshape(-1, 6)
+    noise = rng.normal(0, noise_px / 1400, (len(flat), 2))
+    return WindowCandidates(
+        rotation=np.repeat(np.eye(3)[None], n, axis=0),
+        centre=np.array([[0.0, 0.0, 8.0 * k] for k in range(n)]),
+        focal=np.full(n, 1400.0),
+        bounds=np.repeat([[-0.57, -0.43, 0.57, 0.43]], n, axis=0),
+        first=np.cumsum([0, *map(len, boxes)]).astype(np.int64),
+        ray=np.ascontiguousarray(flat[:, :2] / flat[:, 2:3] + noise),
+        size=np.ascontiguousarray(flat[:, 3:5] / flat[:, 2:3]),
+        score=np.ascontiguousarray(flat[:, 5]),
+        whole=np.ones(len(flat), bool),
+        seeds=np.ones(len(flat), bool),
+    )
+
+
+def standing_boxes(panels: Sequence[tuple[float, ...]], frames: int) -> Boxes:
+    return [
+        [(right, down, along - 8.0 * k, *rest) for right, down, along, *rest in panels]
+        for k in range(frames)
+    ]
+
+
+@pytest.fixture
+def gates() -> AssociationGates:
+    """The gates by default."""
+    return AssociationGates.of(TrackSettings(), AssociationSettings())
+
+
+@pytest.fixture
+def window() -> Callable[..., WindowCandidates]:
+    """Window of boxes[frame] = (right, down, depth, width, height, score) in that camera's frame."""
+    return made_window
+
+
+@pytest.fixture
+def standing() -> Callable[..., Boxes]:
+    """Boxes of panels (right, down, along, width, height, score) that stand still, frame by frame."""
+    return standing_boxes

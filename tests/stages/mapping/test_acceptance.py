@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from wayside.schemas.settings import AcceptanceSettings, LandmarkSettings
+from wayside.stages.mapping.acceptance import accept_greedily
+from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
+
+FRAMES = 6
+SETTINGS = AcceptanceSettings(least_value=0.0)
+
+
+@pytest.fixture
+def accepted(gates, window, standing):
+    """Landmarks among panels (right, down, along, width, height, score) seen from six cameras."""
+
+    def make(panels, fewest=3, noise_px=0.0):
+        candidates = window(standing(panels, FRAMES), noise_px)
+        pairs = [
+            pair_hypotheses(candidates, a, b, gates)
+            for b in range(FRAMES)
+            for a in range(max(0, b - 3), b)
+        ]
+        hypotheses = Hypotheses.joined(
+            [Hypotheses(one.point, one.size, np.zeros(len(one.point), bool)) for one in pairs]
+        )
+        free = np.ones(len(candidates.ray), bool)
+        return accept_greedily(
+            candidates, hypotheses, free, gates, SETTINGS, LandmarkSettings(), fewest=fewest
+        )
+
+    return make
+
+
+def test_the_best_landmark_comes_first_and_each_candidate_serves_once(accepted):
+    fits = accepted([(3.5, -1.0, 60, 0.7, 0.7, 1.0), (-4, -1.0, 70, 0.7, 0.7, 3.0)])
+    assert [round(f.point[2]) for f in fits] == [70, 60]
+    views = [view for f in fits for view in zip(f.frames.tolist(), f.rows.tolist(), strict=True)]
+    assert len(set(views)) == len(views) == 2 * FRAMES
+
+
+def test_other_boxes_on_the_face_are_covered_and_make_no_landmark(accepted):
+    inner = (3.5, -1.0, 60, 0.55, 0.55, 0.5)
+    (fit,) = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0), inner])
+    assert fit.rows.tolist() == [0] * FRAMES
+    assert fit.covered.tolist() == [[frame, 1] for frame in range(FRAMES)]
+
+
+def test_a_box_over_two_faces_is_replaced_by_both_and_covered_by_one(accepted):
+    plaque, shield = (3.5, -1.45, 60, 0.6, 0.3, 0.9), (3.5, -1.0, 60, 0.6, 0.6, 0.5)
+    fits = accepted([plaque, shield, (3.5, -1.15, 60, 0.6, 0.9, 1.5)])
+    assert sorted(round(fit.metric[1], 2) for fit in fits) == [0.3, 0.6]
+    assert sum(len(fit.covered) for fit in fits) == FRAMES
+
+
+def test_a_face_is_not_replaced_by_parts_worth_less(accepted):
+    halves = [(3.5, -1.45, 60, 0.6, 0.3, -1.0), (3.5, -1.0, 60, 0.6, 0.6, -1.0)]
+    fits = accepted([*halves, (3.5, -1.15, 60, 0.6, 0.9, 3.0)])
+    assert [round(fit.metric[1], 2) for fit in fits] == [0.9]
+
+
+def test_noise_of_a_pixel_moves_a_landmark_as_its_covariance_says(accepted):
+    (fit,) = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], noise_px=0.7)
+    gap = fit.point - [3.5, -1.0, 60]
+    assert gap @ np.linalg.solve(fit.covariance, gap) < 16
+    assert fit.rms_px < 2
+
+
+def test_too_few_views_make_no_landmark(accepted):
+    assert accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], fewest=FRAMES + 1) == []
