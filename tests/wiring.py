@@ -44,7 +44,9 @@ TESTS = Path(__file__).parent / "end_to_end"
 PRESETS = ("default", "report")
 NOT_BYPASSED = {"read", "queue"}
 """Names that the clock knows beside the stages: the source of the frames and the wait for the workers."""
-CPU_LIMIT_S = 40
+SURE = 5.0
+"""Log odds that a classifier without its trees gives to everything."""
+CPU_LIMIT_S = 30
 """Several times what the tests of a preset need. Without a classifier, every region is followed, for minutes."""
 CANNOT_CUT = 9
 """Exit status where this program does not know how to leave something out."""
@@ -118,8 +120,7 @@ def _uninformed(model: Any) -> object:
             return replace(model, classes=tuple(same))
         case "trees":
             parts = {f.name: None for f in fields(model) if _is_model(getattr(model, f.name))}
-            bias = model.threshold + 1.0
-            return replace(model, bias=bias, value=np.zeros_like(model.value), **parts)
+            return replace(model, bias=SURE, value=np.zeros_like(model.value), **parts)
         case "network":
             bias = np.zeros_like(model.output_bias)
             return replace(model, output=np.zeros_like(model.output), output_bias=bias)
