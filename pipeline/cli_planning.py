@@ -15,17 +15,17 @@ SIMULATE_EPILOG = (
 
 
 def simulate(
-    spacing: Annotated[str, typer.Option(help="Distance between pictures: 26.4ft, 8m.")] = "26.4ft",
+    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")] = "26.4ft",
     focal_px: Annotated[
         float | None, typer.Option("--focal-px", help="Focal length, pixels.  [default: 1400]")
     ] = None,
     hfov: Annotated[
         float | None, typer.Option(help="Horizontal angle of view, degrees, instead.")
     ] = None,
-    picture: Annotated[str, typer.Option(help="Size of a picture, pixels.")] = "1600x1200",
+    picture: Annotated[str, typer.Option(help="Size of an image, pixels.")] = "1600x1200",
     noise_px: Annotated[
         float,
-        typer.Option("--noise-px", help="Error of a panel's centre in a picture, a coordinate."),
+        typer.Option("--noise-px", help="Error of a panel's centre in an image, a coordinate."),
     ] = 0.3,
     range_min: Annotated[str, typer.Option(help="Signs are seen no nearer than this.")] = "0m",
     lateral: Annotated[
@@ -36,9 +36,9 @@ def simulate(
     hill: Annotated[str, typer.Option(help="Height of hills, 400 m long.")] = "0m",
     jitter: Annotated[float, typer.Option(help="Scatter of the camera's pitch, degrees.")] = 0.1,
     trigger_sigma: Annotated[str, typer.Option(help="Scatter of the spacing.")] = "2cm",
-    drop_rate: Annotated[float, typer.Option(help="Share of pictures that are missing.")] = 0.0,
+    drop_rate: Annotated[float, typer.Option(help="Fraction of images that are missing.")] = 0.0,
     outliers: Annotated[
-        float, typer.Option(help="Share of gross errors, in ties and panels.")
+        float, typer.Option(help="Fraction of gross errors, in ties and panels.")
     ] = 0.0,
     mount_yaw: Annotated[float, typer.Option(help="Camera turned right, degrees.")] = 0.0,
     mount_pitch: Annotated[float, typer.Option(help="Camera turned up, degrees.")] = 0.0,
@@ -58,7 +58,7 @@ def simulate(
 ) -> None:
     """Plan a survey: say how well signs would be placed, or which spacing and focal length it takes.
 
-    Drives without pictures: panels and ties are projected with the errors asked for, the stages of `wayside run` place
+    Drives without images: panels and ties are projected with the errors asked for, the stages of `wayside run` place
     the panels, and the errors stand beside the stated sigmas and the Cramér-Rao bound.
     """
     from wayside.pipeline.lengths import parse_length
