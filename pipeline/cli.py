@@ -59,16 +59,16 @@ PresetOption = Annotated[
 
 Spacing = Annotated[
     str | None,
-    typer.Option(help="Distance between pictures, where the log has no poses: 26.4ft, 8m."),
+    typer.Option(help="Distance between images, where the log has no poses: 26.4ft, 8m."),
 ]
-CameraTopic = Annotated[str | None, typer.Option(help="Picture topic, where the log has several.")]
+CameraTopic = Annotated[str | None, typer.Option(help="Image topic, where the log has several.")]
 Calibration = Annotated[
     Path | None, typer.Option(help="ROS camera_info YAML instead of the log's calibration.")
 ]
 From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")]
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
-Every = Annotated[int | None, typer.Option(help="Use every n-th picture.")]
-Workers = Annotated[int | None, typer.Option(help="Pictures looked at side by side.")]
+Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
+Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -111,7 +111,7 @@ def run(
     observations: Annotated[
         Listed,
         typer.Option(
-            help="Regions to list: those past the first judgement of colour, or all past the size gate."
+            help="Regions to list: those that pass the pre-filter, or all that pass the size gate."
         ),
     ] = Listed.passed,
     view: viewer.ViewOption = viewer.ViewMode.none,
@@ -274,10 +274,10 @@ def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file."
 )
 def import_(
     pictures: Annotated[
-        list[Path], typer.Argument(metavar="PICTURES...", help="Numbered pictures, or a folder.")
+        list[Path], typer.Argument(metavar="PICTURES...", help="Numbered images, or a folder.")
     ],
     calibration: Annotated[Path, typer.Option(help="Camera calibration, ROS camera_info YAML.")],
-    spacing: Annotated[str, typer.Option(help="Distance between pictures: 26.4ft, 8m.")],
+    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
 ) -> None:
     """Make a log of numbered pictures."""
@@ -297,10 +297,10 @@ def evaluate(
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
 ) -> None:
     """Compare a result with the truth."""
-    from wayside.pipeline.evaluate import evaluate as judge
+    from wayside.pipeline.evaluate import evaluate as compare
     from wayside.pipeline.evaluate import format_evaluation, write_evaluation
 
-    evaluation = judge(out, truth)
+    evaluation = compare(out, truth)
     if json is not None:
         write_evaluation(evaluation, json)
     typer.echo(format_evaluation(evaluation))

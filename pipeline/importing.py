@@ -66,7 +66,7 @@ def import_pictures(pictures: list[Path], calibration: Path, spacing_m: float, o
     calibration
         ROS camera_info YAML of the camera.
     spacing_m
-        Distance between pictures of neighbouring numbers, metres.
+        Distance between images of neighbouring numbers, metres.
     out
         The MCAP file to write; it appears when it is complete.
 

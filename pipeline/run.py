@@ -37,7 +37,7 @@ class RunObserver(Observer, Protocol):
 
     @property
     def images(self) -> str:
-        """Which pictures it records: `all`, those with `signs`, `none`."""
+        """Which images it records: `all`, those with `signs`, `none`."""
 
     def finish(self, inventory: Inventory) -> None:
         """Take note of what only the end tells."""

@@ -41,7 +41,7 @@ class PanelSettings:
     covariance_scale: float = _expert(
         2.0,
         "",
-        "standard deviations of the registration are multiplied by this: residuals do not show the error by moving backgrounds",
+        "factor on the standard deviations of registration, whose residuals do not show moving backgrounds",
         origin="measured; the drives are not on record",
         low=0,
     )

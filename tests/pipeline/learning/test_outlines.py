@@ -33,7 +33,7 @@ LOOKING_EAST = [-0.5, 0.5, -0.5, 0.5]
 def method():
     models = load_models(load_settings()[0])
     return PanelMethod(
-        models.outline, PanelSettings(), RegistrationSettings(), PanelOutlineSettings()
+        models.outline_weights, PanelSettings(), RegistrationSettings(), PanelOutlineSettings()
     )
 
 

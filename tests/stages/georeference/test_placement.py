@@ -30,7 +30,8 @@ def landmark(track=1, station=12.0, **changes):
         views=(view,),
         position=np.array([3.0, -0.5, 12.0]),
         covariance=np.diag([0.01, 0.02, 0.04]),
-        offset=np.array([3.0, 0.5, 0.0]),
+        right_m=3.0,
+        above_m=0.5,
         station_m=station,
         best_frame=1,
         best_time_ns=10**9,
@@ -65,7 +66,7 @@ def tracked(index, *landmarks, used=True):
         np.zeros(0, np.uint8),
     )
     none = np.zeros(0, np.int32), np.zeros(0, np.float32)
-    return TrackedFrame(frame, motion, Candidates.of(regions), *none, 0, (0, 10), landmarks)
+    return TrackedFrame(frame, motion, Candidates.of(regions), *none, 0, landmarks)
 
 
 def path_of(frames=4):
