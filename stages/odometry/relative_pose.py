@@ -157,9 +157,11 @@ def fit_relative_pose(
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
     focal_px = now.focal_px
-    best = _fine_fit(previous, current, start, prior, focal_px, settings)
-    inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < settings.inlier_px
-    return RelativePose(best.rotation, best.direction, prior, tied, previous, current, inlier)
+    rotation, direction = _fine_fit(previous, current, start, prior, focal_px, settings)
+    inlier = (
+        np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px
+    )
+    return RelativePose(rotation, direction, prior, tied, previous, current, inlier)
 
 
 def _fine_fit(

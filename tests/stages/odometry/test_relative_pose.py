@@ -23,18 +23,14 @@ def seen(points):
     return points[:, :2] / points[:, 2:] * 1400 + (799.5, 599.5)
 
 
-def ties_on_a_curve(yaw_deg, standing, riding, seed=0, road=0):
+def ties_on_a_curve(yaw_deg, standing, riding):
     """Ties of things that stand, and of a vehicle ahead that keeps our pace, with a little noise."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     rotation = Rotation.from_rotvec([0.0, np.radians(yaw_deg), 0.0]).as_matrix()
     direction = halfway_direction(np.ascontiguousarray(rotation), AHEAD)
     depth = np.exp(rng.uniform(np.log(12), np.log(400), standing))
     aside = rng.uniform([-0.5, -0.12], [0.5, 0.05], (standing, 2)) * depth[:, None]
     points = np.column_stack([aside, depth])
-    lane = np.column_stack(
-        [rng.uniform(-5, 5, road), np.full(road, 2.0), rng.uniform(14, 40, road)]
-    )
-    points = np.vstack([points, lane])
     after = (points - 8.0 * direction) @ rotation
     car = rng.uniform([-1.0, -0.5, 22], [1.0, 1.2, 24], (riding, 3))
     previous = np.vstack([seen(points), seen(car)])
