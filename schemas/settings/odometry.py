@@ -79,17 +79,6 @@ class MotionSettings:
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1
     )
-    most_triggers: int = setting(
-        5, "triggers", "in one step at most, with its own", expert=True, low=1
-    )
-    hardest_mps2: float = setting(
-        12.0, "m/s2", "hardest braking that tyres hold", expert=True, low=0
-    )
-    fewest_speeds: int = setting(3, "steps", "fewest that give the usual speed", expert=True, low=1)
-    most_speeds: int = setting(5, "steps", "most that give it", expert=True, low=1)
-    speed_tolerance: float = setting(
-        0.25, "", "relative deviation from the usual speed after lost triggers", expert=True, low=0
-    )
 
     # Mount of the camera on its vehicle
     mount_sigma_deg: float = setting(
@@ -109,12 +98,6 @@ class MotionSettings:
     )
     travel_up_sigma_deg: float = setting(
         0.25, "deg", "scatter of the direction of travel up", origin="measured", expert=True, low=0
-    )
-    travel_right_limit_deg: float = setting(
-        1.2, "deg", "a step further off sideways is fitted again", expert=True, low=0
-    )
-    travel_up_limit_deg: float = setting(
-        0.9, "deg", "a step further off up or down is fitted again", expert=True, low=0
     )
     mount_steps: int = setting(3, "steps", "until the mount counts as known", expert=True, low=1)
     mount_memory: int = setting(61, "steps", "that the mount is the median of", expert=True, low=1)
@@ -157,6 +140,9 @@ class MotionSettings:
         "relative deviation of a length from a multiple of the spacing",
         expert=True,
         low=0,
+    )
+    most_triggers: int = setting(
+        5, "triggers", "in one step at most, with its own", expert=True, low=1
     )
     most_dropped: int = setting(
         2, "steps", "in a row that may have lost triggers", expert=True, low=0

@@ -28,7 +28,11 @@ class TieSettings:
         4.0, "px", "half width of the band along an epipolar line", expert=True, low=0
     )
     wide_slack_px: float = setting(
-        160.0, "px", "half width of the band where few coarse matches agree", expert=True, low=0
+        160.0,
+        "px",
+        "half width of the band of the fit that gives another start",
+        expert=True,
+        low=0,
     )
     same_corner_px: float = setting(
         6.0, "px", "matches this near to the best are no second best", expert=True, low=0
@@ -131,31 +135,9 @@ class TieSettings:
         3.0, "px", "Sampson distance of an inlier, coarse", expert=True, low=0
     )
     fewest_coarse: int = setting(8, "matches", "fewest for a fit", expert=True, low=5)
-    enough_coarse: int = setting(
-        60, "matches", "with fewer inliers the wide band is searched too", expert=True, low=0
-    )
-    coarse_inlier_ratio: float = setting(
-        0.5, "", "below it other yaws are tried as starts", expert=True, low=0, high=1
-    )
-    other_yaw_deg: float = setting(
-        1.5, "deg", "yaws of these starts, either side of the prediction", expert=True, low=0
-    )
     held_direction_deg: float = setting(
         0.1, "deg", "standard deviation of a direction of travel that is held", expert=True, low=0
     )
-    near_yaw_limit_deg: float = setting(
-        2.4, "deg", "largest yaw of the starts of near solutions", expert=True, low=0
-    )
-    near_yaw_step_deg: float = setting(
-        0.4, "deg", "step of the yaws of these starts", expert=True, low=0.01
-    )
-    near_first_scale_px: float = setting(
-        3.0, "px", "Cauchy scale of their first fit", expert=True, low=0.01
-    )
-    same_rotation_deg: float = setting(
-        0.3, "deg", "near solutions closer than this are one", expert=True, low=0
-    )
-    most_near: int = setting(3, "solutions", "near solutions followed, at most", expert=True, low=0)
 
     # Fine relative pose, from registered ties
     fine_first_scale_px: float = setting(
@@ -178,16 +160,3 @@ class TieSettings:
     start_yaws: int = setting(
         3, "yaws", "of these on either side of the prediction", expert=True, low=0
     )
-    groups: int = setting(
-        60,
-        "groups",
-        "of four ties fitted where the inlier ratio is low",
-        origin="RANSAC, Fischler and Bolles 1981",
-        expert=True,
-        low=1,
-    )
-    best_groups: int = setting(4, "groups", "refined with all ties", expert=True, low=0)
-    group_scale_px: float = setting(
-        20.0, "px", "Cauchy scale of the fit of a group", expert=True, low=0.01
-    )
-    group_seed: int = setting(1, "", "of the groups' random choice", expert=True, low=0)

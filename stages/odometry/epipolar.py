@@ -59,12 +59,10 @@ class RelativePosePrior(NamedTuple):
 
 
 class EpipolarFit(NamedTuple):
-    """Result of `fit_epipolar`: rotation (3, 3), direction (3,), cost, iterations."""
+    """Result of `fit_epipolar`: rotation (3, 3), direction (3,)."""
 
     rotation: Array
     direction: Array
-    cost: float
-    iterations: int
 
 
 class PriorTerms(NamedTuple):
@@ -143,7 +141,7 @@ def fit_epipolar(
     require_array(current, "current", np.float64, (n, 2))
     rotation = np.array(start[0], np.float64).reshape(3, 3)
     direction = np.array(start[1], np.float64).reshape(3)
-    cost, done = _fit(
+    _fit(
         previous,
         current,
         rotation,
@@ -154,7 +152,7 @@ def fit_epipolar(
         scale_px,
         Schedule(iterations),
     )
-    return EpipolarFit(rotation, direction, float(cost), int(done))
+    return EpipolarFit(rotation, direction)
 
 
 def sampson_px(
@@ -364,7 +362,7 @@ def _fit(
     sigma_px: float,
     scale_px: float,
     schedule: Schedule,
-) -> tuple[float, int]:
+) -> None:
     # Rotation and direction are the start and become the result.
     n = previous.shape[0]
     problem = _Problem(
@@ -373,7 +371,6 @@ def _fit(
     )  # fmt: skip
     start = _Estimate(rotation.copy(), direction.copy(), np.empty(n), np.empty(5))
     trial = _Estimate(np.empty((3, 3)), np.empty(3), np.empty(n), np.empty(5))
-    best, cost, done = _minimise(problem, start, trial, schedule)
+    best, _, _ = _minimise(problem, start, trial, schedule)
     rotation[:] = best.rotation
     direction[:] = best.direction
-    return cost, done

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, inf, isfinite, nan, radians, sqrt
+from math import cos, inf, radians, sqrt
 
 import numpy as np
 
@@ -24,8 +23,7 @@ class MotionPrior:
 
     prior: of rotation and direction; baseline_m with sigma_m; straight: rotation and direction to fall back on;
     search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
-    source: "straight", "odometry", "poses" or "fixes"; triggers: number of spacings in the baseline, by the times of
-    the images.
+    source: "straight", "odometry", "poses" or "fixes".
     """
 
     prior: RelativePosePrior
@@ -35,7 +33,6 @@ class MotionPrior:
     search: Array
     slack_px: float
     source: str
-    triggers: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +49,6 @@ def predict_motion(
     travel: TravelDirection,
     last_rotation: Array | None,
     settings: MotionSettings,
-    *,
-    speeds: Sequence[float] = (),
 ) -> MotionPrior:
     """Expected step between two frames by the best source: poses, then spacing, then fixes.
 
@@ -67,8 +62,6 @@ def predict_motion(
         Rotation (3, 3) of the step before, None where it is not known.
     settings
         Sigmas, limits and search bands.
-    speeds
-        Those of the last few steps as `trigger_speed` gives them, the newest last.
 
     Raises
     ------
@@ -79,10 +72,8 @@ def predict_motion(
         step = now.pose.pose.relative_to(before.pose.pose)
         if float(np.linalg.norm(step.centre)) > settings.shortest_m:
             return _by_poses(before.pose, now.pose, step, travel, settings)
-    triggers = 1
     if now.spacing_m is not None:
-        triggers = triggers_between(trigger_speed(before, now), now.spacing_m, speeds, settings)
-        baseline, sigma, source = triggers * now.spacing_m, settings.spacing_sigma_m, "straight"
+        baseline, sigma, source = now.spacing_m, settings.spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
         seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = _between_fixes(before.fix, now.fix, seconds, settings)
@@ -98,43 +89,9 @@ def predict_motion(
         max(baseline, settings.shortest_m),
         sigma,
         (np.eye(3), travel.direction),
-        np.eye(3) if last_rotation is None else np.linalg.matrix_power(last_rotation, triggers),
+        np.eye(3) if last_rotation is None else last_rotation,
         settings.first_slack_px if last_rotation is None else settings.rotation_slack_px,
         source,
-        triggers,
-    )
-
-
-def trigger_speed(before: Frame, now: Frame) -> float:
-    """Speed between two images if no trigger was lost, m/s; nan without times of the camera or a spacing.
-
-    Log times are not used: they depend on the recorder.
-    """
-    if before.header_time_ns is None or now.header_time_ns is None or now.spacing_m is None:
-        return nan
-    seconds = (now.header_time_ns - before.header_time_ns) * 1e-9
-    return now.spacing_m / seconds if seconds > 0 else nan
-
-
-def triggers_between(
-    speed: float, spacing_m: float, speeds: Sequence[float], settings: MotionSettings
-) -> int:
-    """Number of spacings between two images, by the speed that one spacing implies and the speeds of earlier steps.
-
-    A camera that is triggered by distance takes an image every spacing. Where one is lost, the next comes so late that
-    the vehicle would have had to brake harder than tyres hold: then the number is that which keeps the usual speed. It
-    is 1 for the first few steps and for a vehicle slow enough to brake in time.
-    """
-    known = [one for one in speeds if isfinite(one)]
-    if len(known) < settings.fewest_speeds or not isfinite(speed):
-        return 1
-    usual, last = float(np.median(known)), known[-1]
-    hardest = settings.hardest_mps2 * 0.5 * (spacing_m / speed + spacing_m / last)
-    triggers = min(max(round(usual / speed), 1), settings.most_triggers)
-    return (
-        triggers
-        if last - speed > hardest and abs(triggers * speed / usual - 1) < settings.speed_tolerance
-        else 1
     )
 
 

@@ -53,16 +53,6 @@ class Mount:
         """Height of the camera above the road, nan while unknown."""
         return common_height(np.concatenate([*self.heights, np.zeros(0)]), self.settings)
 
-    def strays(self, rotation: Array, direction: Array) -> bool:
-        """Whether the direction of a step is farther from the direction of travel than the limits."""
-        s = self.settings
-        limit = np.radians([s.travel_right_limit_deg, s.travel_up_limit_deg])
-        if not self.known:
-            limit = limit + 2 * np.radians([s.mount_sigma_deg, s.mount_sigma_deg])
-        mean = self.travel.direction
-        off = np.abs(travel_slopes(rotation, direction) - mean[:2] / mean[2])
-        return bool((off > limit).any())
-
     def ground(self, baseline_m: float) -> GroundPlane | None:
         """The road under the camera for a step of that length, None while its height is unknown."""
         height = self.height_m

@@ -11,11 +11,7 @@ import numpy as np
 from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.coarse_pose import (
-    find_coarse_motion,
-    near_coarse_motions,
-    with_held_direction,
-)
+from wayside.stages.odometry.coarse_pose import find_coarse_motion
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
     RelativePosePrior,
@@ -89,12 +85,6 @@ def estimate_relative_pose(
     coarse, inliers = find_coarse_motion(
         before, now, prior, expected.search, expected.slack_px, settings
     )
-    if inliers < settings.enough_coarse:
-        wide, more = find_coarse_motion(
-            before, now, prior, expected.straight[0], settings.wide_slack_px, settings
-        )
-        if more > inliers:
-            coarse, inliers = wide, more
     if coarse is None or inliers < fewest:
         return None
     pose = _refine(before, now, (coarse.rotation, coarse.direction), prior, ground, settings)
@@ -103,15 +93,6 @@ def estimate_relative_pose(
         starts = _other_starts(before, now, expected, pose, settings)
         others = [_refine(before, now, start, prior, ground, settings) for start in starts]
         pose = max(pose, *others, key=lambda one: one.inliers)
-    if mount.strays(pose.rotation, pose.direction):
-        travel = mount.travel.direction
-        held = prior._replace(
-            direction=travel,
-            sigma_direction=np.full(2, radians(settings.held_direction_deg)),
-            halfway=True,
-        )
-        start = pose.rotation, halfway_direction(pose.rotation, travel)
-        pose = _refine(before, now, start, held, ground, settings)
     return pose if pose.inliers >= fewest else None
 
 
@@ -122,14 +103,13 @@ def _other_starts(
     pose: RelativePose,
     settings: TieSettings,
 ) -> list[tuple[Array, Array]]:
-    """Rotations and directions to start from: the current pose, minima near the prediction, yaws off it."""
+    """Rotations and directions to start from: the current pose, a fit in a wide band, yaws off the prediction."""
     prior = expected.prior
-    fits = near_coarse_motions(before, now, prior, expected.search, expected.slack_px, settings)
     wide, _ = find_coarse_motion(
         before, now, prior, expected.straight[0], settings.wide_slack_px, settings
     )
-    fits += [] if wide is None else [wide]
-    starts = [(pose.rotation, pose.direction), *((fit.rotation, fit.direction) for fit in fits)]
+    starts = [(pose.rotation, pose.direction)]
+    starts += [] if wide is None else [(wide.rotation, wide.direction)]
     steps = np.arange(-settings.start_yaws, settings.start_yaws + 1)
     for yaw in np.radians(np.round(settings.start_yaw_step_deg * steps, 6)):
         rotation = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
@@ -173,55 +153,15 @@ def fit_relative_pose(
     prior: RelativePosePrior,
     settings: TieSettings,
 ) -> RelativePose:
-    """Robust fit of rotation and direction to registered ties, from a start within a few pixels.
-
-    A vehicle ahead at our own speed does not move in the image, like far points on a straight road: on a curve in haze
-    it can hold a third of the ties, and the fit follows it. So where the inlier ratio is low, small random groups of
-    ties give other starts, and the fit of lowest cost is kept (RANSAC, Fischler and Bolles 1981).
-    """
+    """Robust fit of rotation and direction to registered ties, from a start within a few pixels."""
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
     focal_px = now.focal_px
-    best = _fine_fit(previous, current, start, prior, focal_px, settings)
-    inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < settings.inlier_px
-    enough = len(previous) >= settings.groups
-    if enough and inlier.sum() < settings.inlier_ratio * len(previous):
-        groups = _grouped_starts(previous, current, start, prior, focal_px, settings)
-        fits = [_fine_fit(previous, current, g[:2], prior, focal_px, settings) for g in groups]
-        best = min((best, *fits), key=lambda fit: fit.cost)
-        inlier = np.abs(sampson_px(previous, current, *best[:2], focal_px)) < settings.inlier_px
-    return RelativePose(best.rotation, best.direction, prior, tied, previous, current, inlier)
-
-
-def _grouped_starts(
-    previous: Array,
-    current: Array,
-    start: tuple[Array, Array],
-    prior: RelativePosePrior,
-    focal_px: float,
-    settings: TieSettings,
-) -> list[EpipolarFit]:
-    """Fits to random groups of four ties: the few of lowest robust cost over all ties."""
-    held = with_held_direction(prior, settings)
-    start = start[0], _prior_direction(start[0], prior)
-    random = np.random.default_rng(settings.group_seed)
-    scale = settings.fine_first_scale_px
-    fits, costs = [], []
-    for _ in range(settings.groups):
-        rows = random.choice(len(previous), 4, replace=False)
-        fit = fit_epipolar(
-            previous[rows],
-            current[rows],
-            start,
-            held,
-            focal_px=focal_px,
-            sigma_px=settings.sigma_px,
-            scale_px=settings.group_scale_px,
-        )
-        distances = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
-        fits.append(fit)
-        costs.append(float(np.log1p((distances / scale) ** 2).sum()))
-    return [fits[k] for k in np.argsort(costs, kind="stable")[: settings.best_groups]]
+    rotation, direction = _fine_fit(previous, current, start, prior, focal_px, settings)
+    inlier = (
+        np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px
+    )
+    return RelativePose(rotation, direction, prior, tied, previous, current, inlier)
 
 
 def _fine_fit(

@@ -6,7 +6,6 @@ the prior; tie points over the whole image measure the motion; a two-view adjust
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import hypot, inf, nan, radians, sqrt
@@ -20,7 +19,7 @@ from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.geometry import midpoint, pair_residual
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
-from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion, trigger_speed
+from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pose_covariance import parallax_px, relative_pose_covariance
 from wayside.stages.odometry.relative_pose import (
@@ -69,11 +68,9 @@ class VisualOdometry:
     sigma_m: float = 0.0
     dropped: int = 0
     doubts: int = 0
-    speeds: deque[float] = field(init=False)
     mount: Mount = field(init=False)
 
     def __post_init__(self) -> None:
-        self.speeds = deque(maxlen=self.settings.most_speeds)
         self.mount = Mount(self.settings)
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
@@ -87,10 +84,8 @@ class VisualOdometry:
                 self.mount.travel,
                 self.rotation,
                 self.settings,
-                speeds=self.speeds,
             )
             motion = self._step(self.motion, image, expected)
-            self.speeds.append(trigger_speed(self.frame, frame))
         self.image, self.frame, self.motion = image, frame, motion
         return motion
 
@@ -159,9 +154,9 @@ class VisualOdometry:
         """The step's length and its sigma, metres, from points common with the step before and from the prior.
 
         Common points give the ratio of both lengths; none of them was found by its depth. A known spacing is held, or a
-        multiple of it where triggers were dropped, by the points or, if they are too few, by the times. Distances
-        between poses or fixes are noisy, so they are averaged with the length by points. Where both differ by many
-        sigmas, a fix has jumped, which takes two steps (out and back); if it lasts, the points are wrong.
+        multiple of it where the points say that triggers were dropped. Distances between poses or fixes are noisy, so
+        they are averaged with the length by points. Where both differ by many sigmas, a fix has jumped, which takes two
+        steps (out and back); if it lasts, the points are wrong.
         """
         s = self.settings
         given, sigma = expected.baseline_m, expected.sigma_m
@@ -169,15 +164,14 @@ class VisualOdometry:
         if not np.isfinite(carried):
             return given, sigma
         if expected.source == "straight":
-            spacing = given / expected.triggers
-            steps = round(carried / spacing)
-            near = abs(carried / spacing - steps) < s.spacing_tolerance * steps
+            steps = round(carried / given)
+            near = abs(carried / given - steps) < s.spacing_tolerance * steps
             dropped = near and 1 < steps <= s.most_triggers
             self.dropped = self.dropped + 1 if dropped else 0
             if near and steps == 1:
-                return spacing, sigma
+                return given, sigma
             # Triggers are not dropped in many steps in a row: then the points have a wrong scale.
-            return (steps * spacing if 0 < self.dropped <= s.most_dropped else given), sigma
+            return (steps * given if 0 < self.dropped <= s.most_dropped else given), sigma
         carried_sigma = hypot(self.sigma_m, max(scatter, s.common_sigma * carried))
         if abs(carried - given) > s.doubt_sigmas * hypot(sigma, carried_sigma):
             self.doubts += 1

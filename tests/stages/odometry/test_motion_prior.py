@@ -12,7 +12,6 @@ from wayside.stages.odometry.motion_prior import (
     TravelDirection,
     fix_distance_m,
     predict_motion,
-    trigger_speed,
 )
 
 AHEAD = np.array([0.0, 0.0, 1.0])
@@ -44,41 +43,6 @@ def test_corners_are_looked_for_round_the_last_turn_and_wider_without_one():
     now = replace(FRAME, spacing_m=8.05)
     np.testing.assert_array_equal(expect(FRAME, now, last_rotation=turn).search, turn)
     assert expect(FRAME, now).slack_px > expect(FRAME, now, last_rotation=turn).slack_px
-
-
-@pytest.mark.parametrize(
-    ("seconds", "speeds", "triggers"),
-    [
-        (0.4, [20.0, 20.0, 20.0], 1),
-        (0.5, [20.0, 20.0, 20.0], 1),
-        (0.8, [20.0, 20.0, 20.0], 2),
-        (1.22, [20.0, 20.0, 20.0], 3),
-        # braking
-        (0.55, [22.0, 21.0, 20.0, 18.5, 17.0], 1),
-        (4.0, [4.0, 4.0, 4.0], 1),
-        (90.0, [20.0, 20.0, 20.0], 1),
-        # after a picture whose time was wrong, and after a lost trigger
-        (0.4, [20.0, 20.0, 20.0, 60.0], 1),
-        (0.4, [20.0, 20.0, 20.0, 10.0], 1),
-        (0.8, [np.nan, np.nan, 20.0], 1),
-        (0.0, [20.0, 20.0, 20.0], 1),
-    ],
-)
-def test_a_picture_that_comes_too_late_for_any_brake_is_of_a_later_trigger(
-    seconds, speeds, triggers
-):
-    before = replace(FRAME, header_time_ns=10**9)
-    now = replace(FRAME, header_time_ns=10**9 + int(seconds * 1e9), spacing_m=8.0)
-    turn = Rotation.from_euler("y", 2, degrees=True)
-    found = predict_motion(before, now, MOUNTED, turn.as_matrix(), SETTINGS, speeds=speeds)
-    assert found.triggers == triggers
-    assert found.baseline_m == 8.0 * triggers
-    np.testing.assert_allclose(found.search, (turn**triggers).as_matrix(), atol=1e-12)
-
-
-def test_log_times_say_nothing_of_triggers():
-    now = replace(FRAME, log_time_ns=8 * 10**8, spacing_m=8.0)
-    assert np.isnan(trigger_speed(FRAME, now))
 
 
 def test_poses_come_before_spacing_and_fixes():

@@ -53,14 +53,6 @@ def test_the_mount_is_learnt_through_curves_and_in_spite_of_a_wrong_step():
     assert np.degrees(travel.sigma).max() < 0.5
 
 
-def test_a_step_that_goes_sideways_strays_once_the_mount_is_known():
-    aside = step(0.0, (1.5, 0.3))
-    assert not Mount(SETTINGS).strays(*aside)
-    mount = taught([step(yaw) for yaw in (0, 1, 2)])
-    assert mount.strays(*aside)
-    assert not mount.strays(*step(5.0))
-
-
 def test_the_road_is_known_after_enough_points_on_the_lane():
     generator = np.random.default_rng(0)
     lane = np.c_[generator.uniform(-2, 2, 4), np.full(4, 1.65), generator.uniform(6, 15, 4)]
