@@ -68,10 +68,11 @@ class Flow:
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
         s, m = self.settings, self.models
-        colored = self.stage("color", classify_color(segmented, model=m.color_classes, gate=True))
+        if m.color_classes is None or m.shape_classes is None:
+            raise ValueError("models: wanted the report's colour and shape classes, found none")
+        colored = self.stage("color", classify_color(segmented, model=m.color_classes))
         return self.stage(
-            "shape",
-            classify_shape(colored, model=m.shape_classes, settings=s.region_outline, gate=True),
+            "shape", classify_shape(colored, model=m.shape_classes, settings=s.region_outline)
         )
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
@@ -80,11 +81,10 @@ class Flow:
         proposed = stage(
             "propose", propose(segmented, settings=s.candidates, ranking=m.region_ranking)
         )
-        colored = stage("color", classify_color(proposed, model=m.color_classes, gate=False))
-        detected = stage(
+        return stage(
             "detect",
             detect(
-                colored,
+                proposed,
                 settings=s.candidates,
                 classifier=m.box_classifier,
                 regressor=m.box_regressor,
@@ -92,10 +92,6 @@ class Flow:
                 shape=m.shape_network,
                 back=m.back_classifier,
             ),
-        )
-        return stage(
-            "shape",
-            classify_shape(detected, model=m.shape_classes, settings=s.region_outline, gate=False),
         )
 
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:

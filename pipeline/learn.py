@@ -26,13 +26,7 @@ from wayside.pipeline.learning.camera_augmentation import through_other_cameras
 from wayside.pipeline.learning.detector import TrainedDetector, learn_detector
 from wayside.pipeline.learning.face_naming import learn_name_network
 from wayside.pipeline.learning.faces import FaceSample, real_faces
-from wayside.pipeline.learning.gaussians import (
-    color_model,
-    location_model,
-    oriented_variant,
-    plain_variant,
-    shape_model,
-)
+from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
 from wayside.pipeline.learning.landmarks import (
     ACCEPT,
     ACCEPT_BACK,
@@ -187,9 +181,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
         try:
             models[f"face_{what}.json"] = learn_name_network(detector.passed, what, seed, origin)
         except InputError as error:
-            notify(
-                f"face_{what}.json not written, the {what} of a face is its nearest class: {error}"
-            )
+            notify(f"face_{what}.json not written, the model that ships is used: {error}")
     try:
         models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
     except InputError as error:
@@ -280,10 +272,8 @@ def gaussian_models(
     )
     places = np.concatenate([d.places for d in drives])
     return {
-        "color_rgb.json": color_model(faces, background, "rgb", origin),
-        "color.json": color_model(faces, background, "log_chromaticity", origin),
-        "shape.json": shape_model(faces, "fourier6", origin, plain_variant),
-        "shape_oriented.json": shape_model(faces, "fourier6_oriented", origin, oriented_variant),
+        "color_rgb.json": color_model(faces, background, origin),
+        "shape.json": shape_model(faces, origin),
         "location.json": location_model(places, distractors, origin),
     }
 

@@ -24,18 +24,18 @@ Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
 class Models:
     """Everything learned that a run uses.
 
-    color_classes, shape_classes: Gaussian classes of regions; box_classifier: of boxes in one image; location_classes:
-    where signs stand; landmark_classifier: of a landmark by all its observations; color_network, shape_network: names
-    of a face in one image; box_regressor: box regression; back_classifier, back_landmark_classifier: of panels seen
-    from behind; region_ranking: which regions are the most probable faces; outline_weights: which of several
-    concentric outlines of a panel is the outer one. None where there is no such file.
+    color_classes, shape_classes: the report's Gaussian classes of regions, None in preset `default`; box_classifier: of
+    boxes in one image; location_classes: where signs stand; landmark_classifier: of a landmark by all its observations;
+    color_network, shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
+    back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
+    outline_weights: which of several concentric outlines of a panel is the outer one. None where there is no such file.
     """
 
-    color_classes: GaussianModel
-    shape_classes: GaussianModel
     box_classifier: TreeModel
     location_classes: GaussianModel
     outline_weights: LinearModel
+    color_classes: GaussianModel | None = None
+    shape_classes: GaussianModel | None = None
     landmark_classifier: TreeModel | None = None
     color_network: NetworkModel | None = None
     shape_network: NetworkModel | None = None
@@ -66,7 +66,7 @@ class Models:
 
 
 def load_models(settings: Settings) -> Models:
-    """The models that the settings ask for: the report's colours, shapes and single mean, or those of `default`.
+    """The models that the settings ask for: the report's colours, shapes and single mean, or the networks of `default`.
 
     Each file is taken from the folder `models.folder` where it is there, else from those that ship.
 
@@ -77,8 +77,6 @@ def load_models(settings: Settings) -> Models:
     """
     folder = _own_folder(settings.models.folder)
     by_report = settings.candidates.judge == "report"
-    color = _gaussian(folder, "color_rgb.json" if by_report else "color.json")
-    shape = _gaussian(folder, "shape.json" if by_report else "shape_oriented.json")
     location = _gaussian(folder, "location.json")
     wanted = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
 
@@ -86,11 +84,11 @@ def load_models(settings: Settings) -> Models:
         return load(folder, name) if _exists(folder, name) and not by_report else None
 
     return Models(
-        color,
-        shape,
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
         _linear(folder, "outline.json"),
+        _gaussian(folder, "color_rgb.json") if by_report else None,
+        _gaussian(folder, "shape.json") if by_report else None,
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),

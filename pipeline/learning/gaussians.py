@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.faces import FaceSample
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.stages.imaging import to_space
-from wayside.stages.report import sequence_features
+from wayside.stages.report import fourier_descriptors
 
 REPORT_MEAN = (3.121, 0.603)
 """Mean place of a sign in the report: (1.9783, 10.2391) feet up and right of the camera (chapters 8 and 11)."""
 
-COLOR_FLOOR = {"rgb": (6.0, 6.0, 6.0), "log_chromaticity": (0.15, 0.05, 0.05)}
+COLOR_FLOOR = (6.0, 6.0, 6.0)
 """Smallest spread of a colour class: less is an accident of few signs."""
 
 SHAPE_FLOOR = 0.01
@@ -31,12 +30,11 @@ MOST = "99 of 100 of its own samples"
 
 
 def color_model(
-    faces: Sequence[FaceSample], background: NDArray[Any], space: str, provenance: str
+    faces: Sequence[FaceSample], background: NDArray[Any], provenance: str
 ) -> GaussianModel:
-    """Colour classes in `space`; thresholds at the knee against `background`, (n, 3) mean colours of regions."""
-    values = to_space(np.array([f.rgb for f in faces]), space)
-    others = to_space(background, space)
-    floor = np.array(COLOR_FLOOR[space])
+    """Colour classes in space "rgb"; thresholds at the knee against `background`, (n, 3) mean colours of regions."""
+    values, others = np.array([f.rgb for f in faces]), np.asarray(background, np.float64)
+    floor = np.array(COLOR_FLOOR)
     classes = []
     for name in COLORS:
         own = np.array([f.color == name for f in faces])
@@ -44,43 +42,24 @@ def color_model(
             continue
         weight = balanced([f.sign for f in faces if f.color == name])
         classes.append(_fitted(name, values[own], weight, floor, others))
-    return GaussianModel(space, tuple(classes), provenance)
+    return GaussianModel("rgb", tuple(classes), provenance)
 
 
-def shape_model(
-    faces: Sequence[FaceSample], space: str, provenance: str, variant: Callable[[FaceSample], str]
-) -> GaussianModel:
-    """Shape classes in `space`, one for each `variant` of a shape; thresholds at the knee against the other shapes."""
-    values = sequence_features(np.array([f.outline for f in faces]), space)
+def shape_model(faces: Sequence[FaceSample], provenance: str) -> GaussianModel:
+    """Shape classes in space "fourier6"; thresholds at the knee against the other shapes."""
+    values = fourier_descriptors(np.array([f.outline for f in faces]))
     known = np.asarray(np.isfinite(values).all(axis=1))
     faces, values = [f for f, k in zip(faces, known, strict=True) if k], values[known]
-    variants = np.array([variant(f) for f in faces])
     shapes = np.array([f.shape for f in faces])
     floor = np.full(values.shape[1], SHAPE_FLOOR)
     classes = []
-    for one in sorted(set(variants), key=lambda v: (SHAPES.index(v.split("/")[0]), v)):
-        own = variants == one
+    for name in SHAPES:
+        own = shapes == name
         if own.sum() < max(FEWEST, values.shape[1] + 2):
             continue
-        name = one.split("/")[0]
-        weight = balanced([f.sign for f, v in zip(faces, variants, strict=True) if v == one])
-        classes.append(_fitted(name, values[own], weight, floor, values[shapes != name]))
-    return GaussianModel(space, tuple(classes), provenance)
-
-
-def plain_variant(face: FaceSample) -> str:
-    """One class a shape, as in the report."""
-    return face.shape
-
-
-def oriented_variant(face: FaceSample) -> str:
-    """Triangles by their point, rectangles by their aspect: each a class of its own, under one name."""
-    if face.shape == "triangle":
-        return f"triangle/{'up' if face.point_up else 'down'}"
-    if face.shape == "rectangle":
-        aspect = np.digitize(face.aspect, (0.5, 0.9, 1.25, 2.2))
-        return f"rectangle/{aspect}"
-    return face.shape
+        weight = balanced([f.sign for f in faces if f.shape == name])
+        classes.append(_fitted(name, values[own], weight, floor, values[~own]))
+    return GaussianModel("fourier6", tuple(classes), provenance)
 
 
 def location_model(

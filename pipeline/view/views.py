@@ -341,7 +341,7 @@ def _boxes(candidates: Candidates, rows: NDArray[np.int64], verdict: str) -> tup
 
 
 def candidate_words(candidates: Candidates, row: int) -> str:
-    """What was found of a candidate: verdict, score, colour and shape with their distances."""
+    """What was found of a candidate: verdict, score, colour and shape, in preset `report` with their distances."""
     parts = [VERDICTS[candidates.verdict[row]]]
     if np.isfinite(candidates.score[row]):
         parts.append(f"score {candidates.score[row]:.1f}")
@@ -352,7 +352,8 @@ def candidate_words(candidates: Candidates, row: int) -> str:
         (SHAPES, candidates.shape, candidates.shape_distance),
     ):
         if kind[row] >= 0:
-            parts.append(f"{names[kind[row]]} {distance[row]:.1f}")
+            far = f" {distance[row]:.1f}" if np.isfinite(distance[row]) else ""
+            parts.append(names[kind[row]] + far)
     return ", ".join(parts)
 
 

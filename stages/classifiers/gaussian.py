@@ -54,8 +54,6 @@ def nearest_class(
 ) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
     """Class of each value (n, d): the nearest among those whose threshold holds, else the nearest of all.
 
-    Several classes of a model may have one name, such as a triangle on its base and one on its point.
-
     Parameters
     ----------
     values

@@ -12,7 +12,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, SHAPES, Candidates, Detections, verdict_code
+from wayside.schemas.detections import (
+    COLORS,
+    SHAPES,
+    Candidates,
+    Detections,
+    Segmentation,
+    verdict_code,
+)
 from wayside.schemas.models import NetworkModel, TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_odds, log_probabilities
@@ -29,7 +36,7 @@ from wayside.stages.imaging import pyramid
 
 
 def detect(
-    items: Iterator[Detections],
+    items: Iterator[Segmentation],
     *,
     settings: CandidateSettings,
     classifier: TreeModel,
@@ -38,12 +45,12 @@ def detect(
     shape: NetworkModel | None = None,
     back: TreeModel | None = None,
 ) -> Iterator[Detections]:
-    """Classify all open candidates of each image.
+    """Classify all regions of each image.
 
     Parameters
     ----------
     items
-        Detections with open candidates.
+        Images with their regions; each becomes a candidate.
     settings
         Overlap of suppression, number of candidates kept, limits of faces and of box regression.
     classifier
@@ -54,7 +61,8 @@ def detect(
         Box regression: a candidate not far below the threshold is scored at the predicted box as well, and moves there
         where it scores better.
     color, shape
-        Networks for the log probabilities of the names of colour and shape, for all candidates above the threshold.
+        Networks for the log probabilities of the names of colour and shape, for all candidates above the threshold;
+        their class is the most probable one. The others keep class -1.
     back
         Classifier of panels seen from behind: what it accepts, and scores higher than the box classifier does, gets a
         `back_score`.
@@ -77,16 +85,14 @@ def detect(
         require_names("box network", regressor.features, box_feature_names())
         require_names("box network", regressor.classes, SIDES, exact=True)
     for item in items:
-        image, candidates = item.image, item.candidates
-        rows = candidates.open_rows()
-        if image.rgb is None or image.frame.camera is None or len(rows) == 0:
-            yield item
+        image, regions, candidates = item.image, item.regions, Candidates.of(item.regions)
+        if image.rgb is None or image.frame.camera is None or len(regions) == 0:
+            yield Detections(item, candidates)
             continue
         levels, camera = pyramid(image.rgb), image.frame.camera
-        regions = candidates.regions.select(rows)
         passed = boxes.passes_prefilter(levels, regions, camera)
-        candidates = candidates.with_verdict(rows[~passed], "glance")
-        rows, regions = rows[passed], regions.select(passed)
+        candidates = candidates.with_verdict(np.flatnonzero(~passed), "glance")
+        rows, regions = np.flatnonzero(passed), regions.select(passed)
         values = box_features(levels, regions, camera)
         trees = boxes.tree_scores(values)
         scores = boxes.combined(levels, regions, values, trees)
@@ -104,18 +110,14 @@ def detect(
             candidates = candidates.with_boxes(rows[near[better]], moved.box[better])
         candidates = with_scores(candidates, rows, scores, boxes.threshold, settings)
         above = scores >= boxes.threshold
-        candidates = replace(
-            candidates,
-            color_log_probability=_named(color, COLORS, candidates, rows[above], values[above]),
-            shape_log_probability=_named(shape, SHAPES, candidates, rows[above], values[above]),
-        )
+        candidates = _with_names(candidates, color, shape, rows[above], values[above])
         if back is not None:
             back_scores = log_odds(back, values)
             behind = (back_scores >= back.threshold) & (back_scores > scores)
             column = np.full(len(candidates), np.nan, np.float32)
             column[rows[behind]] = back_scores[behind]
             candidates = replace(candidates, back_score=column)
-        yield replace(item, candidates=candidates)
+        yield Detections(item, candidates)
 
 
 def regression_threshold(classifier: TreeModel, settings: CandidateSettings) -> float:
@@ -159,16 +161,26 @@ def with_scores(
     return replace(candidates, score=score, verdict=verdict)
 
 
-def _named(
-    network: NetworkModel | None,
-    names: tuple[str, ...],
+def _with_names(
     candidates: Candidates,
+    color: NetworkModel | None,
+    shape: NetworkModel | None,
     rows: NDArray[np.int64],
     values: NDArray[np.float32],
-) -> NDArray[np.float32] | None:
-    """Log probabilities (candidates, names) of `rows`, nan elsewhere; None without a network."""
-    if network is None:
-        return None
-    result = np.full((len(candidates), len(names)), np.nan, np.float32)
-    result[rows] = name_log_probabilities(network, names, values)
-    return result
+) -> Candidates:
+    """The candidates with the log probabilities and the most probable classes of `rows`, by each network given."""
+    if color is not None:
+        kind, known = candidates.color.copy(), _unknown(candidates, COLORS)
+        known[rows] = name_log_probabilities(color, COLORS, values)
+        kind[rows] = known[rows].argmax(axis=1)
+        candidates = replace(candidates, color=kind, color_log_probability=known)
+    if shape is not None:
+        kind, known = candidates.shape.copy(), _unknown(candidates, SHAPES)
+        known[rows] = name_log_probabilities(shape, SHAPES, values)
+        kind[rows] = known[rows].argmax(axis=1)
+        candidates = replace(candidates, shape=kind, shape_log_probability=known)
+    return candidates
+
+
+def _unknown(candidates: Candidates, names: tuple[str, ...]) -> NDArray[np.float32]:
+    return np.full((len(candidates), len(names)), np.nan, np.float32)

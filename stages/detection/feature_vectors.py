@@ -12,7 +12,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.stages.detection.color_grid import color_grid, color_grid_names
 from wayside.stages.detection.patch_features import patch_feature_names, patch_features
-from wayside.stages.imaging import Pyramid, to_space
+from wayside.stages.imaging import Pyramid, log_chromaticity
 
 REGION_FEATURES = (
     "log_height",
@@ -45,7 +45,7 @@ def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
         np.abs(right),
         regions.area_px / (width * height),
         regions.source,
-        to_space(regions.rgb, "log_chromaticity"),
+        log_chromaticity(regions.rgb),
     ]
     return np.column_stack(columns).astype(np.float32)
 

@@ -25,8 +25,7 @@ def voted_class(
     """The class of most weight with its distance; None where no view has a class.
 
     Where a network classified the views (`color_log_probability`, `shape_log_probability`), the weight is the mean log
-    probability. Else it is by the nearest classes of the views; where no view has one, other boxes on the same face
-    vote.
+    probability, and there is no distance. Else the nearest classes of the views vote (report chapters 3.2 and 4).
 
     Parameters
     ----------
@@ -40,14 +39,14 @@ def voted_class(
         Weights of views.
     """
     own = [(window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True)]
-    weights, distances = nearest_class_votes(own, what, settings)
     means = mean_log_probabilities(own, what, settings)
     if means is not None:
-        weights = dict(enumerate(means.tolist()))
-    elif not weights:
-        others = [(window[f], row) for f, row in fit.covered]
-        weights, distances = nearest_class_votes(others, what, settings)
-    return winner(weights, distances, names)
+        return names[int(means.argmax())], float("nan")
+    weights, distances = nearest_class_votes(own, what, settings)
+    if not weights:
+        return None, float("nan")
+    kind = max(sorted(weights), key=lambda k: weights[k])
+    return names[kind], distances[kind]
 
 
 def mean_log_probabilities(
@@ -90,13 +89,3 @@ def nearest_class_votes(
         weights[kind] = weights.get(kind, 0.0) + float(frame.size[row].prod() * sure)
         distances[kind] = float(np.fmin(distances.get(kind, np.nan), distance))
     return weights, distances
-
-
-def winner(
-    weights: dict[int, float], distances: dict[int, float], names: tuple[str, ...]
-) -> tuple[str | None, float]:
-    """The class of most weight with its distance; None where there is none."""
-    if not weights:
-        return None, float("nan")
-    kind = max(sorted(weights), key=lambda k: weights[k])
-    return names[kind], distances.get(kind, float("nan"))

@@ -12,54 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import RegionOutlineSettings
-from wayside.stages.kernels import compiled, require_array, require_image
+from wayside.stages.kernels import compiled, require_array
 
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
 
 _NAN = complex(np.nan, np.nan)
-_OPEN, _PATCH = np.uint8(1), np.uint8(2)
-"""Values of a mask: inside; inside and part of a patch that was found."""
-
-
-def region_sequences(
-    rgb: NDArray[np.uint8],
-    boxes: NDArray[Any],
-    mean_rgb: NDArray[Any],
-    settings: RegionOutlineSettings,
-) -> NDArray[np.complex128]:
-    """Resampled outlines of the objects in boxes: the largest patch nearer to its colour than to its surroundings.
-
-    The surroundings are the mean colours of the four strips between a box and the enlarged box. Holes are filled.
-
-    Parameters
-    ----------
-    rgb
-        The image, (height, width, 3) uint8, C-contiguous.
-    boxes
-        (n, 4) [x0, y0, x1, y1], pixels, half open; rounded to whole pixels, cut at the image.
-    mean_rgb
-        Mean colours of the regions, (n, 3); of the main patch where a region has legends or a border.
-    settings
-        Enlargement of the boxes, samples of large boxes, longest outline.
-
-    Returns
-    -------
-    (n, SAMPLES) complex u + iv in image pixels, clockwise as seen; nan where no pixel is nearer to the colour, or the
-    box misses the image.
-
-    Raises
-    ------
-    ValueError
-        If an array is of another type, shape or layout.
-    """
-    require_image(rgb)
-    rows = _box_rows(boxes)
-    sequences = np.full((len(rows), SAMPLES), _NAN)
-    points = np.empty((settings.longest_edges, 2))
-    colors, margin = _color_rows(mean_rgb, len(rows)), settings.margin
-    _outlines_in_boxes(rgb, rows, colors, margin, settings.longest_side_px, points, sequences)
-    return sequences
 
 
 def traced_sequences(
@@ -82,12 +40,6 @@ def _box_rows(boxes: NDArray[Any]) -> NDArray[np.int64]:
     rows = np.ascontiguousarray(np.rint(np.asarray(boxes, np.float64)), np.int64)
     require_array(rows, "boxes", np.int64, (None, 4))
     return rows
-
-
-def _color_rows(mean_rgb: NDArray[Any], count: int) -> NDArray[np.float32]:
-    colors = np.ascontiguousarray(mean_rgb, np.float32)
-    require_array(colors, "mean_rgb", np.float32, (count, 3))
-    return colors
 
 
 @compiled
@@ -200,128 +152,3 @@ def _trace_boxes(
         n = _trace_box(labels, boxes[i], points)
         if n > 0:
             _resample(points[:n], sequences[i])
-
-
-@compiled
-def _outlines_in_boxes(
-    rgb: NDArray[np.uint8],
-    boxes: NDArray[np.int64],
-    colors: NDArray[np.float32],
-    margin: float,
-    longest_side: int,
-    points: NDArray[np.float64],
-    sequences: NDArray[np.complex128],
-) -> None:
-    for i in range(boxes.shape[0]):
-        n = _outline_in_box(rgb, boxes[i], colors[i], margin, longest_side, points)
-        if n > 0:
-            _resample(points[:n], sequences[i])
-
-
-@compiled
-def _outline_in_box(
-    rgb: NDArray[np.uint8],
-    box: NDArray[np.int64],
-    color: NDArray[np.float32],
-    margin: float,
-    longest_side: int,
-    points: NDArray[np.float64],
-) -> int:
-    """Outline of the largest patch of a box in image pixels; the number of points, 0 if there is none."""
-    height, width, _ = rgb.shape
-    margin_px = max(2, int(margin * max(box[2] - box[0], box[3] - box[1]) + 0.5))
-    left, top = max(0, box[0] - margin_px), max(0, box[1] - margin_px)
-    right, bottom = min(width, box[2] + margin_px), min(height, box[3] + margin_px)
-    x0, y0, x1, y1 = max(0, box[0]), max(0, box[1]), min(width, box[2]), min(height, box[3])
-    if x1 <= x0 or y1 <= y0:
-        return 0
-    step = (max(x1 - x0, y1 - y0) + longest_side - 1) // longest_side
-    part = rgb[top:bottom:step, left:right:step]
-    mask = np.zeros(part.shape[:2], np.uint8)
-    bounds = (x0 - left, y0 - top, x1 - left, y1 - top)
-    _nearer_to_inside(part, step, bounds, color, mask)
-    patch = _largest_patch(mask)
-    n = _trace_box(mask, patch, points)
-    for i in range(n):
-        points[i, 0] = left + step * points[i, 0]
-        points[i, 1] = top + step * points[i, 1]
-    return n
-
-
-@compiled
-def _nearer_to_inside(
-    part: NDArray[np.uint8],
-    step: int,
-    bounds: tuple[int, int, int, int],
-    color: NDArray[np.float32],
-    mask: NDArray[np.uint8],
-) -> None:
-    """Set `mask` where a sample is nearer to `color` than to the mean of each strip outside the bounds.
-
-    Sample (i, j) stands at pixel step * (j, i) of the part, whose inner box is `bounds`.
-    """
-    x0, y0, x1, y1 = bounds
-    rows, columns = mask.shape
-    strips = np.zeros((4, 4), np.float32)
-    for i in range(rows):
-        y = i * step
-        for j in range(columns):
-            x = j * step
-            strip = 0 if y < y0 else 1 if y >= y1 else 2 if x < x0 else 3 if x >= x1 else -1
-            if strip >= 0:
-                for c in range(3):
-                    strips[strip, c] += part[i, j, c]
-                strips[strip, 3] += 1
-    for strip in range(4):
-        if strips[strip, 3] > 0:
-            strips[strip, :3] /= strips[strip, 3]
-        else:
-            strips[strip, :3] = np.float32(1e6)  # the box reaches the image's border here
-    for i in range(rows):
-        for j in range(columns):
-            red = np.float32(part[i, j, 0])
-            green = np.float32(part[i, j, 1])
-            blue = np.float32(part[i, j, 2])
-            own = (red - color[0]) ** 2 + (green - color[1]) ** 2 + (blue - color[2]) ** 2
-            other = np.float32(np.inf)
-            for strip in range(4):
-                squared = (
-                    (red - strips[strip, 0]) ** 2
-                    + (green - strips[strip, 1]) ** 2
-                    + (blue - strips[strip, 2]) ** 2
-                )
-                other = min(other, squared)
-            mask[i, j] = _OPEN if own < other else 0
-
-
-@compiled
-def _largest_patch(mask: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Box of the largest connected patch (4 neighbours; the first among equals); all open pixels become `_PATCH`."""
-    rows, columns = mask.shape
-    waiting = np.empty(mask.size + 1, np.int32)
-    best = np.zeros(4, np.int64)
-    largest = 0
-    for start in range(mask.size):
-        if mask[start // columns, start % columns] != _OPEN:
-            continue
-        mask[start // columns, start % columns] = _PATCH
-        waiting[0] = start
-        size, area = 1, 0
-        x0, y0, x1, y1 = columns, rows, 0, 0
-        while size > 0:
-            size -= 1
-            i, j = waiting[size] // columns, waiting[size] % columns
-            area += 1
-            x0, x1 = min(x0, j), max(x1, j + 1)
-            y0, y1 = min(y0, i), max(y1, i + 1)
-            for side in range(4):
-                y = i + (side == 0) - (side == 1)
-                x = j + (side == 2) - (side == 3)
-                if 0 <= y < rows and 0 <= x < columns and mask[y, x] == _OPEN:
-                    mask[y, x] = _PATCH
-                    waiting[size] = y * columns + x
-                    size += 1
-        if area > largest:
-            largest = area
-            best[0], best[1], best[2], best[3] = x0, y0, x1, y1
-    return best

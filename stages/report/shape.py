@@ -8,23 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import (
-    SHAPES,
-    SOURCES,
-    Candidates,
-    Detections,
-    Segmentation,
-    verdict_code,
-)
+from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
-from wayside.stages.report.fourier import (
-    SPACES,
-    sequence_features,
-    shape_dimensions,
-)
-from wayside.stages.report.outline import SAMPLES, region_sequences, traced_sequences
+from wayside.stages.report.fourier import TERMS, fourier_descriptors
+from wayside.stages.report.outline import SAMPLES, traced_sequences
 
 _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 
@@ -34,24 +23,20 @@ def classify_shape(
     *,
     model: GaussianModel,
     settings: RegionOutlineSettings,
-    gate: bool,
 ) -> Iterator[Detections]:
     """Give the open candidates the shape class of their outline by Mahalanobis distance.
 
-    The outline of a region of pass one or two is that of its own pixels; of other sources, of the pixels in its box
-    that are nearer to its mean colour than to its surroundings. Without the gate at most `settings.most` candidates of
-    an image are classified, those nearest to a colour class; the others keep shape -1.
+    The outline is that of the region's own pixels in the label image of its pass. A candidate without an accepted shape
+    gets the verdict `shape`.
 
     Parameters
     ----------
     detections
-        Candidates with colour distances.
+        Candidates from pass one and two.
     model
-        Mean, covariance and threshold of each shape, in the space it names ("fourier6": the report's descriptors).
+        Mean, covariance and threshold of each shape in space "fourier6".
     settings
-        Number of candidates, limits of outlines.
-    gate
-        Whether all are classified and one without an accepted shape gets the verdict `shape`.
+        Limits of outlines.
 
     Yields
     ------
@@ -62,51 +47,29 @@ def classify_shape(
     InputError
         If the model names a shape that does not exist or has another dimension than its space.
     """
-    require_gaussian_model(model, SHAPES, {space: shape_dimensions(space) for space in SPACES})
+    require_gaussian_model(model, SHAPES, {"fourier6": len(TERMS)})
     for one in detections:
         candidates = one.candidates
-        rows = candidates.open_rows() if gate else _nearest_in_color(candidates)[: settings.most]
-        features = sequence_features(
-            _outlines(one.segmentation, candidates, rows, settings), model.space
-        )
+        rows = candidates.open_rows()
+        outlines = _outlines(one.segmentation, candidates.regions.select(rows), settings)
+        features = fourier_descriptors(outlines)
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
-        verdict = candidates.verdict.copy()
-        if gate:
-            verdict[candidates.open_rows()] = verdict_code("shape")
-            verdict[rows[accepted]] = verdict_code("open")
-        yield replace(
-            one,
-            candidates=replace(candidates, shape=shape, shape_distance=distance, verdict=verdict),
-        )
-
-
-def _nearest_in_color(candidates: Candidates) -> NDArray[np.int64]:
-    """Open rows, nearest colour first; rows in order among equals, those without a colour last."""
-    rows = candidates.open_rows()
-    order = np.argsort(candidates.color_distance[rows], kind="stable")
-    return rows[order]
+        named = replace(candidates, shape=shape, shape_distance=distance)
+        yield replace(one, candidates=named.with_verdict(rows[~accepted], "shape"))
 
 
 def _outlines(
     segmentation: Segmentation,
-    candidates: Candidates,
-    rows: NDArray[np.int64],
+    regions: Regions,
     settings: RegionOutlineSettings,
 ) -> NDArray[np.complex128]:
-    """Resampled outline of each row, (n, samples); nan where there is none."""
-    sequences = np.full((len(rows), SAMPLES), complex(np.nan, np.nan))
-    regions = candidates.regions.select(rows)
-    by_color = np.ones(len(rows), bool)
+    """Resampled outline of each region, (n, samples); nan where there is none."""
+    sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     if segmentation.labels is not None:
         top = segmentation.rows[0]
         shift = np.array([0, top, 0, top], np.float32)
         for source, labels in zip(_PASSES, segmentation.labels, strict=True):
             own = regions.source == source
             sequences[own] = traced_sequences(labels, regions.box[own] - shift, settings)
-            by_color &= ~own
-    if segmentation.image.rgb is not None:
-        sequences[by_color] = region_sequences(
-            segmentation.image.rgb, regions.box[by_color], regions.rgb[by_color], settings
-        )
     return sequences

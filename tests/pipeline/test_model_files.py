@@ -14,7 +14,6 @@ from wayside.stages.panel import OUTLINE_FEATURES
 NAMES = (
     "back.json",
     "back_place.json",
-    "color.json",
     "color_rgb.json",
     "face_box.json",
     "face_color.json",
@@ -25,7 +24,6 @@ NAMES = (
     "place.json",
     "ranking.json",
     "shape.json",
-    "shape_oriented.json",
 )
 
 
@@ -91,11 +89,8 @@ def test_the_report_names_faces_by_its_own_classifiers_alone():
 
 def test_each_preset_has_its_own_colours_shapes_and_places():
     default, report = load_models(settings()), load_models(settings("report"))
-    assert (default.color_classes.space, report.color_classes.space) == ("log_chromaticity", "rgb")
-    assert (default.shape_classes.space, report.shape_classes.space) == (
-        "fourier6_oriented",
-        "fourier6",
-    )
+    assert (default.color_classes, default.shape_classes) == (None, None)
+    assert (report.color_classes.space, report.shape_classes.space) == ("rgb", "fourier6")
     assert [c.name for c in report.location_classes.classes] == ["report"]
     assert "report" not in [c.name for c in default.location_classes.classes]
 
@@ -107,11 +102,11 @@ def test_digests_are_those_of_the_files_and_the_same_each_time():
 
 
 def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path):
-    data = json.loads((shipped_models() / "color.json").read_text())
+    data = json.loads((shipped_models() / "location.json").read_text())
     data["provenance"] = "my own"
-    (tmp_path / "color.json").write_text(json.dumps(data))
+    (tmp_path / "location.json").write_text(json.dumps(data))
     models = load_models(settings(folder=tmp_path))
-    assert models.color_classes.provenance == "my own"
+    assert models.location_classes.provenance == "my own"
     assert models.box_classifier.provenance == load_models(settings()).box_classifier.provenance
 
 
@@ -121,19 +116,19 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
 
 
 def test_a_file_of_the_wrong_kind_is_refused_with_its_name(tmp_path):
-    (tmp_path / "judge.json").write_text((shipped_models() / "color.json").read_text())
+    (tmp_path / "judge.json").write_text((shipped_models() / "location.json").read_text())
     with pytest.raises(InputError, match=r"judge\.json: wanted a model of kind 'trees'"):
         load_models(settings(folder=tmp_path))
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"kind": "gaussian"}', '{"kind": "fish"}'])
 def test_a_file_that_is_no_model_is_refused_with_its_name(tmp_path, text):
-    (tmp_path / "color.json").write_text(text)
-    with pytest.raises(InputError, match=r"color\.json"):
+    (tmp_path / "location.json").write_text(text)
+    with pytest.raises(InputError, match=r"location\.json"):
         load_models(settings(folder=tmp_path))
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path):
-    (tmp_path / "color.json").write_bytes(b"\xff\xfe\x00\x81")
+    (tmp_path / "location.json").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(InputError, match="readable"):
         load_models(settings(folder=tmp_path))

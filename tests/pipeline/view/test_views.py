@@ -249,6 +249,10 @@ def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
     assert candidate_words(one, 0) == "open, score -4.0"
     told = replace(one, back_score=np.array([2.5], np.float32))
     assert candidate_words(told, 0) == "open, score -4.0, back 2.5"
+    named = replace(one, color=np.array([1], np.int8))
+    assert candidate_words(named, 0) == "open, score -4.0, yellow"
+    far = replace(named, color_distance=np.array([0.5], np.float32))
+    assert candidate_words(far, 0) == "open, score -4.0, yellow 0.5"
 
 
 def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(tmp_path):

@@ -7,11 +7,8 @@ from wayside.schemas.detections import (
     COLORS,
     SOURCES,
     VERDICTS,
-    Candidates,
-    Detections,
     Regions,
     Segmentation,
-    verdict_code,
 )
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
@@ -59,8 +56,7 @@ def unclassified(boxes, status=USED):
         rgb if used else None,
         rgb[..., 0] if used else None,
     )
-    segmented = Segmentation(image, regions, n, np.zeros((0, 3)), np.zeros(0), (0, 240))
-    return Detections(segmented, Candidates.of(regions))
+    return Segmentation(image, regions, n, np.zeros((0, 3)), np.zeros(0), (0, 240))
 
 
 def verdicts(item):
@@ -90,15 +86,6 @@ def test_the_first_of_equals_stays():
 def test_at_most_the_best_few_are_kept():
     found = run(unclassified([[10, 10, 25, 25], [100, 10, 120, 35], [200, 10, 215, 25]]), keep=2)
     assert verdicts(found) == ["open", "open", "score"]
-
-
-def test_rows_decided_before_keep_their_verdict_and_stay_unscored():
-    item = unclassified([[10, 10, 30, 40], [100, 10, 120, 40]])
-    verdict = item.candidates.verdict.copy()
-    verdict[0] = verdict_code("color")
-    found = run(replace(item, candidates=replace(item.candidates, verdict=verdict)))
-    assert verdicts(found) == ["color", "open"]
-    assert np.isnan(found.candidates.score[0])
 
 
 def test_what_the_prefilter_refuses_gets_no_score():
@@ -141,12 +128,15 @@ def test_a_back_score_stands_where_it_exceeds_the_score_of_a_face():
 
 
 @pytest.mark.parametrize("item", [unclassified([]), unclassified([[1, 1, 20, 20]], status=THINNED)])
-def test_images_without_candidates_or_pixels_travel_untouched(item):
-    assert run(item) is item
+def test_images_without_regions_or_pixels_travel_undecided(item):
+    found = run(item)
+    assert found.segmentation is item
+    assert found.candidates.regions is item.regions
+    assert (found.candidates.verdict == 0).all()
 
 
 def test_sizes_and_places_are_angles_whatever_the_camera():
-    small = unclassified([[60, 50, 80, 90]]).candidates.regions
+    small = unclassified([[60, 50, 80, 90]]).regions
     large = replace(small, box=small.box * 2, area_px=small.area_px * 4)
     doubled = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
     assert region_features(small, CAMERA) == pytest.approx(
@@ -176,6 +166,9 @@ def test_what_passes_the_threshold_is_named_and_the_rest_is_not():
     odds = found.candidates.color_log_probability
     assert [COLORS[k] for k in odds[:2].argmax(axis=1)] == ["blue", "red"]
     assert np.isnan(odds[2]).all()
+    assert [COLORS[k] for k in found.candidates.color[:2]] == ["blue", "red"]
+    assert found.candidates.color[2] == -1
+    assert (found.candidates.shape == -1).all()
     assert np.isneginf(odds[0, COLORS.index("white")])
     assert found.candidates.shape_log_probability is None
 
@@ -220,7 +213,7 @@ def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
     assert [SOURCES[s] for s in moved.candidates.regions.source] == ["moved", "pass1"]
     assert moved.candidates.score.tolist() == [3, 3]
     assert moved.candidates.center[0].tolist() == [27.5, 31.5]
-    assert item.candidates.regions.box[0].tolist() == [20, 20, 36, 36]
+    assert item.regions.box[0].tolist() == [20, 20, 36, 36]
 
 
 def test_a_box_that_would_score_less_elsewhere_stays():
@@ -230,7 +223,7 @@ def test_a_box_that_would_score_less_elsewhere_stays():
             iter([item]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=grown(-0.5)
         )
     )
-    assert np.array_equal(moved.candidates.regions.box, item.candidates.regions.box)
+    assert np.array_equal(moved.candidates.regions.box, item.regions.box)
     assert moved.candidates.score.tolist() == [3]
 
 
@@ -242,7 +235,7 @@ def test_boxes_far_below_the_threshold_are_not_moved():
             iter([item]), classifier=hopeless, settings=CandidateSettings(), regressor=grown(1.0)
         )
     )
-    assert np.array_equal(moved.candidates.regions.box, item.candidates.regions.box)
+    assert np.array_equal(moved.candidates.regions.box, item.regions.box)
 
 
 def test_a_regressor_for_other_outputs_is_refused():

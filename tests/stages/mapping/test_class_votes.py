@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from wayside.schemas.detections import COLORS
 from wayside.schemas.settings import MappingSettings
-from wayside.stages.mapping.class_votes import winner
 from wayside.stages.mapping.tracker import track
 
 
@@ -29,11 +27,15 @@ def classified(frames, probabilities):
         )
 
 
-def color_of(frames):
+def landmark_of(frames):
     (landmark,) = [
         one for tracked in track(iter(frames), MappingSettings()) for one in tracked.landmarks
     ]
-    return landmark.color
+    return landmark
+
+
+def color_of(frames):
+    return landmark_of(frames).color
 
 
 def test_the_probabilities_of_all_views_together_decide(panel, drive):
@@ -55,16 +57,30 @@ def test_unclassified_views_have_no_vote(panel, drive):
 
 
 def test_without_any_classified_view_the_nearest_class_decides(panel, drive):
-    assert color_of(classified(drive([panel(5, 1, 75)], 9), lambda k: None)) == "yellow"
+    landmark = landmark_of(classified(drive([panel(5, 1, 75)], 9), lambda k: None))
+    assert landmark.color == "yellow"
+    assert landmark.color_distance == 1
 
 
-def test_a_winner_that_is_no_views_nearest_class_has_no_distance():
-    name, distance = winner({0: -3.0, 2: -0.5}, {0: 1.5}, COLORS)
-    assert name == COLORS[2]
-    assert np.isnan(distance)
+def test_a_class_by_probabilities_has_no_distance(panel, drive):
+    frames = classified(drive([panel(5, 1, 75)], 9), lambda k: {"yellow": 1.0})
+    assert np.isnan(landmark_of(frames).color_distance)
 
 
-def test_nothing_seen_names_nothing():
-    name, distance = winner({}, {}, COLORS)
-    assert name is None
-    assert distance != pytest.approx(distance)
+def test_views_without_any_class_name_nothing(panel, drive):
+    frames = [
+        replace(
+            moved,
+            detections=replace(
+                moved.detections,
+                candidates=replace(
+                    moved.detections.candidates,
+                    color=np.full_like(moved.detections.candidates.color, -1),
+                ),
+            ),
+        )
+        for moved in drive([panel(5, 1, 75)], 9)
+    ]
+    landmark = landmark_of(frames)
+    assert landmark.color is None
+    assert np.isnan(landmark.color_distance)

@@ -8,22 +8,17 @@ from wayside.schemas.detections import COLORS, VERDICTS, Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.stages.imaging.colorspace import to_space
 from wayside.stages.report.color import classify_color
 
 
-def model(space="rgb", yellow=3.0, red=3.0):
+def model(yellow=3.0, red=3.0):
     means = {"yellow": (220.0, 180, 30), "red": (170.0, 30, 40)}
     covariance = np.array([[400.0, 200, 0], [200, 300, 50], [0, 50, 250]])
-    if space != "rgb":
-        covariance = np.diag([0.05, 0.02, 0.02])
     classes = tuple(
-        GaussianClass(
-            name, to_space(np.array([mean]), space)[0], covariance, threshold, "by hand", 1
-        )
+        GaussianClass(name, np.array(mean), covariance, threshold, "by hand", 1)
         for (name, mean), threshold in zip(means.items(), (yellow, red), strict=True)
     )
-    return GaussianModel(space, classes, "test")
+    return GaussianModel("rgb", classes, "test")
 
 
 def segmented(rgb):
@@ -39,22 +34,19 @@ def segmented(rgb):
     return Segmentation(picture, regions, n, empty, empty[:, 0], (0, 0))
 
 
-def classify(rgb, gate=True, **how):
-    (judged,) = classify_color(iter([segmented(rgb)]), model=model(**how), gate=gate)
-    return judged.candidates
+def classify(rgb, **how):
+    (classified,) = classify_color(iter([segmented(rgb)]), model=model(**how))
+    return classified.candidates
 
 
-def test_the_distance_is_that_of_scipy_in_the_models_space():
+def test_the_distance_is_that_of_scipy():
     rgb = np.random.default_rng(0).uniform(0, 255, (20, 3))
-    for space in ("rgb", "log_chromaticity"):
-        candidates = classify(rgb, space=space)
-        for i, color in enumerate(rgb):
-            value = to_space(color[None].astype(np.float32), space)[0]
-            wanted = [
-                mahalanobis(value, one.mean, np.linalg.inv(one.covariance))
-                for one in model(space).classes
-            ]
-            assert candidates.color_distance[i] == pytest.approx(min(wanted), rel=1e-5)
+    candidates = classify(rgb)
+    for i, color in enumerate(rgb.astype(np.float32)):
+        wanted = [
+            mahalanobis(color, one.mean, np.linalg.inv(one.covariance)) for one in model().classes
+        ]
+        assert candidates.color_distance[i] == pytest.approx(min(wanted), rel=1e-5)
 
 
 def test_the_nearest_class_is_taken_whatever_the_source_of_the_region():
@@ -63,19 +55,17 @@ def test_the_nearest_class_is_taken_whatever_the_source_of_the_region():
     assert (candidates.verdict == 0).all()
 
 
-def test_a_region_beyond_every_threshold_stops_at_color_only_where_gated():
-    far = [(20, 60, 200)]
-    gated, open_ = classify(far), classify(far, gate=False)
-    assert VERDICTS[gated.verdict[0]] == "color"
-    assert VERDICTS[open_.verdict[0]] == "open"
-    assert gated.color_distance[0] == open_.color_distance[0] > 3
+def test_a_region_beyond_every_threshold_stops_at_color():
+    candidates = classify([(20, 60, 200)])
+    assert VERDICTS[candidates.verdict[0]] == "color"
+    assert candidates.color_distance[0] > 3
 
 
 def test_a_class_that_accepts_wins_over_a_nearer_one_that_does_not():
     between = [(200, 120, 34)]
-    nearest = classify(between, gate=False, yellow=50.0, red=50.0)
+    nearest = classify(between, yellow=50.0, red=50.0)
     assert COLORS[nearest.color[0]] == "yellow"
-    other = classify(between, gate=False, yellow=0.1, red=50.0)
+    other = classify(between, yellow=0.1, red=50.0)
     assert COLORS[other.color[0]] == "red"
 
 
@@ -96,4 +86,4 @@ def test_models_that_do_not_fit_are_refused():
         (GaussianModel("rgb", (), ""), "at least one class"),
     ):
         with pytest.raises(InputError, match=message):
-            next(classify_color(iter([segmented([(1, 2, 3)])]), model=bad, gate=True))
+            next(classify_color(iter([segmented([(1, 2, 3)])]), model=bad))

@@ -11,22 +11,12 @@ from scipy import ndimage
 from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.report.outline import (
     SAMPLES,
-    _outline_in_box,
     _resample,
     _trace_box,
-    region_sequences,
     traced_sequences,
 )
 
 SETTINGS = RegionOutlineSettings()
-
-
-def region_outline(rgb, box, mean_rgb):
-    """The outline (n, 2) before it is resampled; None where there is none."""
-    points = np.empty((SETTINGS.longest_edges, 2))
-    color = np.asarray(mean_rgb, np.float32)
-    n = _outline_in_box(rgb, box, color, SETTINGS.margin, SETTINGS.longest_side_px, points)
-    return points[:n] if n else None
 
 
 def trace_region(labels, box):
@@ -108,74 +98,24 @@ def test_holes_do_not_show():
     np.testing.assert_array_equal(trace_region(labels, np.array([5, 5, 25, 25])), solid)
 
 
-def face(corners, color=(200, 170, 40), size=(120, 160), noise=0.0, seed=0):
-    rng = np.random.default_rng(seed)
-    rgb = np.empty((*size, 3))
-    rgb[: size[0] // 2], rgb[size[0] // 2 :] = (150, 180, 220), (60, 80, 50)
-    picture = rgb.astype(np.uint8)
-    cv2.fillPoly(picture, [np.array(corners, np.int32)], color)
-    return np.clip(picture + rng.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
-
-
-DIAMOND = [[80, 30], [110, 60], [80, 90], [50, 60]]
-
-
-@pytest.mark.parametrize("noise", [0, 8])
-def test_a_face_before_a_mixed_background_is_outlined(noise):
-    rgb = face(DIAMOND, noise=noise)
-    outline = region_outline(rgb, np.array([50, 30, 111, 91]), np.array([200, 170, 40]))
-    filled = np.zeros(rgb.shape[:2], np.uint8)
-    cv2.fillPoly(filled, [np.rint(outline).astype(np.int32)], 1)
-    wanted = np.zeros_like(filled)
-    cv2.fillPoly(wanted, [np.array(DIAMOND, np.int32)], 1)
-    assert (filled & wanted).sum() / (filled | wanted).sum() > 0.93
-
-
-def test_a_legend_inside_a_face_is_filled():
-    rgb = face(DIAMOND)
-    rgb[50:70, 70:90] = 20
-    outline = region_outline(rgb, np.array([50, 30, 111, 91]), np.array([200, 170, 40]))
-    assert outline[:, 0].min() == pytest.approx(49.5, abs=1)
-    assert cv2.contourArea(outline.astype(np.float32)) == pytest.approx(1800, rel=0.06)
-
-
-def test_a_large_face_is_looked_at_in_steps_and_stands_where_it_is():
-    rgb = face([[100, 80], [500, 80], [500, 380], [100, 380]], size=(480, 640))
-    outline = region_outline(rgb, np.array([100, 80, 501, 381]), np.array([200, 170, 40]))
-    assert len(outline) < 500
-    np.testing.assert_allclose(outline.min(axis=0), [100, 80], atol=5)
-    np.testing.assert_allclose(outline.max(axis=0), [500, 380], atol=5)
-
-
-def test_boxes_at_the_border_are_cut_and_those_outside_have_no_outline():
-    rgb = face([[-10, 20], [30, 20], [30, 50], [-10, 50]])
-    outline = region_outline(rgb, np.array([-10, 20, 31, 51]), np.array([200, 170, 40]))
-    np.testing.assert_allclose(outline.max(axis=0), [30.5, 50.5], atol=1)
-    for box in ([500, 0, 520, 10], [-30, 0, 0, 10], [5, 5, 5, 9]):
-        assert region_outline(rgb, np.array(box), np.array([200, 170, 40])) is None
-
-
 def test_many_outlines_at_once_are_those_one_by_one():
-    rgb = face(DIAMOND, noise=5)
-    boxes = np.array([[50, 30, 111, 91], [500, 0, 520, 10], [60, 40, 90, 80]])
-    colors = np.array([[200, 170, 40]] * 3)
-    sequences = region_sequences(rgb, boxes, colors, SETTINGS)
+    labels = np.zeros((40, 60), np.uint8)
+    cv2.fillPoly(labels, [np.array([[10, 5], [20, 15], [10, 25], [2, 15]], np.int32)], 1)
+    labels[8:20, 30:50] = 2
+    parts = [ndimage.find_objects((labels == k).astype(int))[0] for k in (1, 2)]
+    boxes = np.array([*(box_of(slices) for slices in parts), [5, 5, 9, 9]])
+    sequences = traced_sequences(labels, boxes, SETTINGS)
     assert sequences.shape == (3, SAMPLES)
-    assert np.isnan(sequences[1]).all()
-    for i in (0, 2):
-        outline = region_outline(rgb, boxes[i], colors[i])
-        np.testing.assert_array_equal(sequences[i], resample_outline(outline))
-    labels = (rgb[..., 2] < 70).astype(np.uint8)
-    parts, _ = ndimage.label(labels)
-    traced = traced_sequences(
-        labels, np.array([box_of(s) for s in ndimage.find_objects(parts)]), SETTINGS
-    )
-    assert np.isfinite(traced).all()
+    assert np.isnan(sequences[2]).all()
+    for sequence, box in zip(sequences[:2], boxes, strict=False):
+        np.testing.assert_array_equal(sequence, resample_outline(trace_region(labels, box)))
 
 
 def test_no_rows_give_no_outlines():
-    rgb = face(DIAMOND)
-    assert region_sequences(rgb, np.zeros((0, 4)), np.zeros((0, 3)), SETTINGS).shape == (0, SAMPLES)
+    assert traced_sequences(np.zeros((9, 9), np.uint8), np.zeros((0, 4)), SETTINGS).shape == (
+        0,
+        SAMPLES,
+    )
 
 
 def test_resampled_points_lie_at_equal_steps_on_the_outline():
@@ -185,10 +125,5 @@ def test_resampled_points_lie_at_equal_steps_on_the_outline():
 
 
 def test_other_layouts_are_refused():
-    rgb, box = face(DIAMOND), np.array([[1, 1, 9, 9]])
-    with pytest.raises(ValueError, match="C-contiguous"):
-        region_sequences(rgb[:, ::2], box, np.zeros((1, 3)), SETTINGS)
     with pytest.raises(ValueError, match="labels: wanted"):
-        traced_sequences(rgb, box, SETTINGS)
-    with pytest.raises(ValueError, match="mean_rgb: wanted"):
-        region_sequences(rgb, box, np.zeros((1, 4)), SETTINGS)
+        traced_sequences(np.zeros((9, 9, 3), np.uint8), np.array([[1, 1, 9, 9]]), SETTINGS)
