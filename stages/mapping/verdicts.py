@@ -83,10 +83,7 @@ def same_face(
     )
     if near <= 0 or far - near > tolerance:
         return False
-    narrow, wide = sorted((float(one.metric[0]), float(other.metric[0])))
-    similar = narrow > settings.similar_width * wide
-    cover = settings.similar_width_cover if similar else settings.same_cover
-    return max(mutual_cover(one, other, camera)) > cover
+    return max(mutual_cover(one, other, camera)) > settings.same_cover
 
 
 def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[float, float]:
