@@ -79,22 +79,6 @@ class LandmarkSettings:
     step_sigma_ahead_m: float = setting(
         0.025, "m", "the same, ahead", origin=SET, expert=True, low=0
     )
-    scale_prior_freedom: float = setting(
-        8.0,
-        "degrees of freedom",
-        "weight of earlier landmarks in the scale of residuals",
-        origin="five views alone know their scatter to a third",
-        expert=True,
-        low=0,
-    )
-    scale_fewest: int = setting(
-        5, "landmarks", "with fewer the scale is 1", origin=SET, expert=True, low=1
-    )
-    scale_memory: int = setting(
-        100, "landmarks", "latest ones that the scale is from", origin=SET, expert=True, low=1
-    )
-    scale_least: float = setting(0.02, "", "least scale (variance)", origin=SET, expert=True, low=0)
-    scale_most: float = setting(6.0, "", "largest scale (variance)", origin=SET, expert=True, low=0)
     clear_px: float = setting(
         60.0, "px", "a view of this height shows a face in full", origin=SET, expert=True
     )
@@ -154,22 +138,6 @@ class VerdictSettings:
     same_cover: float = setting(
         0.4, "", "share of either that the other must cover", origin=SET, expert=True
     )
-    similar_width: float = setting(
-        0.8,
-        "",
-        "narrower by wider; from this ratio less cover is enough",
-        origin="a diamond's tip reaches into its plaque's box, panels of one width stand clear",
-        expert=True,
-    )
-    similar_width_cover: float = setting(0.25, "", "that cover", origin=SET, expert=True, low=0)
-    duplicate_reach_m: float = setting(
-        2.0,
-        "m",
-        "hypotheses so near to a duplicate are solved again without its boxes",
-        origin=SET,
-        expert=True,
-        low=0,
-    )
     fewest_boxes: int = setting(
         3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
     )
@@ -226,20 +194,12 @@ class LocateSettings:
 
 @dataclass(frozen=True, slots=True)
 class AssemblySettings:
-    """Panels on one support, and panels measured twice."""
+    """Panels on one support."""
 
     support_m: float = setting(
         0.6,
         "m",
         "panels of one support are nearer than this, with less between them",
-        origin=SET,
-        expert=True,
-        low=0,
-    )
-    same_share: float = setting(
-        0.4,
-        "sizes",
-        "centres nearer than this are one panel's",
         origin=SET,
         expert=True,
         low=0,

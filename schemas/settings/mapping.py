@@ -143,7 +143,7 @@ class AssociationSettings:
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceSettings:
-    """Greedy acceptance of hypotheses, and boxes over two faces."""
+    """Greedy acceptance of hypotheses."""
 
     least_value: float = setting(
         -1.0,
@@ -168,35 +168,6 @@ class AcceptanceSettings:
     )
     same_face_cover: float = setting(
         0.75, "", "so do boxes covered by more than this", origin=SET, expert=True
-    )
-    part_within: float = setting(
-        0.85, "", "share of a part's box within the whole's", origin=SET, expert=True
-    )
-    part_largest: float = setting(
-        0.85, "", "largest area of a part, by the whole's", origin=SET, expert=True
-    )
-    part_frames: int = setting(
-        6,
-        "frames",
-        "nearest views of the whole, half of which must show the part",
-        origin=SET,
-        expert=True,
-        low=2,
-    )
-    most_parts: int = setting(
-        12, "", "parts that are compared", origin="bounds the time", expert=True, low=2
-    )
-    part_value: float = setting(
-        1.5, "log odds", "least mean value of the views of a part", origin=SET, expert=True
-    )
-    parts_fill: float = setting(
-        0.75, "", "share of the whole that both parts fill", origin=SET, expert=True
-    )
-    parts_share: float = setting(
-        0.15, "", "overlap of both, by the smaller, at most", origin=SET, expert=True
-    )
-    parts_gain: float = setting(
-        1.25, "", "sum of the parts' values by the whole's, at least", origin=SET, expert=True
     )
 
 

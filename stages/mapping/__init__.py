@@ -7,7 +7,6 @@ from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_features import FEATURES
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
-from wayside.stages.mapping.residual_scale import ResidualScale
 from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -20,7 +19,6 @@ __all__ = [
     "FEATURES",
     "AssociationGates",
     "LandmarkFit",
-    "ResidualScale",
     "SideClassifiers",
     "TravelledPath",
     "ViewClassifier",

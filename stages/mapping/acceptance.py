@@ -15,7 +15,6 @@ from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates, associate
 from wayside.stages.mapping.hypotheses import Hypotheses
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_hypothesis
-from wayside.stages.mapping.parts import find_parts
 
 
 def accept_greedily(
@@ -49,29 +48,17 @@ def accept_greedily(
     left = free.copy()
     row, _, value = found = associate(candidates, point, size, left, gates)
     alive = (found.views() >= fewest) & (value > settings.least_value)
-    next_part = np.zeros(len(alive), np.bool_)
     fits: list[LandmarkFit] = []
     while alive.any():
-        queue = alive & next_part
-        best = int(np.argmax(np.where(queue if queue.any() else alive, value, -np.inf)))
+        best = int(np.argmax(np.where(alive, value, -np.inf)))
         alive[best] = False
-        hidden = np.zeros(0, np.int64)
-        while (
-            parts := find_parts(candidates, row, value, best, alive, gates, settings)
-        ) is not None:
-            best, hidden = parts.best, np.concatenate([hidden, parts.rows])
-            alive[best] = False
-            next_part[parts.other] = True
         fit = fit_hypothesis(
             candidates, row[best], left, gates, landmark, fewest=fewest, rounds=settings.rounds
         )
         if fit is None or fit.value <= settings.least_value:
             continue
         own = candidates.first[fit.frames] + fit.rows
-        covered = np.union1d(
-            same_face_rows(candidates, own, fit.frames, left, settings), hidden[left[hidden]]
-        )
-        covered = np.setdiff1d(covered, own)
+        covered = np.setdiff1d(same_face_rows(candidates, own, fit.frames, left, settings), own)
         fits.append(replace(fit, covered=candidates.by_frame(covered)))
         left[own] = False
         left[covered] = False

@@ -1,17 +1,18 @@
-"""Assemblies: panels of one support get one number; a panel measured twice is reported once."""
+"""Assemblies: panels of one support get one number."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.settings import AssemblySettings
-from wayside.stages.mapping.verdicts import VerdictRevision, same_panel, same_station
 
 
 def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Iterator[TrackedFrame]:
-    """Refuse later landmarks of one panel (`duplicate`) and number the supports from 0, in order of appearance.
+    """Number the supports of signs from 0, in order of appearance.
 
     Parameters
     ----------
@@ -20,22 +21,18 @@ def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Ite
     settings
         Distances between panels of one support.
     """
-    revision = VerdictRevision()
     recent: list[Landmark] = []
     count = 0
     for frame in tracked:
         landmarks = []
         for one in frame.landmarks:
             if one.verdict == "sign":
-                if any(same_panel(one, other, settings) for other in recent):
-                    one = replace(one, verdict="duplicate")
-                else:
-                    near = (p.assembly for p in recent if same_support(one, p, settings))
-                    one = replace(one, assembly=next(near, count))
-                    count += one.assembly == count
-                    recent.append(one)
+                near = (p.assembly for p in recent if same_support(one, p, settings))
+                one = replace(one, assembly=next(near, count))
+                count += one.assembly == count
+                recent.append(one)
             landmarks.append(one)
-        yield revision.apply(frame, landmarks)
+        yield replace(frame, landmarks=tuple(landmarks))
         if frame.motion is not None:
             passed_m = frame.motion.station_m - settings.remember_m
             recent = [p for p in recent if p.station_m > passed_m]
@@ -52,3 +49,10 @@ def same_support(one: Landmark, other: Landmark, settings: AssemblySettings) -> 
         and between < settings.support_m
         and same_station(one, other, settings)
     )
+
+
+def same_station(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
+    """Whether two landmarks may stand at one station, by the scatter of both along the path."""
+    variance = one.covariance[2, 2] + other.covariance[2, 2]
+    scatter = min(settings.along_most_m, settings.along_sigmas * float(np.sqrt(variance)))
+    return abs(one.station_m - other.station_m) < max(settings.support_m, scatter)

@@ -27,9 +27,9 @@ class LandmarkFit:
     frames, rows (v,): position in the window, and number among the followed candidates of that frame; used (v,): the
     point was fitted to them; point (3,), covariance (3, 3) in the world, by the rays alone; residual_px, depth (v,):
     pixels, metres; metric, spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what
-    the views were weighted by, and the scatter of their rays alone; chi_square: of the used residuals in that scatter;
-    missed: frames that should show it and have no candidate there; value: sum over the views; covered (c, 2): frame and
-    row of other candidates on the same face; back: it is followed as the back of a panel.
+    the views were weighted by, and the scatter of their rays alone; missed: frames that should show it and have no
+    candidate there; value: sum over the views; covered (c, 2): frame and row of other candidates on the same face;
+    back: it is followed as the back of a panel.
     """
 
     frames: NDArray[np.int64]
@@ -43,7 +43,6 @@ class LandmarkFit:
     spread: NDArray[np.float64]
     weight_sigma: NDArray[np.float64]
     ray_sigma: NDArray[np.float64]
-    chi_square: float
     missed: int = 0
     value: float = 0.0
     covered: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
@@ -53,11 +52,6 @@ class LandmarkFit:
     def rms_px(self) -> float:
         """RMS of the residuals of the views that were used."""
         return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
-
-    @property
-    def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of `chi_square`, 1 at least."""
-        return max(2.0 * float(self.used.sum()) - 3.0, 1.0)
 
 
 def fit_hypothesis(
@@ -157,7 +151,6 @@ def fit_views(
         spread,
         sigma,
         own,
-        float(((residual[used] / (own[used] * c.focal[frames[used]])) ** 2).sum()),
     )
 
 

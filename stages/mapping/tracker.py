@@ -28,7 +28,6 @@ from wayside.stages.mapping.landmark_features import classify_landmark, landmark
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import Panel, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.residual_scale import ResidualScale
 from wayside.stages.mapping.verdicts import position_verdict, stands_still
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -101,7 +100,6 @@ class _Tracker:
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
         self._reported: list[LandmarkFit] = []
-        self._scale = ResidualScale(settings.landmark)
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
@@ -141,19 +139,17 @@ class _Tracker:
         return Hypotheses.joined(found)
 
     def _solve(self, *, last: bool) -> None:
-        """Find the landmarks of the window, and finish those that the vehicle has passed."""
-        hypotheses = Hypotheses.joined(self._hypotheses)
-        duplicates = self._finish(self._fits(hypotheses, last=last))
-        if duplicates:
-            # a box over two faces of which one is reported by now: what is left of it may be the other
-            away = hypotheses.point[:, None] - np.array([fit.point for fit in duplicates])
-            reach = self._settings.verdict.duplicate_reach_m
-            near = (np.linalg.norm(away, axis=2) < reach).any(axis=1)
-            self._finish(self._fits(hypotheses.select(near), last=last))
+        """Decide the landmarks of the window that the vehicle has passed, most likely signs first."""
+        fits = self._fits(last=last)
+        oldest = self._window[0].motion.pose
+        self._reported = [f for f in self._reported if not oldest.to_camera(f.point)[2] < 0]
+        for one in sorted((self._classify(fit) for fit in fits), key=lambda one: -one.score):
+            self._decide(one)
 
-    def _fits(self, hypotheses: Hypotheses, *, last: bool) -> list[LandmarkFit]:
+    def _fits(self, *, last: bool) -> list[LandmarkFit]:
         """Landmarks of the unassigned candidates that the vehicle has passed, with predicted views."""
         settings, window = self._settings, self._window
+        hypotheses = Hypotheses.joined(self._hypotheses)
         candidates = candidates_of(window)
         free = ~np.concatenate([f.assigned for f in window])
         fits: list[LandmarkFit] = []
@@ -182,14 +178,6 @@ class _Tracker:
         left, top, right, bottom = newest.bounds
         return not (left < x / z < right and top < y / z < bottom)
 
-    def _finish(self, fits: Sequence[LandmarkFit]) -> list[LandmarkFit]:
-        """Decide and measure landmarks, most likely signs first; returns the duplicates."""
-        oldest = self._window[0].motion.pose
-        self._reported = [f for f in self._reported if not oldest.to_camera(f.point)[2] < 0]
-        classified = sorted((self._classify(fit) for fit in fits), key=lambda one: -one.score)
-        decided = [(one.fit, self._decide(one)) for one in classified]
-        return [fit for fit, verdict in decided if verdict == "duplicate"]
-
     def _classify(self, fit: LandmarkFit) -> _Classified:
         offset = self._path.offset(fit.point)
         limit = self._settings.landmark.right_limit_m
@@ -197,14 +185,12 @@ class _Tracker:
         model = self._sides[fit.back].landmark
         return _Classified(fit, offset, features, *classify_landmark(features, model))
 
-    def _decide(self, one: _Classified) -> str:
-        """The verdict on a landmark, which goes to its frames with it."""
+    def _decide(self, one: _Classified) -> None:
+        """Give a landmark its verdict, measure it and hand it to its frames."""
+        fit = one.fit
         verdict, panel = self._verdict(one)
-        factor = self._scale.factor(one.fit.chi_square, one.fit.degrees_of_freedom)
-        fit = replace(one.fit, ray_sigma=one.fit.ray_sigma * np.sqrt(factor))
         if verdict == "sign":
-            self._reported.append(one.fit)
-            self._scale.learn(one.fit.chi_square, one.fit.degrees_of_freedom)
+            self._reported.append(fit)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
         measured = measure_landmark(fit, self._window, settings, panel, adjustment)
@@ -222,7 +208,6 @@ class _Tracker:
         self._window[fit.frames[0]].landmarks.append(landmark)
         self._assign(fit, verdict)
         self._next_id += 1
-        return verdict
 
     def _verdict(self, one: _Classified) -> tuple[str, Panel | None]:
         """The verdict by the rules in turn, and the panel, which is measured of what may be a sign."""

@@ -14,7 +14,6 @@ from wayside.schemas.settings import MappingSettings, SiftSettings
 from wayside.stages.mapping import (
     AssociationGates,
     LandmarkFit,
-    ResidualScale,
     TravelledPath,
     WindowFrame,
     build_landmark,
@@ -123,12 +122,10 @@ class _Matcher:
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
         allowed_px = self._gates.gap_px + self._gates.gap_share * tall_px
         verdict = "sign" if fit.rms_px < allowed_px else "residual"
-        factor = ResidualScale(settings).factor(fit.chi_square, fit.degrees_of_freedom)
-        scaled = replace(fit, ray_sigma=fit.ray_sigma * np.sqrt(factor))
         landmark = build_landmark(
-            scaled,
+            fit,
             window,
-            measure_landmark(scaled, window, settings),
+            measure_landmark(fit, window, settings),
             self._path.offset(fit.point),
             settings,
             track_id=self._next_id,

@@ -45,19 +45,6 @@ def test_other_boxes_on_the_face_are_covered_and_make_no_landmark(accepted):
     assert fit.covered.tolist() == [[frame, 1] for frame in range(FRAMES)]
 
 
-def test_a_box_over_two_faces_is_replaced_by_both_and_covered_by_one(accepted):
-    plaque, shield = (3.5, -1.45, 60, 0.6, 0.3, 0.9), (3.5, -1.0, 60, 0.6, 0.6, 0.5)
-    fits = accepted([plaque, shield, (3.5, -1.15, 60, 0.6, 0.9, 1.5)])
-    assert sorted(round(fit.metric[1], 2) for fit in fits) == [0.3, 0.6]
-    assert sum(len(fit.covered) for fit in fits) == FRAMES
-
-
-def test_a_face_is_not_replaced_by_parts_worth_less(accepted):
-    halves = [(3.5, -1.45, 60, 0.6, 0.3, -1.0), (3.5, -1.0, 60, 0.6, 0.6, -1.0)]
-    fits = accepted([*halves, (3.5, -1.15, 60, 0.6, 0.9, 3.0)])
-    assert [round(fit.metric[1], 2) for fit in fits] == [0.9]
-
-
 def test_noise_of_a_pixel_moves_a_landmark_as_its_covariance_says(accepted):
     (fit,) = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], noise_px=0.7)
     gap = fit.point - [3.5, -1.0, 60]

@@ -196,25 +196,6 @@ def constant_model(value):
     )
 
 
-FAR = tuple(range(8))
-
-
-def test_a_sign_and_its_plaque_are_two_though_far_views_show_them_as_one(panel, drive):
-    sign = panel(3.5, 2.0, 120.0, wide=0.9, tall=0.9, hidden_in=FAR)
-    plaque = panel(3.5, 1.39, 120.0, wide=0.6, tall=0.3, hidden_in=FAR)
-    both = panel(3.5, 1.845, 120.0, wide=0.9, tall=1.21, score=4.5)
-    heights = sorted(p.height_m for p in landmarks_of(run(drive([sign, plaque, both], 20))))
-    assert heights == pytest.approx([0.3 * BORDER, 0.9 * BORDER], rel=0.03)
-
-
-def test_halves_of_low_scores_leave_the_face_whole(panel, drive):
-    upper = panel(3.5, 2.1, 120.0, wide=0.9, tall=0.45, score=-3.5, hidden_in=FAR)
-    lower = panel(3.5, 1.65, 120.0, wide=0.9, tall=0.45, score=-3.5, hidden_in=FAR)
-    face = panel(3.5, 1.875, 120.0, wide=0.9, tall=0.9, score=4.5)
-    (landmark,) = landmarks_of(run(drive([upper, lower, face], 20)))
-    assert landmark.height_m == pytest.approx(0.9 * BORDER, rel=0.03)
-
-
 def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(panel, drive):
     plate = panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
     shield = panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)

@@ -47,17 +47,6 @@ def test_a_landmark_of_unsure_depth_is_the_face_that_hides_it(fit_at, sigma_ahea
     assert same_face(unsure, known, NEWEST, SETTINGS) == same
 
 
-@pytest.mark.parametrize(("width", "same"), [(1.6, True), (1.0, False)])
-def test_half_a_face_is_as_wide_as_the_face_and_a_plaque_under_a_diamond_is_not(
-    fit_at, width, same
-):
-    known = fit_at(60.0, 0.1)
-    # three tenths of it lie in the box of the known face
-    below = known.point + np.array([0.0, (0.8 + 0.5) / 2 - 0.3 * 0.5, 0.0])
-    other = replace(known, point=below, metric=np.array([width, 0.5]))
-    assert same_face(other, known, NEWEST, SETTINGS) == same
-
-
 def test_a_landmark_covers_itself_and_nothing_from_behind(fit_at):
     fit = fit_at(60.0)
     assert mutual_cover(fit, fit, NEWEST) == (1.0, 1.0)
