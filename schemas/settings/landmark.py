@@ -194,12 +194,20 @@ class LocateSettings:
 
 @dataclass(frozen=True, slots=True)
 class AssemblySettings:
-    """Panels on one support."""
+    """Panels on one support, and panels measured twice."""
 
     support_m: float = setting(
         0.6,
         "m",
         "panels of one support are nearer than this, with less between them",
+        origin=SET,
+        expert=True,
+        low=0,
+    )
+    same_share: float = setting(
+        0.4,
+        "sizes",
+        "centres nearer than this are one panel's",
         origin=SET,
         expert=True,
         low=0,

@@ -1,18 +1,17 @@
-"""Assemblies: panels of one support get one number."""
+"""Assemblies: panels of one support get one number; a panel measured twice is reported once."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.settings import AssemblySettings
+from wayside.stages.mapping.verdicts import VerdictRevision, same_panel, same_station
 
 
 def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Iterator[TrackedFrame]:
-    """Number the supports of signs from 0, in order of appearance.
+    """Refuse later landmarks of one panel (`duplicate`) and number the supports from 0, in order of appearance.
 
     Parameters
     ----------
@@ -21,18 +20,22 @@ def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Ite
     settings
         Distances between panels of one support.
     """
+    revision = VerdictRevision()
     recent: list[Landmark] = []
     count = 0
     for frame in tracked:
         landmarks = []
         for one in frame.landmarks:
             if one.verdict == "sign":
-                near = (p.assembly for p in recent if same_support(one, p, settings))
-                one = replace(one, assembly=next(near, count))
-                count += one.assembly == count
-                recent.append(one)
+                if any(same_panel(one, other, settings) for other in recent):
+                    one = replace(one, verdict="duplicate")
+                else:
+                    near = (p.assembly for p in recent if same_support(one, p, settings))
+                    one = replace(one, assembly=next(near, count))
+                    count += one.assembly == count
+                    recent.append(one)
             landmarks.append(one)
-        yield replace(frame, landmarks=tuple(landmarks))
+        yield revision.apply(frame, landmarks)
         if frame.motion is not None:
             passed_m = frame.motion.station_m - settings.remember_m
             recent = [p for p in recent if p.station_m > passed_m]
@@ -49,10 +52,3 @@ def same_support(one: Landmark, other: Landmark, settings: AssemblySettings) -> 
         and between < settings.support_m
         and same_station(one, other, settings)
     )
-
-
-def same_station(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
-    """Whether two landmarks may stand at one station, by the scatter of both along the path."""
-    variance = one.covariance[2, 2] + other.covariance[2, 2]
-    scatter = min(settings.along_most_m, settings.along_sigmas * float(np.sqrt(variance)))
-    return abs(one.station_m - other.station_m) < max(settings.support_m, scatter)

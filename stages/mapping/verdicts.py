@@ -1,8 +1,9 @@
 """Every verdict on a landmark, in the order of the rules, and on candidates that no landmark has.
 
 While it is tracked (`position_verdict`, then `stands_still` once its panel is measured): `moving`, `place_score`,
-`duplicate`, `residual`. Afterwards (`location_verdict`): `location`, `panel_size`. The first rule that applies decides;
-a landmark that passes them all is a `sign`. Verdicts of single candidates in one image are the detection's.
+`duplicate`, `residual`. Afterwards (`location_verdict`, `same_panel`): `location`, `panel_size`, `duplicate`. The first
+rule that applies decides; a landmark that passes them all is a `sign`. Verdicts of single candidates in one image are
+the detection's.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from wayside.schemas.detections import verdict_code
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import GaussianModel
-from wayside.schemas.settings import LocateSettings, VerdictSettings
+from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
 from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
@@ -152,6 +153,23 @@ def location_verdict(landmark: Landmark, model: GaussianModel, settings: LocateS
     if min(sides) < settings.smallest_side_m or max(sides) > settings.largest_side_m:
         return "panel_size"
     return "sign"
+
+
+def same_panel(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
+    """Whether two landmarks are one panel: centres close in its plane, and along the path within their scatter."""
+    wide, tall = (one.width_m + other.width_m) / 2, (one.height_m + other.height_m) / 2
+    return bool(
+        abs(one.right_m - other.right_m) < settings.same_share * wide
+        and abs(one.above_m - other.above_m) < settings.same_share * tall
+        and same_station(one, other, settings)
+    )
+
+
+def same_station(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
+    """Whether two landmarks may stand at one station, by the scatter of both along the path."""
+    variance = one.covariance[2, 2] + other.covariance[2, 2]
+    scatter = min(settings.along_most_m, settings.along_sigmas * float(np.sqrt(variance)))
+    return abs(one.station_m - other.station_m) < max(settings.support_m, scatter)
 
 
 def unassigned_verdicts(paired: NDArray[np.bool_]) -> NDArray[np.uint8]:
