@@ -41,7 +41,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
 
 
 def test_the_page_finds_signs_and_shows_them(page: dict[str, Any]) -> None:
-    assert page["sure"].num_rows >= 3
+    assert page["certain"].num_rows >= 3
     assert page["verdicts"]["sign"] == page["signs"].num_rows
     assert page["views"].num_rows == page["signs"].num_rows
     assert 0 < page["used"] < page["inventory"].frames.num_rows

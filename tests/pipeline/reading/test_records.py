@@ -344,9 +344,7 @@ def test_a_hopeless_file_cannot_fill_the_memory_with_problems(tmp_path):
     assert len(report.problems) == 201
 
 
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     places=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
     chunked=st.booleans(),

@@ -37,7 +37,7 @@ def test_a_bright_patch_on_a_dim_slope_is_found_with_its_box():
     assert best == pytest.approx(1.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 12)), elements=st.integers(0, 7))
 )
@@ -48,7 +48,7 @@ def test_every_component_of_every_level_is_covered_by_a_reported_box(values):
             assert iou_matrix(found.box, np.array([box])).max() >= SAME_IOU - 1e-6
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 12)), elements=st.integers(0, 7))
 )

@@ -17,7 +17,7 @@ def as_boxes(rows):
     return table
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(boxes)
 def test_stacked_pairs_are_those_of_the_plain_comparison_of_all_pairs(rows):
     box = as_boxes(np.round(rows).tolist() if rows else rows)

@@ -22,7 +22,7 @@ def as_boxes(rows):
     return table
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(boxes, st.sampled_from([0.3, 0.4, 0.7, 0.9]))
 def test_kept_boxes_are_those_of_the_plain_comparison_of_all_pairs(rows, same):
     box = as_boxes(rows)
@@ -59,7 +59,7 @@ def test_overlap_is_one_for_equal_and_zero_for_separate_boxes():
     assert iou_matrix(box, box) == pytest.approx(np.eye(2))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(boxes)
 def test_a_covered_fraction_is_one_in_the_box_itself_and_never_more(rows):
     box = as_boxes(rows).astype(np.float64)

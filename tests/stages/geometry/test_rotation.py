@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -14,14 +14,12 @@ numbers = st.floats(-1.7, 1.7)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 
 
-@settings(deadline=None)
 @given(vectors)
 def test_a_rotation_vector_gives_the_matrix_that_scipy_gives(vector):
     expected = Rotation.from_rotvec(vector).as_matrix()
     np.testing.assert_allclose(rotation_from_vector(vector), expected, atol=1e-12)
 
 
-@settings(deadline=None)
 @given(vectors)
 def test_a_rotation_vector_survives_the_way_through_its_matrix(vector):
     back = vector_from_rotation(rotation_from_vector(vector))
@@ -35,7 +33,6 @@ def test_tiny_angles_and_half_turns_keep_their_vector(angle):
     np.testing.assert_allclose(back, axis * angle, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(vectors)
 def test_the_two_directions_across_are_unit_and_at_right_angles(vector):
     length = np.linalg.norm(vector)

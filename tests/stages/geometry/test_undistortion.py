@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.schemas.frame import Camera
@@ -21,7 +21,6 @@ pixels = st.tuples(st.floats(0, 1599), st.floats(0, 1199))
 
 
 @pytest.mark.parametrize("camera", [BROWN, RATIONAL], ids=["brown", "rational"])
-@settings(deadline=None)
 @given(points=st.lists(pixels, min_size=1, max_size=8))
 def test_a_pixel_survives_undistortion_and_distortion(camera, points):
     recorded = np.array(points)

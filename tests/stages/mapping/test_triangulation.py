@@ -39,7 +39,6 @@ def test_the_midpoint_is_the_closed_form_of_equation_7_3():
         assert found.gap[i] == pytest.approx(abs(g3) * np.linalg.norm(q3))
 
 
-@settings(deadline=None)
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
 def test_rays_that_meet_give_their_meeting_point_in_any_frame(turn, shift):
     rotation = Rotation.from_rotvec(turn).as_matrix()
@@ -124,7 +123,7 @@ def test_one_wrong_view_of_seven_does_little_harm():
     assert residuals.argmax() == 3
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
 def test_another_world_frame_moves_the_point_and_turns_its_covariance(turn, shift):
     rotation = Rotation.from_rotvec(turn).as_matrix()

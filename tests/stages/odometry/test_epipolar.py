@@ -121,7 +121,7 @@ def test_a_held_direction_stays_with_the_law_of_half_the_turn():
     np.testing.assert_allclose(found.direction, expected / np.linalg.norm(expected), atol=1e-5)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
 def test_half_a_turn_taken_twice_is_the_turn(yaw, pitch):
     rotation = Rotation.from_rotvec([pitch, yaw, 0.0]).as_matrix()

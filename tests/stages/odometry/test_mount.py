@@ -32,7 +32,7 @@ def taught(steps, points=NOTHING):
     return mount
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.floats(-8, 8))
 def test_the_mount_is_the_same_on_every_arc(yaw_deg):
     np.testing.assert_allclose(travel_slopes(*step(yaw_deg)), travel_slopes(*step()), atol=1e-6)

@@ -36,7 +36,7 @@ def middle_weight():
     return weight
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 50),
     shift=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
@@ -49,7 +49,7 @@ def test_shift_and_stretch_are_found_to_hundredths_whatever_the_light(seed, shif
     found = align(template, middle_weight(), patch, np.round(shift))
     assert found is not None
     np.testing.assert_allclose(found.shift, shift, atol=0.05)
-    np.testing.assert_allclose(found.stretch, stretch, atol=0.004)
+    np.testing.assert_allclose(found.stretch, stretch, atol=0.005)
     assert found.gain == pytest.approx(1 / gain, rel=0.06)  # bilinear sampling smooths
     assert found.zncc > 0.99
 

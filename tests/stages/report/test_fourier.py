@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.stages.report.fourier import TERMS, fourier_descriptors
@@ -29,7 +29,6 @@ def turned(outline, angle):
     return outline @ rotation.T
 
 
-@settings(deadline=None)
 @given(
     st.sampled_from([HOUSE, polygon(3), polygon(4), polygon(8), HOUSE * [3, 1]]),
     st.floats(0, 2 * np.pi),

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
@@ -37,7 +37,6 @@ def box_of(slices):
     return np.array([xs.start, ys.start, xs.stop, ys.stop])
 
 
-@settings(deadline=None)
 @given(
     st.tuples(st.integers(1, 9), st.integers(1, 9)).flatmap(
         lambda size: arrays(np.uint8, size, elements=st.integers(0, 1))

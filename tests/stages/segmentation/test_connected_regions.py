@@ -4,7 +4,7 @@ import cc3d
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
@@ -49,7 +49,6 @@ label_images = st.tuples(st.integers(1, 12), st.integers(1, 14)).flatmap(
 )
 
 
-@settings(deadline=None)
 @given(label_images, st.integers(1, 4), st.integers(4, 60))
 def test_regions_of_small_images_are_those_of_scipy(labels, smallest, largest):
     rgb = np.random.default_rng(0).integers(0, 256, (*labels.shape, 3), dtype=np.uint8)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -35,7 +35,6 @@ pictures = st.tuples(st.integers(1, 7), st.integers(1, 19)).flatmap(
 palettes = st.integers(1, 16).flatmap(lambda k: arrays(np.uint8, (k, 3), elements=colors))
 
 
-@settings(deadline=None)
 @given(pictures, palettes)
 def test_labels_and_differences_are_those_of_a_plain_argmin(rgb, centers):
     labels, differences = label_colors(rgb, centers)
@@ -60,7 +59,6 @@ def test_a_tie_goes_to_the_lower_label():
     assert (label_colors(rgb, centers[[3, 3, 1]])[0] == 0).all()
 
 
-@settings(deadline=None)
 @given(pictures, palettes)
 def test_the_sweep_of_both_passes_looks_differences_up_in_the_class_table(rgb, centers):
     table = (np.arange(DIFFERENCES) * 7 % 11).astype(np.uint8)

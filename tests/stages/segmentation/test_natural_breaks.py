@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
@@ -23,7 +23,6 @@ def spread(counts, breaks):
 histograms = st.lists(st.integers(0, 1000), min_size=1, max_size=12)
 
 
-@settings(deadline=None)
 @given(histograms, st.integers(1, 4))
 def test_no_other_division_into_classes_has_less_spread(counts, classes):
     classes = min(classes, len(counts))
@@ -34,7 +33,6 @@ def test_no_other_division_into_classes_has_less_spread(counts, classes):
     assert spread(counts, breaks) == pytest.approx(least, abs=1e-6)
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 10**6), min_size=16, max_size=443), st.integers(2, 16))
 def test_breaks_rise_from_zero(counts, classes):
     breaks = optimal_breaks(np.array(counts), classes)
