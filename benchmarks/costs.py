@@ -24,6 +24,7 @@ from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.settings import (
+    AdjustmentSettings,
     LocalAdjustmentSettings,
     MotionSettings,
     TieSettings,
@@ -92,7 +93,15 @@ def window_ms(frames: int, ties: int, times: int = 50) -> float:
     spent = []
     for _ in range(times):
         start = time.process_time()
-        bundle.adjust_jointly(held, frames - 1, sighted, point, LocalAdjustmentSettings())
+        bundle.adjust_jointly(
+            held,
+            frames - 1,
+            sighted,
+            point,
+            LocalAdjustmentSettings(),
+            AdjustmentSettings(),
+            TieSettings(),
+        )
         spent.append(time.process_time() - start)
     return 1000 * float(np.median(spent))
 

@@ -18,6 +18,7 @@ from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import (
+    LandmarkSettings,
     LocalAdjustmentSettings,
     MappingSettings,
     MotionSettings,
@@ -37,6 +38,8 @@ SWEEP_SPACING, SWEEP_FOCAL = (0.25, 0.5, 1.0, 1.5, 2.0), (0.5, 0.7, 1.0, 1.4, 2.
 UNKNOWN_LENGTH_M = 100.0
 FEWEST_VIEWS = 3
 """Views that locate a sign here: whether two boxes are of one panel is decided by pixels, which there are none of."""
+LEAST_SIGMA_PX = 0.01
+"""Scatter assumed of boxes that a survey places exactly."""
 BOUNDED = 16
 """Signs whose bound is computed, at most, evenly spaced along the drive."""
 
@@ -96,7 +99,10 @@ def simulate(survey: Survey) -> SimulationResult:
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
-    mapping = MappingSettings(settings)
+    noise = LandmarkSettings(  # the stated sigmas are those of the errors that the survey has
+        centre_sigma_px=max(survey.noise_px, LEAST_SIGMA_PX), centre_sigma_share=survey.noise_share
+    )
+    mapping = MappingSettings(settings, landmark=noise)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     for settled in track(
         drive.posed(MotionSettings(), TieSettings()),

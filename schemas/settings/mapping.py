@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.field import SET, setting
 from wayside.schemas.settings.landmark import LandmarkSettings, VerdictSettings
+from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,3 +198,5 @@ class MappingSettings:
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
+    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
+    ties: TieSettings = field(default_factory=TieSettings)

@@ -74,6 +74,8 @@ class Settings:
             prediction=self.prediction,
             landmark=self.landmark,
             verdict=self.verdict,
+            adjustment=self.adjustment,
+            ties=self.ties,
         )
 
 

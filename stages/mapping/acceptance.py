@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AcceptanceSettings, LandmarkSettings
+from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
 from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates, associate
 from wayside.stages.mapping.hypotheses import Hypotheses
@@ -24,6 +24,7 @@ def accept_greedily(
     gates: AssociationGates,
     settings: AcceptanceSettings,
     landmark: LandmarkSettings,
+    solver: AdjustmentSettings,
     *,
     fewest: int,
 ) -> list[LandmarkFit]:
@@ -39,8 +40,8 @@ def accept_greedily(
         Candidates that may be used, (N,).
     gates
         Largest gaps and ratios of a view, and what it counts.
-    settings, landmark
-        Limits of hypotheses; errors of boxes.
+    settings, landmark, solver
+        Limits of hypotheses; errors of boxes; robust cost and limits of the iteration.
     fewest
         Views that a landmark needs.
     """
@@ -53,7 +54,14 @@ def accept_greedily(
         best = int(np.argmax(np.where(alive, value, -np.inf)))
         alive[best] = False
         fit = fit_hypothesis(
-            candidates, row[best], left, gates, landmark, fewest=fewest, rounds=settings.rounds
+            candidates,
+            row[best],
+            left,
+            gates,
+            landmark,
+            solver,
+            fewest=fewest,
+            rounds=settings.rounds,
         )
         if fit is None or fit.value <= settings.least_value:
             continue

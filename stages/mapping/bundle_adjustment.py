@@ -35,8 +35,6 @@ from wayside.stages.mapping.residuals import (
     constraint_residuals,
 )
 
-DEFAULT = AdjustmentSettings()
-
 
 class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.
@@ -90,7 +88,7 @@ def adjust_window(
     constraints: StepConstraints,
     *,
     wanted: int = 0,
-    settings: AdjustmentSettings = DEFAULT,
+    settings: AdjustmentSettings,
 ) -> WindowAdjustment:
     """Adjust poses and points together.
 

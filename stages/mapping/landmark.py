@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
-from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings
+from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import voted_class
 from wayside.stages.mapping.covariance import point_covariance
@@ -31,7 +31,7 @@ class LandmarkMeasurement(NamedTuple):
 def measure_landmark(
     fit: LandmarkFit,
     window: Sequence[WindowFrame],
-    settings: LandmarkSettings,
+    settings: MappingSettings,
     panel: Panel | None = None,
     adjustment: LocalAdjustmentSettings | None = None,
 ) -> LandmarkMeasurement:
@@ -42,20 +42,22 @@ def measure_landmark(
     fit, window
         The landmark and its frames.
     settings
-        Errors of boxes.
+        Errors of boxes, of ties and of the adjustment.
     panel
         Its measured panel; None: the panel that the boxes show.
     adjustment
         How it is adjusted with the motion of the frames around it, where that has a prior; None: it is not.
     """
     best = int(fit.frames[best_view(fit, window)])
-    panel = panel or box_panel(fit, window, settings)
+    panel = panel or box_panel(fit, window, settings.landmark)
     if adjustment is not None:
         observed = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
-        joint = adjust_jointly(window, best, observed, panel.point, adjustment)
+        joint = adjust_jointly(
+            window, best, observed, panel.point, adjustment, settings.adjustment, settings.ties
+        )
         if joint is not None:
             return LandmarkMeasurement(joint.point, joint.covariance, panel)
-    unknown = np.diag(np.square(settings.step_sigma))
+    unknown = np.diag(np.square(settings.landmark.step_sigma))
     steps = [unknown if f.motion.covariance is None else f.motion.covariance for f in window]
     covariance = point_covariance(
         np.stack([f.motion.pose.rotation for f in window]),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import LandmarkSettings
+from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings
 from wayside.stages.mapping.association import (
     MISSED,
     AssociationGates,
@@ -60,6 +60,7 @@ def fit_hypothesis(
     free: NDArray[np.bool_],
     gates: AssociationGates,
     settings: LandmarkSettings,
+    solver: AdjustmentSettings,
     *,
     fewest: int,
     rounds: int,
@@ -74,13 +75,15 @@ def fit_hypothesis(
         Candidate of each frame or -1, (n,).
     settings
         Errors of boxes.
+    solver
+        Robust cost and limits of the iteration.
     fewest
         Views that it needs; with fewer there is no landmark (None), nor where the rays do not meet ahead.
     rounds
         Fits before the last one at most.
     """
     for _ in range(rounds):
-        fit = _fit_row(candidates, row, settings, fewest)
+        fit = _fit_row(candidates, row, settings, solver, fewest)
         if fit is None:
             return None
         found = associate(candidates, fit.point[None], fit.metric[None], free, gates)
@@ -88,7 +91,7 @@ def fit_hypothesis(
             break
         row = found.row[0]
     else:
-        fit = _fit_row(candidates, row, settings, fewest)
+        fit = _fit_row(candidates, row, settings, solver, fewest)
         if fit is None:
             return None
     missed = int((found.state[0] == MISSED).sum())
@@ -96,12 +99,16 @@ def fit_hypothesis(
 
 
 def _fit_row(
-    candidates: WindowCandidates, row: NDArray[np.int32], settings: LandmarkSettings, fewest: int
+    candidates: WindowCandidates,
+    row: NDArray[np.int32],
+    settings: LandmarkSettings,
+    solver: AdjustmentSettings,
+    fewest: int,
 ) -> LandmarkFit | None:
     frames = np.flatnonzero(row >= 0)
     if len(frames) < max(fewest, 2):
         return None
-    return fit_views(candidates, row[frames].astype(np.int64), frames, settings)
+    return fit_views(candidates, row[frames].astype(np.int64), frames, settings, solver)
 
 
 def fit_views(
@@ -109,6 +116,7 @@ def fit_views(
     rows: NDArray[np.int64],
     frames: NDArray[np.int64],
     settings: LandmarkSettings,
+    solver: AdjustmentSettings,
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
@@ -120,6 +128,8 @@ def fit_views(
         Candidates (v,) of the window and their frames, ascending.
     settings
         Errors of boxes; the point is fitted to the latest `fitted_views`.
+    solver
+        Robust cost and limits of the iteration.
     """
     c = candidates
     tall_px = c.size[rows, 1] * c.focal[frames]
@@ -128,7 +138,7 @@ def fit_views(
     own = (settings.centre_sigma_px + settings.centre_sigma_share * tall_px) / c.focal[frames]
     sigma = np.hypot(own, settings.drift_rad * np.sqrt(frames.max() - frames))
     point, covariance, _ = triangulate_views(
-        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used]
+        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used], solver
     )
     if not np.isfinite(point).all() or not np.isfinite(covariance).all():
         return None

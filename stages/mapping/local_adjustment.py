@@ -31,8 +31,6 @@ from wayside.stages.odometry import (
     correlated_sigma_px,
 )
 
-_TIES = TieSettings()
-
 
 class LandmarkRays(NamedTuple):
     """Measurements of a landmark: frames of the window (v,), rays (v, 2) and their sigma (v,)."""
@@ -87,6 +85,8 @@ def adjust_jointly(
     observed: LandmarkRays,
     point: Array,
     settings: LocalAdjustmentSettings,
+    solver: AdjustmentSettings,
+    registration: TieSettings,
 ) -> JointAdjustment | None:
     """Adjust a landmark with the motion of the frames around it.
 
@@ -104,6 +104,10 @@ def adjust_jointly(
         Its estimated position, (3,).
     settings
         Window, selection and weights of ties.
+    solver
+        Robust cost and limits of the iteration.
+    registration
+        Errors of registered ties.
     """
     first, last = window_around(best, observed.frames, settings.most_frames)
     window = held[first : last + 1]
@@ -117,7 +121,10 @@ def adjust_jointly(
     ties, track = well_distributed(ties_of(window, settings.sliding_px), settings.cell_px)
     start, anchors = track_starts(ties, track, settings)
     count, seen = len(anchors), int(inside.sum())
-    sigma = np.hypot(registered_sigma_px(ties), settings.displacement_sigma * ties.displacement_px)
+    sigma = np.hypot(
+        registered_sigma_px(ties, registration.sigma_px),
+        settings.displacement_sigma * ties.displacement_px,
+    )
     rows = ResidualBlocks.joined(
         [
             ResidualBlocks.observations(
@@ -125,7 +132,7 @@ def adjust_jointly(
                 np.zeros(seen, np.int64),
                 observed.rays[inside],
                 observed.sigma[inside],
-                AdjustmentSettings().cauchy_sigmas,
+                solver.cauchy_sigmas,
             ),
             ResidualBlocks.observations(
                 anchors,
@@ -146,10 +153,13 @@ def adjust_jointly(
         np.concatenate([[best - first], anchors]),
         rows,
         step_constraints(known, common=any(h.motion.source == "fixes" for h in window[1:])),
+        settings=solver,
     )
     if not np.isfinite(found.covariance).all():
         return None
-    shared = shared_errors(ties, found.gain[seen + count :] / focal, settings.displacement_sigma)
+    shared = shared_errors(
+        ties, found.gain[seen + count :] / focal, settings.displacement_sigma, registration
+    )
     covariance = settings.variance_factor * found.covariance + shared
     rotation = home.rotation
     return JointAdjustment(home.to_world(found.position), rotation @ covariance @ rotation.T)
@@ -233,10 +243,10 @@ def track_starts(
     return np.column_stack([ties.source[first], inverse]), ties.step[first]
 
 
-def registered_sigma_px(ties: _WindowTies) -> Array:
+def registered_sigma_px(ties: _WindowTies, sigma_px: float) -> Array:
     """Scatter (n,) of the registered pixel by the noise of both images, that of the earlier one magnified."""
     growth = (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2
-    return np.asarray(_TIES.sigma_px * np.sqrt(1 + growth))
+    return np.asarray(sigma_px * np.sqrt(1 + growth))
 
 
 def tie_rows(
@@ -254,7 +264,9 @@ def tie_rows(
     )
 
 
-def shared_errors(ties: _WindowTies, gain: Array, displacement_sigma: float) -> Array:
+def shared_errors(
+    ties: _WindowTies, gain: Array, displacement_sigma: float, registration: TieSettings
+) -> Array:
     """Covariance (3, 3) to add to that of a landmark for errors that neighbouring ties share.
 
     gain (n, 2, 3): derivative of the landmark by the error of each tie, m / px. The part of the scatter that is a
@@ -262,10 +274,12 @@ def shared_errors(ties: _WindowTies, gain: Array, displacement_sigma: float) -> 
     independent part is subtracted.
     """
     displacement = ties.displacement_px
-    shared = correlated_sigma_px(displacement, _TIES)[:, None, None] * gain
+    shared = correlated_sigma_px(displacement, registration)[:, None, None] * gain
     alone = (displacement_sigma * displacement)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
     return (
-        correlated_point_covariance(ties.pixel, ties.step, shared, _TIES.correlation_reach_px)
+        correlated_point_covariance(
+            ties.pixel, ties.step, shared, registration.correlation_reach_px
+        )
         - counted
     )

@@ -79,7 +79,7 @@ def measure_panel(
     if outline is None:
         return len(registered.views), None
     return len(registered.views), solve_panel(
-        fit, registered, outline, held, method.panel, drift_rad
+        fit, registered, outline, held, method.panel, method.solver, drift_rad
     )
 
 
@@ -114,6 +114,7 @@ def solve_panel(
     outline: FaceOutline,
     held: Sequence[WindowFrame],
     settings: PanelSettings,
+    solver: AdjustmentSettings,
     drift_rad: float,
 ) -> Panel | None:
     """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
@@ -138,7 +139,7 @@ def solve_panel(
     weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
-        point, _, _ = triangulate_views(rotations, centres, rays, weight_sigma)
+        point, _, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
@@ -162,7 +163,7 @@ def solve_panel(
         size * stretch * farther[:, None],
         np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
         angle_sigma=float(np.radians(settings.facing_sigma_deg)),
-        cauchy=AdjustmentSettings().cauchy_sigmas,
+        cauchy=solver.cauchy_sigmas,
         aspect=None if aspect is None else (aspect, settings.aspect_sigma),
     )
     true_size = np.exp(facing.log_size)

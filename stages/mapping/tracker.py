@@ -161,6 +161,7 @@ class _Tracker:
                 self._gates,
                 settings.acceptance,
                 settings.landmark,
+                settings.adjustment,
                 fewest=settings.track.fewest_views
                 if side.view is None
                 else settings.acceptance.fewest_found,
@@ -193,7 +194,7 @@ class _Tracker:
             self._reported.append(fit)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
-        measured = measure_landmark(fit, self._window, settings, panel, adjustment)
+        measured = measure_landmark(fit, self._window, self._settings, panel, adjustment)
         landmark = build_landmark(
             fit,
             self._window,

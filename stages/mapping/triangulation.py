@@ -11,8 +11,6 @@ from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import Schedule, cholesky_solve, meet_rays, minimiser
 from wayside.stages.kernels import Array, compiled, shaped
 
-DEFAULT = AdjustmentSettings()
-
 
 class _Problem(NamedTuple):
     """Views of a point, their sigmas (n,), and normal equations (3, 3); cauchy: sigmas where the cost flattens."""
@@ -40,7 +38,7 @@ def triangulate_views(
     centres: NDArray[np.floating[Any]],
     rays: NDArray[np.floating[Any]],
     sigma: NDArray[np.floating[Any]],
-    settings: AdjustmentSettings = DEFAULT,
+    settings: AdjustmentSettings,
 ) -> tuple[Array, Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 

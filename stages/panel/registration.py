@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
-from wayside.schemas.settings import PanelOutlineSettings, PanelSettings, RegistrationSettings
+from wayside.schemas.settings import (
+    AdjustmentSettings,
+    PanelOutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.stages.kernels import Array
 from wayside.stages.panel.image_alignment import Alignment, align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
@@ -31,6 +36,7 @@ class PanelMethod:
     panel: PanelSettings
     registration: RegistrationSettings
     outline: PanelOutlineSettings
+    solver: AdjustmentSettings
 
 
 class RegisteredViews(NamedTuple):

@@ -55,7 +55,8 @@ class _Matcher:
 
     def __init__(self, settings: MappingSettings, sift: SiftSettings) -> None:
         self._settings, self._sift = settings.track, sift
-        self._landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
+        landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
+        self._mapping = replace(settings, landmark=landmark)
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._path = TravelledPath(2 * settings.track.longest)
         self._window: list[WindowFrame] = []
@@ -112,13 +113,15 @@ class _Matcher:
                 continue
             frames = np.array([at[id(f)] for f, _ in chain.views])
             rows = candidates.first[frames] + np.array([row for _, row in chain.views])
-            fit = fit_views(candidates, rows, frames, self._landmark)
+            fit = fit_views(
+                candidates, rows, frames, self._mapping.landmark, self._mapping.adjustment
+            )
             if fit is not None:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
         """Measure a landmark and give it to its frames; `residual` where its rays do not meet."""
-        window, settings = self._window, self._landmark
+        window, settings = self._window, self._mapping
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
         allowed_px = self._gates.gap_px + self._gates.gap_share * tall_px
         verdict = "sign" if fit.rms_px < allowed_px else "residual"
@@ -127,7 +130,7 @@ class _Matcher:
             window,
             measure_landmark(fit, window, settings),
             self._path.offset(fit.point),
-            settings,
+            settings.landmark,
             track_id=self._next_id,
             score=self._settings.sift_score,
             verdict=verdict,

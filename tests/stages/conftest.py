@@ -14,7 +14,12 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.schemas.settings import PanelOutlineSettings, PanelSettings, RegistrationSettings
+from wayside.schemas.settings import (
+    AdjustmentSettings,
+    PanelOutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.stages.panel import PanelMethod
 from wayside.stages.segmentation import unsegmented
 
@@ -121,7 +126,11 @@ def outline_model() -> LinearModel:
 def panel_method(outline_model: LinearModel) -> PanelMethod:
     """How a run measures panels."""
     return PanelMethod(
-        outline_model, PanelSettings(), RegistrationSettings(), PanelOutlineSettings()
+        outline_model,
+        PanelSettings(),
+        RegistrationSettings(),
+        PanelOutlineSettings(),
+        AdjustmentSettings(),
     )
 
 

@@ -15,7 +15,12 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
-from wayside.schemas.settings import PanelOutlineSettings, PanelSettings, RegistrationSettings
+from wayside.schemas.settings import (
+    AdjustmentSettings,
+    PanelOutlineSettings,
+    PanelSettings,
+    RegistrationSettings,
+)
 from wayside.stages.panel import (
     OUTLINE_FEATURES,
     PanelMethod,
@@ -33,7 +38,11 @@ LOOKING_EAST = [-0.5, 0.5, -0.5, 0.5]
 def method():
     models = load_models(load_settings()[0])
     return PanelMethod(
-        models.outline_weights, PanelSettings(), RegistrationSettings(), PanelOutlineSettings()
+        models.outline_weights,
+        PanelSettings(),
+        RegistrationSettings(),
+        PanelOutlineSettings(),
+        AdjustmentSettings(),
     )
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.schemas.settings import LocalAdjustmentSettings
+from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.mapping.local_adjustment import (
     LandmarkRays,
     adjust_jointly,
@@ -108,13 +108,16 @@ def chained_place(held, observed):
         np.stack([p.centre for p in poses]),
         observed.rays,
         observed.sigma,
+        AdjustmentSettings(),
     )
     return point
 
 
 def adjusted(held, observed, point, settings=SETTINGS):
     """Adjusted with the last frame as the one it is reported in."""
-    return adjust_jointly(held, FRAMES - 1, observed, point, settings)
+    return adjust_jointly(
+        held, FRAMES - 1, observed, point, settings, AdjustmentSettings(), TieSettings()
+    )
 
 
 def error_of(held, point):

@@ -5,7 +5,12 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import TreeModel
-from wayside.schemas.settings import LandmarkSettings, MappingSettings, TrackSettings
+from wayside.schemas.settings import (
+    AdjustmentSettings,
+    LandmarkSettings,
+    MappingSettings,
+    TrackSettings,
+)
 from wayside.stages.detection import BoxClassifier, box_feature_names
 from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.landmark_fit import fit_views
@@ -62,7 +67,9 @@ def holding(frames):
 def fit_of(held, frames):
     candidates = candidates_of(held)
     rows = np.array([candidates.first[f] for f in frames], np.int64)
-    fit = fit_views(candidates, rows, np.array(frames, np.int64), LandmarkSettings())
+    fit = fit_views(
+        candidates, rows, np.array(frames, np.int64), LandmarkSettings(), AdjustmentSettings()
+    )
     assert fit is not None
     return fit
 

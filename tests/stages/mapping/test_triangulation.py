@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,9 +7,11 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry.ray_midpoint import midpoint, pair_residual
-from wayside.stages.mapping.triangulation import triangulate_views
+from wayside.stages.mapping import triangulation
 
+triangulate_views = partial(triangulation.triangulate_views, settings=AdjustmentSettings())
 SIGMA = 0.25 / 1400
 small = st.floats(-0.1, 0.1)
 
