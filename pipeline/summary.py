@@ -95,8 +95,8 @@ def _pictures(result: RunResult) -> str:
     reasons = "".join(f", {v} {k}" for k, v in sorted(result.frames.items()) if k != USED)
     rate = total / result.wall_seconds if result.wall_seconds else 0.0
     return (
-        f"{total} pictures read: {result.frames.get(USED, 0)} used{reasons}; "
-        f"{result.wall_seconds:.1f} s, {rate:.1f} pictures/s"
+        f"{total} images read: {result.frames.get(USED, 0)} used{reasons}; "
+        f"{result.wall_seconds:.1f} s, {rate:.1f} images/s"
     )
 
 
