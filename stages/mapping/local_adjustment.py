@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.motion import StepPrior
+from wayside.schemas.motion import ROUGH_LENGTHS, StepPrior
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
@@ -152,7 +152,7 @@ def adjust_jointly(
         np.vstack([[x / z, y / z, 1 / z], start]),
         np.concatenate([[best - first], anchors]),
         rows,
-        step_constraints(known, common=any(h.motion.source == "fixes" for h in window[1:])),
+        step_constraints(known, common=any(h.motion.source in ROUGH_LENGTHS for h in window[1:])),
         settings=solver,
     )
     if not np.isfinite(found.covariance).all():
