@@ -40,7 +40,7 @@ REAL = {
     "us_freeway_challenge": "7.6m",
     "us_freeway_white_right": "6.1m",
 }
-"""Real drives and their spacing, estimated from the pictures."""
+"""Real drives and their spacing, estimated from the images."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def in_short(evaluation: Evaluation) -> str:
 
 
 def speed(out: Path) -> float:
-    """Pictures per second of wall time, reading and writing included."""
+    """Images per second of wall time, reading and writing included."""
     run = json.loads((out / "run.json").read_text())
     return float(run["accounting"]["frames_read"]) / max(1e-9, float(run["times"]["wall_s"]))
 
@@ -186,10 +186,10 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "",
         "Made by `make accept`; exact truth. No model was learned from these drives, but rules were chosen "
         "with their misses in view. "
-        "A panel is wanted where its front is at least 10 px tall and half visible in three or more pictures. "
+        "A panel is wanted where its front is at least 10 px tall and half visible in three or more images. "
         "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth. "
         "Backs: rows of status `back` that are on a panel seen from behind, of all such rows / such panels of which "
-        "three pictures show 10 px or more, were nothing before them.",
+        "three images show 10 px or more, were nothing before them.",
         "",
         f"Versions: {made}.",
     ]

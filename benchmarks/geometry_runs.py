@@ -29,7 +29,7 @@ SPACING = "26.4ft"
 NOTHING_ELSE, FIXES = ("Image", "Camera"), ("Image", "Camera", "NavSat", "LocationFix")
 POSES_GIVEN, SPACING_ONLY, FIXES_AND_SPACING, FIXES_ONLY = (
     "poses given",
-    "pictures and spacing only",
+    "images and spacing only",
     "fixes and spacing",
     "fixes only",
 )
@@ -55,7 +55,7 @@ class Run:
     signs: list[dict[str, Any]] = field(default_factory=list)
 
     def judged(self, below: int | None = None) -> RenderedEvaluation:
-        """Compare with the truth: all signs, or those whose best picture comes before one."""
+        """Compare with the truth: all signs, or those whose best image comes before one."""
         rows = [s for s in self.signs if below is None or s["best_frame"] < below]
         return judge_rendered(rows, self.truth)
 
@@ -116,7 +116,7 @@ def processor_seconds(command: list[str]) -> float:
 
 
 def true_poses(truth: dict[str, Any]) -> dict[int, Pose]:
-    """Pose of each picture."""
+    """Pose of each image."""
     return {
         f["index"]: Pose(Rotation.from_quat(f["quaternion"]).as_matrix(), np.array(f["position"]))
         for f in truth["frames"]

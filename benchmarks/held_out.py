@@ -56,8 +56,8 @@ def main() -> int:
         "Made by `python benchmarks/held_out.py`; exact truth. No model was learned from these drives and no rule was "
         "chosen by them: ten cameras (focal lengths, lenses, mounts, 1280 x 720 to 1936 x 1216), ten lights and "
         "roads. Eight were drawn from the ranges that eleven of the learning drives were drawn from, with other "
-        "seeds, sizes of picture and pairs of road and light; `held_border` and `held_bypass` are of the kind of "
-        "eight others (small hard pictures, signs far beside the road, faces that no catalogue holds). "
+        "seeds, sizes of image and pairs of road and light; `held_border` and `held_bypass` are of the kind of "
+        "eight others (small hard images, signs far beside the road, faces that no catalogue holds). "
         "`held_moor` has neither poses nor fixes, "
         "`held_outskirts` has fixes alone. Columns as in accuracy.md.",
         "",

@@ -174,7 +174,7 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneMo
 
 
 def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator[Candidates]:
-    """The candidates of each image after all stages that look at one picture."""
+    """The candidates of each image after all stages that need a single image."""
     settings, _ = load_settings("default")
     models = replace(
         load_models(settings),
@@ -188,8 +188,8 @@ def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator
 
 def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:
     """The images as they are stored, as frames of a log."""
-    for scene, picture in zip(scenes, scene_images(real, scenes), strict=True):
-        yield replace(picture.frame, data=(real / "scenes" / scene["file"]).read_bytes())
+    for scene, image in zip(scenes, scene_images(real, scenes), strict=True):
+        yield replace(image.frame, data=(real / "scenes" / scene["file"]).read_bytes())
 
 
 def names_of(candidates: Candidates) -> NDArray[np.str_]:

@@ -37,7 +37,7 @@ from reached import (
     shares,
     table,
 )
-from seeing_picture import draw
+from seeing_plot import draw
 
 from wayside.pipeline.evaluate_rendered import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, is_eligible
 from wayside.pipeline.lengths import parse_length
@@ -48,7 +48,7 @@ from wayside.schemas.detections import COLORS
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, PICTURE = ROOT / "benchmarks" / "seeing.md", ROOT / "docs" / "seeing.png"
+PAGE, IMAGE = ROOT / "benchmarks" / "seeing.md", ROOT / "docs" / "seeing.png"
 HEIGHTS = (10, 12, 15, 20, 25, 35, 50, 100)
 CLEAR_PX = 15.0
 """Height from which a face should have a candidate."""
@@ -85,7 +85,7 @@ class FaceOutcome:
 
     @property
     def height_px(self) -> float:
-        """Height in the picture."""
+        """Height in the image."""
         return self.box[3] - self.box[1]
 
 
@@ -137,7 +137,7 @@ def main() -> int:
         ],
         [(one.mean, one.true, one.rows) for one in reliability([*lenient, *fresh]) if one.rows],
     )
-    cv2.imwrite(str(PICTURE), cv2.cvtColor(shown, cv2.COLOR_RGB2BGR))
+    cv2.imwrite(str(IMAGE), cv2.cvtColor(shown, cv2.COLOR_RGB2BGR))
     return 0
 
 

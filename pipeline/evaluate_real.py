@@ -1,4 +1,4 @@
-"""Compare reported signs with hand-made boxes on pictures of a real drive."""
+"""Compare reported signs with hand-made boxes on images of a real drive."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Box = Sequence[float]
 
 
 def judge_real(signs: Sequence[Row], observations: Iterable[Row], labels: Row) -> RealEvaluation:
-    """A label is found where a reported sign has an observation on its box in a labelled picture.
+    """A label is found where a reported sign has an observation on its box in a labelled image.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _meet(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> bool:
 
 
 def _false(sign: Row, views: Mapping[int, Box], labels: Row) -> FalseSign:
-    """A sign on no label, with the known distractor it lies on; distractors are boxed in one source picture."""
+    """A sign on no label, with the known distractor it lies on; distractors are boxed in one source image."""
     cause = "unlabelled"
     for thing in labels["distractors"]:
         boxes = {entry["i"]: entry["box"] for entry in thing.get("boxes", ())}

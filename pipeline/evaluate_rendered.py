@@ -15,7 +15,7 @@ from wayside.pipeline.evaluation import Backs, FalseSign, Match, MissedPanel, Re
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
-"""A panel that should be found faces the camera, so tall and so visible, in so many pictures."""
+"""A panel that should be found faces the camera, so tall and so visible, in so many images."""
 ACROSS_M, ACROSS_SHARE = 1.5, 0.05
 ALONG_M, ALONG_SHARE = 3.0, 0.10
 """A panel is matched within the larger of a distance and a share of its range."""
@@ -59,7 +59,7 @@ def judge_rendered(
 
 
 def is_eligible(panel: Row) -> bool:
-    """Whether a panel should be found: it faces the camera, tall and visible enough, in enough pictures."""
+    """Whether a panel should be found: it faces the camera, tall and visible enough, in enough images."""
     good = sum(
         view["side"] == "front"
         and view["box"][3] - view["box"][1] >= SMALLEST_HEIGHT_PX
@@ -113,7 +113,7 @@ def _pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _false(sign: Row, truth: Row) -> FalseSign:
-    """A false panel with the known thing that covers most of its box in its best picture."""
+    """A false panel with the known thing that covers most of its box in its best image."""
     best, cause = SMALLEST_COVER, "unknown"
     for kind, things in (("distractor", truth.get("distractors", ())), ("sign", truth["signs"])):
         for thing in things:

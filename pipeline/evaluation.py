@@ -91,7 +91,7 @@ class Match:
 class Backs:
     """Rows of status `back`: how many there are, and how many of them are on a panel seen from behind.
 
-    `in_view`: panels seen from behind, as tall and in as many pictures as a front that should be found, but however
+    `in_view`: panels seen from behind, as tall and in as many images as a front that should be found, but however
     much stands before them: of backs nobody knows.
     """
 

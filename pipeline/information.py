@@ -100,7 +100,7 @@ def _way(
             else:
                 return Way(camera, "", tuple(hindrances))
     calibration = _calibration(plan)
-    size = camera.picture_size
+    size = camera.image_size
     if calibration is not None and size not in (None, (calibration.width, calibration.height)):
         hindrances.append(
             f"the calibration {plan.calibration_source} is of {calibration.width} x {calibration.height} pixels"
@@ -172,9 +172,9 @@ def _topics(information: LogInformation) -> list[str]:
 
 
 def _camera(way: Way) -> list[str]:
-    topic, size = way.camera, way.camera.picture_size
+    topic, size = way.camera, way.camera.image_size
     shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
-    lines = [f"camera {topic.name}: {topic.count} pictures, {shown}, {topic.picture_format}"]
+    lines = [f"camera {topic.name}: {topic.count} images, {shown}, {topic.image_format}"]
     if way.calibration is not None:
         c = way.calibration
         lines.append(

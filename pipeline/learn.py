@@ -77,7 +77,7 @@ LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
 SCENE_COPIES = 3
 """Copies of each real image, mostly altered: there are few."""
 
-REPORT_PICTURE = (1600, 1200)
+REPORT_IMAGE = (1600, 1200)
 """Width and height of the images of the report, in pixels."""
 
 LENIENT = (0.0, 1.0)
@@ -265,7 +265,7 @@ def gaussian_models(
 
     The report's classes are those of its one camera, as far as there are drives with images of that size.
     """
-    report_drives = [drive for drive in drives if drive.size == REPORT_PICTURE] or drives
+    report_drives = [drive for drive in drives if drive.size == REPORT_IMAGE] or drives
     faces = [*(face for drive in report_drives for face in drive.faces), *crops]
     background = np.concatenate(
         [d.candidates.regions.rgb[d.candidates.overlap < BACKGROUND_OVERLAP] for d in drives]

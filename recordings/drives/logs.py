@@ -81,9 +81,9 @@ def _rotation(vector: Floats) -> Floats:
 
 
 def write_log(
-    path: Path, spec: DriveSpec, poses: list[Pose], pictures: Iterable[bytes | Bytes]
+    path: Path, spec: DriveSpec, poses: list[Pose], images: Iterable[bytes | Bytes]
 ) -> None:
-    """Write all messages of a drive; pictures are JPEG bytes or bgr8 arrays in frame order."""
+    """Write all messages of a drive; images are JPEG bytes or bgr8 arrays in frame order."""
     log, dialect = spec.log, DIALECTS[spec.log.dialect]()
     names, instruments = topics(log.dialect, log.raw), _Instruments(spec)
     calibration = Calibration(spec.camera)
@@ -101,7 +101,7 @@ def write_log(
         )
         writer.start(profile="ros2" if log.dialect == "ros2" else "", library="drives")
         channels = _Channels(writer, dialect)
-        for pose, picture in zip(poses, pictures, strict=True):
+        for pose, image in zip(poses, images, strict=True):
             ns, late = pose.time_ns, log.latency_ms
             channels.write(names.calibration, dialect.calibration(ns, calibration), ns, late * 0.1)
             if log.poses:
@@ -109,9 +109,9 @@ def write_log(
             if log.fixes:
                 channels.write(names.fix, dialect.fix(ns, instruments.fix(pose)), ns, late * 0.5)
             message = (
-                dialect.compressed(ns, picture)
-                if isinstance(picture, bytes)
-                else dialect.raw(ns, picture)
+                dialect.compressed(ns, image)
+                if isinstance(image, bytes)
+                else dialect.raw(ns, image)
             )
             channels.write(names.image, message, ns, late)
         writer.finish()  # type: ignore[no-untyped-call]

@@ -43,7 +43,7 @@ class Quad:
 
 @dataclass(frozen=True, slots=True)
 class Sprite:
-    """Upright picture that always turns to the camera: base (world, m), axis from base to top, width."""
+    """Upright image that always turns to the camera: base (world, m), axis from base to top, width."""
 
     base: Floats
     axis: Floats

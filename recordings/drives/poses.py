@@ -1,4 +1,4 @@
-"""Where and when the pictures of a drive are taken.
+"""Where and when the images of a drive are taken.
 
 Camera frame: x right, y down, z forward. World: x east, y north, z up, metres.
 """
@@ -16,7 +16,7 @@ from recordings.drives.spec import DriveSpec
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """One picture: when and from where it was taken."""
+    """One image: when and from where it was taken."""
 
     index: int
     trigger: int
@@ -100,7 +100,7 @@ def _motion(spec: DriveSpec, triggers: int) -> _Motion:
 
 
 def drive_poses(spec: DriveSpec, road: Alignment) -> list[Pose]:
-    """True poses of all pictures of a drive, in order."""
+    """True poses of all images of a drive, in order."""
     triggers = spec.frames + len(spec.path.dropped)
     motion, camera = _motion(spec, triggers), spec.camera
     mount = mount_rotation(camera.mount_yaw_deg, camera.mount_pitch_deg, camera.mount_roll_deg)

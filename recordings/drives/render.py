@@ -1,4 +1,4 @@
-"""Draws one picture: backdrop, then textured quads from far to near, then lens and sensor."""
+"""Draws one image: backdrop, then textured quads from far to near, then lens and sensor."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SHADOW_DARKNESS = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class RenderedImage:
     """One finished frame with what the truth needs."""
 
     image: Bytes  # (height, width, 3) BGR
@@ -36,7 +36,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class _Canvas:
-    """A picture in the making."""
+    """An image in the making."""
 
     light: Singles  # (canvas rows, canvas columns, 3)
     depth: Singles  # of the ground, m
@@ -45,7 +45,7 @@ class _Canvas:
 
 
 class Renderer:
-    """Draws the pictures of one drive."""
+    """Draws the images of one drive."""
 
     def __init__(self, spec: DriveSpec, scene: Scene, camera: Camera) -> None:
         self.spec, self.scene, self.camera = spec, scene, camera
@@ -55,8 +55,8 @@ class Renderer:
         self.sensor = Sensor(spec, camera)
         self.unseen = camera.unseen()
 
-    def picture(self, pose: Pose, seconds: float, exposure: Exposure) -> Picture:
-        """Picture at a pose, so many seconds after the first one."""
+    def render(self, pose: Pose, seconds: float, exposure: Exposure) -> RenderedImage:
+        """The image at a pose, so many seconds after the first one."""
         light, depth = self.backdrop.draw(pose)
         canvas = _Canvas(light, depth, np.zeros(depth.shape, np.uint8), {})
         groups = self._far_to_near(pose, seconds)
@@ -73,10 +73,10 @@ class Renderer:
             if area > 0
         }
         image = self.sensor.develop(canvas.light, pose.index, exposure)
-        return Picture(image, canvas.labels, visible)
+        return RenderedImage(image, canvas.labels, visible)
 
     def distorted_labels(self, labels: Bytes) -> Bytes:
-        """Canvas labels resampled to the picture, (height, width)."""
+        """Canvas labels resampled to the image, (height, width)."""
         camera = self.camera
         return np.asarray(
             cv2.remap(labels, camera.map_x, camera.map_y, cv2.INTER_NEAREST), np.uint8

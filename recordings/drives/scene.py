@@ -18,7 +18,7 @@ class Mover:
 
     name: str
     style: VehicleStyle
-    start: Stand  # at the time of the first picture
+    start: Stand  # at the time of the first image
     speed: float  # m/s along the stations
 
 
@@ -33,7 +33,7 @@ class Scene:
     dapple: Singles | None  # tile of light through leaves, 1 where it is full
 
     def groups_at(self, seconds: float) -> Iterator[Group]:
-        """All groups at a time after the first picture."""
+        """All groups at a time after the first image."""
         yield from self.groups
         for mover in self.movers:
             station = mover.start.station + mover.speed * seconds

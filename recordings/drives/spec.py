@@ -16,7 +16,7 @@ class PathSpec:
 
     spacing_m: float = 8.04672  # 26.4 ft
     trigger_sigma_m: float = 0.01
-    dropped: tuple[int, ...] = ()  # trigger numbers that took no picture
+    dropped: tuple[int, ...] = ()  # trigger numbers that took no image
     speed_mps: float = 27.0
     heading_deg: float = 80.0  # compass heading at station 0
     wander_m: float = 0.12  # slow lateral drift inside the lane
@@ -123,7 +123,7 @@ class SignSpec:
 
 @dataclass(frozen=True, slots=True)
 class SensorSpec:
-    """Lens and sensor finish of a picture."""
+    """Lens and sensor finish of an image."""
 
     vignette: float = 0.25
     blur_px: float = 0.45

@@ -70,7 +70,7 @@ def sign_view(
 
 
 def group_box(group: Group, pose: Pose, camera: Camera) -> list[int] | None:
-    """Box of a group, clipped to the picture; None where it is out of view or tiny."""
+    """Box of a group, clipped to the image; None where it is out of view or tiny."""
     local = pose.to_camera(group.corners())
     local = local[local[:, 2] > 0.5]
     if len(local) < 2 or local[:, 2].min() > DISTRACTOR_REACH_M:

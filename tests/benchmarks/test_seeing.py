@@ -129,13 +129,13 @@ def test_the_gap_is_that_of_each_bin_by_its_rows(confidence):
 
 @pytest.mark.parametrize(("right", "rows"), [(0, 1), (3, 4), (98, 99)])
 def test_the_interval_of_a_share_is_that_of_scipy(right, rows):
-    found = load("seeing_picture").wilson(right, rows)
+    found = load("seeing_plot").wilson(right, rows)
     interval = binomtest(right, rows).proportion_ci(0.6826894921, "wilson")
     assert found == pytest.approx((interval.low, interval.high), abs=1e-6)
 
 
-def test_the_picture_has_room_for_bins_without_faces():
-    shown = load("seeing_picture").draw(["10-12 px", "12 px and more"], [[5, 0], []], [(0.9, 1, 2)])
+def test_the_image_has_room_for_bins_without_faces():
+    shown = load("seeing_plot").draw(["10-12 px", "12 px and more"], [[5, 0], []], [(0.9, 1, 2)])
     assert shown.dtype == np.uint8
     assert shown.std() > 0
 

@@ -181,7 +181,7 @@ def test_one_panel_is_found_once_and_by_the_nearest(tmp_path: Path) -> None:
         {"frames": [view | {"box": [0, 0, 9, 9.9]} for view in AT_30_M["frames"]]},
         {"frames": [view | {"visible_fraction": 0.4} for view in AT_30_M["frames"]]},
     ],
-    ids=["turned away", "too few pictures", "too small", "hidden"],
+    ids=["turned away", "too few images", "too small", "hidden"],
 )
 def test_a_panel_that_need_not_be_found_counts_as_neither(
     tmp_path: Path, change: dict[str, Any]

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.importing import import_pictures
+from wayside.pipeline.importing import import_images
 from wayside.pipeline.learn import gather, main
 from wayside.pipeline.learning import detector, prefilter
 from wayside.pipeline.learning.backs import learn_back_classifier
@@ -40,9 +40,9 @@ BEHIND = {"id": 9, "faces_travel": False, "lateral_m": -5.0, "eligible_frames": 
 
 
 def write_drive(folder, name, seed):
-    """Six pictures of three rectangles each, with masks and truth."""
+    """Six images of three rectangles each, with masks and truth."""
     rng = np.random.default_rng(seed)
-    images = folder / f"{name}_pictures"
+    images = folder / f"{name}_images"
     masks = folder / f"{name}.masks"
     images.mkdir()
     masks.mkdir()
@@ -101,7 +101,7 @@ def write_drive(folder, name, seed):
     (folder / f"{name}.truth.json").write_text(json.dumps(truth))
     calibration = folder / "camera.yaml"
     calibration.write_text(CALIBRATION)
-    import_pictures([images], calibration, 8.0, folder / f"{name}.mcap")
+    import_images([images], calibration, 8.0, folder / f"{name}.mcap")
     return truth
 
 

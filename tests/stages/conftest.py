@@ -1,4 +1,4 @@
-"""A made-up drive past flat panels, with exact truth: boxes, motion and candidates without pictures."""
+"""A made-up drive past flat panels, with exact truth: boxes, motion and candidates without images."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Panel:
 
 
 def boxes_of(panels: Sequence[Panel], frame: int) -> list[tuple[Panel, list[float]]]:
-    """Panels that lie in the picture of a frame and are at least 6 px tall, with their boxes."""
+    """Panels that lie in the image of a frame and are at least 6 px tall, with their boxes."""
     found = []
     for panel in panels:
         z = panel.along + (panel.speed + panel.change * frame / 2 - SPACING) * frame

@@ -20,7 +20,7 @@ from recordings.drives.spec import DriveSpec
 
 
 def build_scene(spec: DriveSpec, road: Alignment, poses: list[Pose]) -> Scene:
-    """Everything that stands or drives along a road, as far as the pictures of a drive reach."""
+    """Everything that stands or drives along a road, as far as the images of a drive reach."""
     plan = Plan(spec, road, end=poses[-1].station_m)
     foliage, dapple = Foliage(plan.rng(20), spec.scene.season), _dapple(spec)
     place_signs(plan, Assembler(plan, foliage, dapple))

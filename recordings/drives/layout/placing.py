@@ -26,7 +26,7 @@ class Plan:
 
     spec: DriveSpec
     road: Alignment
-    end: float  # station of the last picture, m
+    end: float  # station of the last image, m
     signs: list[Sign] = field(default_factory=list)
     groups: list[Group] = field(default_factory=list)
     movers: list[Mover] = field(default_factory=list)
@@ -57,7 +57,7 @@ class Plan:
     def spread(
         self, rng: np.random.Generator, per_100m: float, beyond: float = VIEW_BEYOND_M
     ) -> Floats:
-        """Random stations at a density, in order, up to a distance beyond the last picture."""
+        """Random stations at a density, in order, up to a distance beyond the last image."""
         length = self.end + beyond
         return np.sort(rng.uniform(-10, length, round(per_100m * length / 100)))
 

@@ -24,7 +24,7 @@ Message: TypeAlias = tuple[str, bytes]
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Pinhole matrix and Brown coefficients (k1, k2, p1, p2, k3) of a picture."""
+    """Pinhole matrix and Brown coefficients (k1, k2, p1, p2, k3) of an image."""
 
     camera: CameraSpec
 
@@ -81,11 +81,11 @@ class Dialect(Protocol):
         ...
 
     def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+        """A JPEG image."""
         ...
 
     def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+        """A bgr8 image (height, width, 3)."""
         ...
 
     def calibration(self, time_ns: int, calibration: Calibration) -> Message:

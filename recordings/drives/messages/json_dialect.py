@@ -97,12 +97,12 @@ class JsonMessages:
         return name, json.dumps({"timestamp": stamp, "frame_id": frame, **fields}).encode()
 
     def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+        """A JPEG image."""
         fields = {"data": base64.b64encode(jpeg).decode(), "format": "jpeg"}
         return self._message("foxglove.CompressedImage", time_ns, CAMERA, fields)
 
     def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+        """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
             "width": width,

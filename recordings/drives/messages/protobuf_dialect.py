@@ -51,12 +51,12 @@ class ProtobufMessages:
         return name, message.SerializeToString(deterministic=True)
 
     def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+        """A JPEG image."""
         fields = {"data": jpeg, "format": "jpeg"}
         return self._message("foxglove.CompressedImage", time_ns, CAMERA, fields)
 
     def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+        """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
             "width": width,

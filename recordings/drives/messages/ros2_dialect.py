@@ -54,13 +54,13 @@ class Ros2Messages:
         return name, bytes(self._types.serialize_cdr(message, name))
 
     def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+        """A JPEG image."""
         data = np.frombuffer(jpeg, np.uint8)
         fields = {"format": "bgr8; jpeg compressed bgr8", "data": data}
         return self._message("sensor_msgs/msg/CompressedImage", time_ns, CAMERA, fields)
 
     def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+        """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
             "height": height,

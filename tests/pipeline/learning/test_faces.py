@@ -15,9 +15,9 @@ def face(corners, color=(200, 170, 40), size=(120, 160), noise=0.0, seed=0):
     rng = np.random.default_rng(seed)
     rgb = np.empty((*size, 3))
     rgb[: size[0] // 2], rgb[size[0] // 2 :] = (150, 180, 220), (60, 80, 50)
-    picture = rgb.astype(np.uint8)
-    cv2.fillPoly(picture, [np.array(corners, np.int32)], color)
-    return np.clip(picture + rng.normal(0, noise, picture.shape), 0, 255).astype(np.uint8)
+    image = rgb.astype(np.uint8)
+    cv2.fillPoly(image, [np.array(corners, np.int32)], color)
+    return np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
 
 
 DIAMOND = [[80, 30], [110, 60], [80, 90], [50, 60]]

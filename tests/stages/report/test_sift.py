@@ -27,10 +27,10 @@ def judged(grey, boxes=(), verdicts=(), scores=(), camera=CAMERA, status=USED):
         candidates.score[:] = scores
     frame = Frame(3, 0, None, status, "jpeg", b"", camera, 640, 480)
     rgb = None if grey is None else np.dstack([grey] * 3)
-    picture = Image(frame, rgb, grey)
+    image = Image(frame, rgb, grey)
     empty = np.zeros((0, 3), np.float32)
     return Detections(
-        Segmentation(picture, regions, n, empty, np.zeros(0, np.float32), (100, 300)), candidates
+        Segmentation(image, regions, n, empty, np.zeros(0, np.float32), (100, 300)), candidates
     )
 
 

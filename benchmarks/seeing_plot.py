@@ -1,4 +1,4 @@
-"""The picture of the page on seeing: two curves side by side, drawn like the evidence sheets."""
+"""The plot of the page on seeing: two curves side by side, drawn like the evidence sheets."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def draw(
     levels: Sequence[Sequence[int]],
     sure: Sequence[tuple[float, int, int]],
 ) -> NDArray[np.uint8]:
-    """RGB picture: share of faces that went so far against height; share of true rows against confidence.
+    """RGB image: fraction of faces that went so far against height; share of true rows against confidence.
 
     names, levels: a bin of heights each, how far its faces went; sure: mean confidence, true rows, rows of each bin.
     """
     page = Canvas(WIDTH, HEIGHT)
-    _axes(page, LEFT, WIDE, "Share of faces, by height in the picture")
+    _axes(page, LEFT, WIDE, "Share of faces, by height in the image")
     places = LEFT + WIDE * (np.arange(len(names)) + 0.5) / len(names)
     for x, name, own in zip(places, names, levels, strict=True):
         words = name.removesuffix(" and more").removesuffix(" px")
