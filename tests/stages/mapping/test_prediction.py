@@ -41,7 +41,7 @@ def reddish():
 
 @pytest.fixture
 def shown(drive):
-    """Frames of a drive with pictures: panels red on grey; regions know that they are red."""
+    """Frames of a drive with images: panels red on grey; regions know that they are red."""
 
     def make(panels, frames):
         made = []

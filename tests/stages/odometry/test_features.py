@@ -29,10 +29,10 @@ def judged(grey, boxes=(), verdicts=(), scores=(), camera=CAMERA, status=USED):
         candidates.score[:] = scores
     frame = Frame(3, 0, None, status, "jpeg", b"", camera, 640, 480)
     rgb = None if grey is None else np.dstack([grey] * 3)
-    picture = Image(frame, rgb, grey)
+    image = Image(frame, rgb, grey)
     empty = np.zeros((0, 3), np.float32)
     return Detections(
-        Segmentation(picture, regions, n, empty, np.zeros(0, np.float32), (100, 300)), candidates
+        Segmentation(image, regions, n, empty, np.zeros(0, np.float32), (100, 300)), candidates
     )
 
 
@@ -41,7 +41,7 @@ def look_of(item, **how):
     return look
 
 
-def test_a_picture_gets_corners_with_descriptors_sorted_by_row():
+def test_an_image_gets_corners_with_descriptors_sorted_by_row():
     features = look_of(judged(texture())).features
     assert len(features.corners) > 200
     assert features.corners.dtype == np.float32
@@ -49,7 +49,7 @@ def test_a_picture_gets_corners_with_descriptors_sorted_by_row():
     assert (np.diff(features.corners[:, 1]) >= 0).all()
 
 
-def test_a_corner_is_placed_where_it_is_in_the_full_picture():
+def test_a_corner_is_placed_where_it_is_in_the_full_image():
     spots = np.array([[100, 90], [301, 200], [500, 333], [222, 401]])
     grey = np.full((480, 640), 40, np.uint8)
     for spot in spots:
@@ -75,7 +75,7 @@ def test_no_cell_gets_more_corners_than_asked(per_cell):
     assert 0 < len(corners) <= per_cell * levels
 
 
-def test_a_blank_picture_has_no_corners():
+def test_a_blank_image_has_no_corners():
     features = look_of(judged(np.full((480, 640), 77, np.uint8))).features
     assert features.corners.shape == (0, 2)
     assert features.descriptors.shape == (0, 32)
@@ -89,7 +89,7 @@ def test_candidates_get_their_centres_without_distortion():
     assert np.abs(look.candidates.ideal - look.candidates.center).max() > 1
 
 
-def test_the_picture_travels_on():
+def test_the_image_travels_on():
     item = judged(texture())
     look = look_of(item)
     assert look.image is item.image
