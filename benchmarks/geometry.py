@@ -94,14 +94,14 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
     yield (
         "Errors in the camera of the closest whole view, median / 95 %, cm; bound: one standard deviation, median over "
         f"the same signs: {CENTRE_PX} px a coordinate for the centre of a face in each image, ties as measured on "
-        "these drives, 2 cm of scatter in the spacing. Sizes: per cent; facing: degrees; sigma: share of the true "
+        "these drives, 2 cm of scatter in the spacing. Sizes: per cent; facing: degrees; sigma: fraction of the true "
         "positions within one and two stated standard deviations, all axes together."
     )
     yield ""
     head = "drive, what is given|found|along|bound|lateral|bound|up|bound|3-D|width|height|bottom edge|facing|sigma"
     yield from heading(head)
     for one in runs:
-        e = one.judged()
+        e = one.evaluation()
         bound = bounds(one, e)
         cells = [f"{one.name}, {one.way}", f"{e.found_count} of {e.wanted}"]
         for k, axis in enumerate(("along", "lateral", "up")):
@@ -113,7 +113,7 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
         cells.append(pair(bottom.median, bottom.p95, 100))
         turned = facing_errors(one, e)
         cells.append(pair(*np.quantile(turned, [0.5, 0.95]), 1) if len(turned) else "-")
-        pulls = np.abs([np.divide(m.gap_m, m.sigma_m) for m in e.matches])
+        pulls = np.abs([np.divide(m.error_m, m.sigma_m) for m in e.matches])
         cells.append(f"{100 * (pulls < 1).mean():.0f} / {100 * (pulls < 2).mean():.0f} %")
         yield row(cells)
     yield ""
@@ -194,7 +194,7 @@ def simulated_table() -> Iterator[str]:
     yield (
         f"`wayside simulate`, {survey.signs} signs each: {survey.noise_px} px and {100 * survey.noise_share} % of a "
         f"panel's height for its centre in each image, {100 * survey.face_share:.0f} % of its size common to all of "
-        "them. Errors median / 95 %, cm; sigma as stated and bound: medians; share within one and two sigma."
+        "them. Errors median / 95 %, cm; sigma as stated and bound: medians; fraction within one and two sigma."
     )
     yield ""
     head = [f"{axis}|sigma|bound|within" for axis in ("along", "lateral", "up")]

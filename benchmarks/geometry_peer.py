@@ -84,7 +84,7 @@ def wayside_poses(one: Run, count: int) -> dict[int, Pose]:
 
 def own_signs(one: Run, count: int) -> list[str]:
     """Cells on signs and cost of wayside."""
-    e = one.judged(below=count)
+    e = one.evaluation(below=count)
     along, lateral = e.error_m["along"], e.error_m["lateral"]
     images = len(one.truth["frames"])
     cells = [

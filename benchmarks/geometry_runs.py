@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.evaluate_rendered import judge_rendered
+from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import RenderedEvaluation
 from wayside.schemas.frame import Camera, Pose
 
@@ -54,10 +54,10 @@ class Run:
     processor_s: float
     signs: list[dict[str, Any]] = field(default_factory=list)
 
-    def judged(self, below: int | None = None) -> RenderedEvaluation:
+    def evaluation(self, below: int | None = None) -> RenderedEvaluation:
         """Compare with the truth: all signs, or those whose best image comes before one."""
         rows = [s for s in self.signs if below is None or s["best_frame"] < below]
-        return judge_rendered(rows, self.truth)
+        return evaluate_against_truth(rows, self.truth)
 
 
 def render() -> None:

@@ -28,7 +28,7 @@ class Quad:
     sign_id: int = 0  # 1-based on the front of a sign
     two_sided: bool = False
     casts_shadow: bool = False
-    fill: float = 1.0  # share of the parallelogram that the panel covers
+    fill: float = 1.0  # fraction of the parallelogram that the panel covers
 
     def normal(self) -> Floats:
         """Unit normal (3,) towards the visible side."""

@@ -31,7 +31,7 @@ class RenderedImage:
 
     image: Bytes  # (height, width, 3) BGR
     labels: Bytes  # (canvas rows, canvas columns), sign id where a front is seen, else 0
-    visible: dict[int, float]  # sign id -> visible share of its front
+    visible: dict[int, float]  # sign id -> visible fraction of its front
 
 
 @dataclass(frozen=True, slots=True)

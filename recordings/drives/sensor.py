@@ -13,9 +13,9 @@ from recordings.drives.spec import DriveSpec
 
 _STEPS_PER_LIGHT = 2048
 _STEPS = 8192
-_MIDDLE_GREY = 0.25  # share of full light that contrast leaves
+_MIDDLE_GREY = 0.25  # fraction of full light that contrast leaves
 _MOSAIC_STEPS = 128  # steps a grey level
-_MEMORY = 0.93  # share of exposure and white balance that stays from image to image
+_MEMORY = 0.93  # fraction of exposure and white balance that stays from image to image
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from recordings.drives.paint.vehicles import CABIN_SLOPE, VehicleStyle
 from recordings.drives.parts import UP, Group, Part, Quad
 
 _BODY_FLOOR_M = 0.28
-_CABIN_WIDTH = 0.9  # share of the body's width
+_CABIN_WIDTH = 0.9  # fraction of the body's width
 
 
 @dataclass(frozen=True, slots=True)

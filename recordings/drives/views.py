@@ -94,7 +94,7 @@ def group_box(group: Group, pose: Pose, camera: Camera) -> list[int] | None:
 def frame_views(
     scene: Scene, pose: Pose, seconds: float, camera: Camera, visible: dict[int, float]
 ) -> FrameViews:
-    """What one frame shows; `visible` is the visible share of the fronts of signs by id."""
+    """What one frame shows; `visible` is the visible fraction of the fronts of signs by id."""
     views = FrameViews({}, {}, {})
     for sign in scene.signs:
         view = sign_view(sign, pose, camera, visible)

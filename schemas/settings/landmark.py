@@ -136,7 +136,7 @@ class VerdictSettings:
         4.0, "sigmas", "or so many standard deviations", origin=SET, expert=True, low=0
     )
     same_cover: float = setting(
-        0.4, "", "share of either that the other must cover", origin=SET, expert=True
+        0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
     fewest_boxes: int = setting(
         3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True

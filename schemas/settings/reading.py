@@ -36,7 +36,7 @@ class RunSettings:
 
 @dataclass(frozen=True, slots=True)
 class ModelSettings:
-    """Learned numbers: colours, shapes, places and judges."""
+    """Learned numbers: colours, shapes, locations and classifiers."""
 
     folder: str = setting(
         "", "folder", "model files here replace those that ship, each by its name; empty: none"

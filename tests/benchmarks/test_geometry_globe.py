@@ -38,15 +38,15 @@ class Exact:
         }
         self.signs = [stated(p, moved * k) for k, p in enumerate(panels)]
 
-    def judged(self):
+    def evaluation(self):
         class Match:
             def __init__(self, k):
                 self.sign_id, self.panel_id = k, k
 
-        class Judged:
+        class Evaluation:
             matches = tuple(Match(k) for k in range(5))
 
-        return Judged()
+        return Evaluation()
 
 
 def stated(panel, moved):

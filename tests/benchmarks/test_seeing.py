@@ -48,7 +48,7 @@ def scenes():
         ([], [], "NOWHERE"),
         ([[100, 10, 120, 30]], ["sign"], "NOWHERE"),
         ([[10, 10, 30, 29]], ["glance"], "CANDIDATE"),
-        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["glance", "score"], "JUDGED"),
+        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["glance", "score"], "CLASSIFIED"),
         ([[10, 10, 30, 29], [11, 10, 30, 30]], ["overlap", "score"], "PASSED"),
         ([[10, 10, 30, 29]], ["unmatched"], "KEPT"),
         ([[10, 10, 30, 29], [11, 10, 30, 30]], ["sign", "overlap"], "SIGN"),
@@ -117,14 +117,14 @@ def test_a_row_vies_for_a_panel_only_with_rows_as_sure_as_it(confidence, result)
 
 
 def test_a_higher_setting_reports_fewer_rows(confidence, result):
-    low, high = (confidence.judged_at([result], at) for at in (0.3, 0.9))
+    low, high = (confidence.evaluated_at([result], at) for at in (0.3, 0.9))
     assert (low.found_count, high.found_count, low.wanted) == (2, 1, 2)
     assert confidence.cells(high) == ["1 of 2", "1", "0.500", "0.500"]
 
 
 def test_the_gap_is_that_of_each_bin_by_its_rows(confidence):
     bins = [confidence.Bin(0.4, 0.5, 3, 1, 0.4), confidence.Bin(0.9, 1.0, 1, 1, 0.9)]
-    assert confidence.gap_of(bins) == pytest.approx((abs(1.2 - 1) + 0.1) / 4)
+    assert confidence.calibration_error(bins) == pytest.approx((abs(1.2 - 1) + 0.1) / 4)
 
 
 @pytest.mark.parametrize(("right", "rows"), [(0, 1), (3, 4), (98, 99)])

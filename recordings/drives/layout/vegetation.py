@@ -68,7 +68,7 @@ class _Planter:
         return 1 if self.rng.random() < share_right else -1
 
     def tree(self, share_broad: float) -> Plant:
-        """A broad-leaved tree in a share of the cases, else a conifer."""
+        """A broad-leaved tree in a fraction of the cases, else a conifer."""
         return "broad" if self.rng.random() < share_broad else "conifer"
 
 

@@ -21,7 +21,7 @@ _WEED_SIZE = 160
 
 @dataclass(frozen=True, slots=True)
 class _Clump:
-    """One ball of leaves; positions and radius as shares of the image."""
+    """One ball of leaves; positions and radius as fractions of the image."""
 
     u: float
     v: float

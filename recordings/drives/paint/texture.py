@@ -14,7 +14,7 @@ Rgb: TypeAlias = tuple[float, float, float]
 """An sRGB colour in 0..255."""
 
 FractionalBox: TypeAlias = tuple[float, float, float, float]
-"""Left, top, right, bottom as shares of an image."""
+"""Left, top, right, bottom as fractions of an image."""
 
 
 def linear(red: float, green: float, blue: float) -> Singles:

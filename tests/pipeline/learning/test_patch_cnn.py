@@ -111,7 +111,7 @@ def test_what_is_kept_says_what_pytorch_says():
 
 
 @needs_torch
-def test_patches_are_shown_to_pytorch_as_they_are_to_the_judge():
+def test_patches_are_shown_to_pytorch_as_they_are_to_the_classifier():
     import torch
 
     patches = samples(6).patches

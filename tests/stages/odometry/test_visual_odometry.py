@@ -93,10 +93,10 @@ class Scene:
         part[:] = part * (1 - cover[:h, :w]) + patch[:h, :w] * cover[:h, :w]
 
 
-def looks(images, **known):
-    """Looks of images; `known` are Frame fields, one per image."""
+def detections_of(images, **known):
+    """Detections of images; `known` are Frame fields, one per image."""
 
-    def judged():
+    def classified():
         for i, grey in enumerate(images):
             frame = Frame(i, i * 10**8, None, USED, "jpeg", b"", CAMERA, 1200, 900)
             frame = replace(frame, **{key: values[i] for key, values in known.items()})
@@ -105,12 +105,14 @@ def looks(images, **known):
             segmented = Segmentation(image, Regions.empty(), 0, *none)
             yield Detections(segmented, Candidates.of(Regions.empty()))
 
-    return extract_features(judged(), FeatureSettings())
+    return extract_features(classified(), FeatureSettings())
 
 
 def motions(images, settings=None, **known):
     settings = settings or MotionSettings()
-    return [m.motion for m in estimate_motion(looks(images, **known), settings, TieSettings())]
+    return [
+        m.motion for m in estimate_motion(detections_of(images, **known), settings, TieSettings())
+    ]
 
 
 @lru_cache
