@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from wayside.pipeline.flow import Flow, Observer
-from wayside.pipeline.inventory import Inventory, InventoryWriter
+from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -39,7 +39,7 @@ class RunObserver(Observer, Protocol):
     def images(self) -> str:
         """Which images it records: `all`, those with `signs`, `none`."""
 
-    def finish(self, inventory: Inventory) -> None:
+    def finish(self, inventory: WrittenTables) -> None:
         """Take note of what only the end tells."""
 
     def close(self) -> list[str]:
@@ -52,7 +52,7 @@ class RunResult:
 
     log: Path
     folder: Path
-    inventory: Inventory
+    inventory: WrittenTables
     report: ReadReport
     frames: dict[str, int]
     stage_seconds: dict[str, float]

@@ -9,7 +9,7 @@ from pathlib import Path
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent, PoseContent
 from wayside.pipeline.reading.messages import Kind
-from wayside.pipeline.reading.survey import Survey, Topic, survey_log
+from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -26,7 +26,7 @@ class Plan:
     be compared; by_number: message sequence numbers count the images taken, gaps included.
     """
 
-    survey: Survey
+    survey: LogSurvey
     camera: Topic
     calibration: Topic | None
     camera_given: Camera | None
@@ -94,7 +94,7 @@ def plan_reading(path: Path, settings: ReadSettings) -> Plan:
     return make_plan(survey, settings, given)
 
 
-def make_plan(survey: Survey, settings: ReadSettings, given: Camera | None) -> Plan:
+def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -> Plan:
     """Choose from a survey; `given` is the calibration of `settings.calibration`. Raises as `plan_reading`."""
     camera = _choose_camera(survey, settings.camera)
     calibration, camera_given, source = _choose_calibration(survey, camera, settings, given)
@@ -121,7 +121,7 @@ def make_plan(survey: Survey, settings: ReadSettings, given: Camera | None) -> P
     )
 
 
-def _choose_camera(survey: Survey, wanted: str) -> Topic:
+def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
     cameras = survey.cameras
     if not cameras:
         video = any("CompressedVideo" in t.schema for t in survey.topics.values())
@@ -164,7 +164,7 @@ def describe_cameras(cameras: list[Topic]) -> str:
 
 
 def _choose_calibration(
-    survey: Survey, camera: Topic, settings: ReadSettings, given: Camera | None
+    survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None
 ) -> tuple[Topic | None, Camera | None, str]:
     if given is not None:
         return None, given, settings.calibration
@@ -197,7 +197,7 @@ def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
     return same_frame, size == camera.image_size, shared
 
 
-def _choose_motion(survey: Survey, camera: Topic) -> tuple[str, Topic | None]:
+def _choose_motion(survey: LogSurvey, camera: Topic) -> tuple[str, Topic | None]:
     """Transforms that carry the camera itself, else poses, else odometry."""
     image = camera.first
     frame = image.frame_id if isinstance(image, ImageContent) else ""
@@ -221,7 +221,7 @@ def _clocks_differ(camera: Topic, *others: Topic | None) -> bool:
     )
 
 
-def _listing(survey: Survey) -> str:
+def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
     words = [f"{t.name} ({t.schema or 'no schema'})" for t in topics[:6]]
@@ -229,6 +229,6 @@ def _listing(survey: Survey) -> str:
     return ", ".join(words) + more if words else "no messages"
 
 
-def _lost(survey: Survey) -> str:
+def _lost(survey: LogSurvey) -> str:
     count = survey.scan.problem_count
     return f" (and {count} damaged places)" if count else ""

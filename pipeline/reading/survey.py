@@ -77,7 +77,7 @@ class Topic:
 
 
 @dataclass(slots=True)
-class Survey:
+class LogSurvey:
     """What was found in a log, in the whole of it or at its beginning."""
 
     path: Path
@@ -101,7 +101,7 @@ class Survey:
 
 def survey_log(
     path: Path, *, whole: bool, camera: str = "", calibrated: bool = False, spaced: bool = False
-) -> Survey:
+) -> LogSurvey:
     """Look into a log.
 
     Parameters
@@ -122,7 +122,7 @@ def survey_log(
     InputError
         The file is no MCAP log or cannot be read.
     """
-    survey = Survey(path)
+    survey = LogSurvey(path)
     expected = set() if whole else _expected_topics(path)
     decoders = Decoders()
     for record in scan(path, survey.scan):
@@ -163,14 +163,14 @@ def _expected_topics(path: Path) -> set[tuple[str, str]]:
     }
 
 
-def _has_all(survey: Survey, expected: set[tuple[str, str]]) -> bool:
+def _has_all(survey: LogSurvey, expected: set[tuple[str, str]]) -> bool:
     """Whether each expected topic was seen, once being enough; of transforms, many come on one topic."""
     if not expected or survey.of_kind(Kind.TRANSFORM):
         return False
     return expected <= survey.topics.keys()
 
 
-def _take_message(survey: Survey, message: Message, decoders: Decoders) -> bool:
+def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> bool:
     """Count a message; True where it tells something new."""
     channel = message.channel
     key = topic_key(channel)
@@ -200,7 +200,7 @@ def _take_message(survey: Survey, message: Message, decoders: Decoders) -> bool:
     return True
 
 
-def _take_metadata(survey: Survey, record: Metadata) -> None:
+def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
     if record.name != METADATA_NAME:
         return
     try:
@@ -212,7 +212,7 @@ def _take_metadata(survey: Survey, record: Metadata) -> None:
         survey.by_number = record.values.get(BY_NUMBER_KEY) == "yes"
 
 
-def _take_attachment(survey: Survey, record: Attachment) -> None:
+def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
     is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
     if not is_yaml or survey.attached_camera is not None:
         return
@@ -224,7 +224,7 @@ def _take_attachment(survey: Survey, record: Attachment) -> None:
         return  # some other YAML file
 
 
-def _is_usable(survey: Survey, camera: str, calibrated: bool, spaced: bool) -> bool:
+def _is_usable(survey: LogSurvey, camera: str, calibrated: bool, spaced: bool) -> bool:
     images = [
         t.first
         for t in survey.cameras

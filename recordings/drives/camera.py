@@ -15,7 +15,7 @@ CANVAS_SCALE = 1.1
 _MARGIN_PX = 3.0
 
 
-class Camera:
+class CameraModel:
     """Intrinsics, distortion and the larger pinhole canvas (`canvas_*`) that images are drawn on.
 
     `map_x`, `map_y` (height, width) give the canvas position of every image pixel.

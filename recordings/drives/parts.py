@@ -87,7 +87,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True)
-class Sign:
+class PlacedSign:
     """One placed panel."""
 
     sign_id: int  # 1-based

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
 from recordings.drives.spec import DriveSpec
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class TimedPose:
     """One image: when and from where it was taken."""
 
     index: int
@@ -99,12 +99,12 @@ def _motion(spec: DriveSpec, triggers: int) -> _Motion:
     return _Motion(pitch, roll, yaw, height, wander - wander[0], speed, step)
 
 
-def drive_poses(spec: DriveSpec, road: Alignment) -> list[Pose]:
+def drive_poses(spec: DriveSpec, road: RoadAlignment) -> list[TimedPose]:
     """True poses of all images of a drive, in order."""
     triggers = spec.frames + len(spec.path.dropped)
     motion, camera = _motion(spec, triggers), spec.camera
     mount = mount_rotation(camera.mount_yaw_deg, camera.mount_pitch_deg, camera.mount_roll_deg)
-    poses: list[Pose] = []
+    poses: list[TimedPose] = []
     station, travelled, time_s = 0.0, 0.0, 0.0
     after_dropped = False
     for trigger in range(triggers):
@@ -125,7 +125,7 @@ def drive_poses(spec: DriveSpec, road: Alignment) -> list[Pose]:
         )
         height = camera.mount_height_m + motion.height_m[trigger]
         poses.append(
-            Pose(
+            TimedPose(
                 index=len(poses),
                 trigger=trigger,
                 time_ns=spec.log.start_ns + round(time_s * 1e9),

@@ -9,10 +9,10 @@ import numpy as np
 
 from recordings.drives.arrays import Bytes, Floats, Singles
 from recordings.drives.backdrop.backdrop import Backdrop
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.layers import Air, make_layer
 from recordings.drives.parts import Group, Part, Quad, Sprite
-from recordings.drives.poses import Pose
+from recordings.drives.poses import TimedPose
 from recordings.drives.scene import Scene
 from recordings.drives.sensor import Exposure, Sensor
 from recordings.drives.spec import DriveSpec
@@ -47,7 +47,7 @@ class _Canvas:
 class Renderer:
     """Draws the images of one drive."""
 
-    def __init__(self, spec: DriveSpec, scene: Scene, camera: Camera) -> None:
+    def __init__(self, spec: DriveSpec, scene: Scene, camera: CameraModel) -> None:
         self.spec, self.scene, self.camera = spec, scene, camera
         self.sunlight = sunlight(spec.light)
         self.air = Air(self.sunlight.haze, spec.light.haze_m)
@@ -55,7 +55,7 @@ class Renderer:
         self.sensor = Sensor(spec, camera)
         self.unseen = camera.unseen()
 
-    def render(self, pose: Pose, seconds: float, exposure: Exposure) -> RenderedImage:
+    def render(self, pose: TimedPose, seconds: float, exposure: Exposure) -> RenderedImage:
         """The image at a pose, so many seconds after the first one."""
         light, depth = self.backdrop.draw(pose)
         canvas = _Canvas(light, depth, np.zeros(depth.shape, np.uint8), {})
@@ -82,7 +82,7 @@ class Renderer:
             cv2.remap(labels, camera.map_x, camera.map_y, cv2.INTER_NEAREST), np.uint8
         )
 
-    def _far_to_near(self, pose: Pose, seconds: float) -> list[tuple[float, Group]]:
+    def _far_to_near(self, pose: TimedPose, seconds: float) -> list[tuple[float, Group]]:
         """Groups within their reach with their depth, the farthest first."""
         axis = pose.rotation[:, 2]
         groups = []
@@ -92,7 +92,7 @@ class Renderer:
                 groups.append((depth, group))
         return sorted(groups, key=lambda item: -item[0])
 
-    def _light_on(self, part: Part, quad: Quad, pose: Pose) -> Singles:
+    def _light_on(self, part: Part, quad: Quad, pose: TimedPose) -> Singles:
         """Irradiance on a part, RGB; plants take more light when the sun is behind the camera."""
         sun = self.sunlight
         if isinstance(part, Sprite):
@@ -104,7 +104,7 @@ class Renderer:
             normal = -normal
         return sun.on_surface(max(0.0, float(normal @ sun.to_sun)))
 
-    def _cast_shadows(self, canvas: _Canvas, pose: Pose, groups: list[Group]) -> None:
+    def _cast_shadows(self, canvas: _Canvas, pose: TimedPose, groups: list[Group]) -> None:
         """Darken the ground along the sun direction; overlapping shadows count once."""
         to_sun = self.sunlight.to_sun
         direct = self.spec.light.sun * float(to_sun[2])
@@ -130,7 +130,7 @@ class Renderer:
         lit = 1 - np.float32(strength) * shade * np.isfinite(canvas.depth)
         np.multiply(canvas.light, lit[..., None], out=canvas.light)
 
-    def _paint(self, canvas: _Canvas, pose: Pose, part: Part, crest: float) -> None:
+    def _paint(self, canvas: _Canvas, pose: TimedPose, part: Part, crest: float) -> None:
         """Composite one part, but not behind ground nearer than `crest`, and keep the labels of sign fronts."""
         quad = part.quad(pose.position) if isinstance(part, Sprite) else part
         away = np.cross(quad.v, quad.u) @ (pose.position - quad.origin) <= 0

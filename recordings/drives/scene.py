@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Singles
 from recordings.drives.paint.vehicles import VehicleStyle
-from recordings.drives.parts import Group, Sign
+from recordings.drives.parts import Group, PlacedSign
 from recordings.drives.solids import Stand, vehicle_group
 
 
@@ -26,8 +26,8 @@ class Mover:
 class Scene:
     """Road, signs, standing groups and moving vehicles."""
 
-    road: Alignment
-    signs: list[Sign]
+    road: RoadAlignment
+    signs: list[PlacedSign]
     groups: list[Group]
     movers: list[Mover]
     dapple: Singles | None  # tile of light through leaves, 1 where it is full

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from recordings.drives.arrays import Bytes, Singles
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.spec import DriveSpec
 
 _STEPS_PER_LIGHT = 2048
@@ -43,7 +43,7 @@ def exposures(spec: DriveSpec, count: int) -> list[Exposure]:
 class Sensor:
     """Develops the images of one drive."""
 
-    def __init__(self, spec: DriveSpec, camera: Camera) -> None:
+    def __init__(self, spec: DriveSpec, camera: CameraModel) -> None:
         self.spec, self.camera = spec, camera
         width, height = spec.camera.width, spec.camera.height
         columns = np.linspace(-1, 1, width, dtype=np.float32)[None, :]

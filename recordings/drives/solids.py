@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
 from recordings.drives.paint.roadside import contact_shadow
 from recordings.drives.paint.texture import Texture
@@ -62,7 +62,7 @@ def all_around(faces: Iterable[str], texture: Texture) -> dict[str, Texture]:
     return dict.fromkeys(faces, texture)
 
 
-def vehicle_group(road: Alignment, style: VehicleStyle, stand: Stand, name: str) -> Group:
+def vehicle_group(road: RoadAlignment, style: VehicleStyle, stand: Stand, name: str) -> Group:
     """A vehicle standing on the road, with the shadow below it."""
     forward, right, up = road.axes(stand.station)
     base = road.surface(stand.station, stand.offset)

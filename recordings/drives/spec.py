@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 RoadKind: TypeAlias = Literal["two_lane", "four_lane", "street", "forest"]
-Dialect: TypeAlias = Literal["protobuf", "ros2", "json"]
+DialectName: TypeAlias = Literal["protobuf", "ros2", "json"]
 Compression: TypeAlias = Literal["zstd", "lz4", "none"]
 
 
@@ -139,7 +139,7 @@ class SensorSpec:
 class LogSpec:
     """Dialect of the log and which side channels it carries."""
 
-    dialect: Dialect = "protobuf"
+    dialect: DialectName = "protobuf"
     raw: bool = False
     compression: Compression = "zstd"
     chunk_kib: int = 1024  # 0 writes no chunks
