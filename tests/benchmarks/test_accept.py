@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -24,15 +23,8 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def accept() -> ModuleType:
-    path = ROOT / "benchmarks" / "accept.py"
-    spec = importlib.util.spec_from_file_location("accept", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["accept"] = module
-    spec.loader.exec_module(module)
-    return module
+def accept(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("accept")
 
 
 def found(along: float) -> Match:

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pyproj import Geod
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = (38.5, -98.4, 500.0)
 
 
 @pytest.fixture(scope="module")
-def globe():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return importlib.import_module("geometry_globe")
-    finally:
-        sys.path.remove(str(BENCHMARKS))
+def globe(load):
+    return load("geometry_globe")
 
 
 class Exact:
