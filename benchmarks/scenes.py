@@ -130,11 +130,18 @@ def say(text: str) -> None:
 
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     """Every source, detected in with models that have not seen it; and how they were learned, in words."""
-    samples = gather(logs, real, SEED, say)
+    settings, _ = load_settings()
+    samples = gather(logs, real, settings, SEED, say)
     detectors = learn_detector(
-        samples.drives, samples.features_of, samples.patches_of, SEED, "", samples.scenes
+        samples.drives,
+        samples.features_of,
+        samples.patches_of,
+        SEED,
+        "",
+        settings.candidates,
+        samples.scenes,
     ).out_of_fold
-    ranking = learn_ranking(samples.drives, (), SEED, "")
+    ranking = learn_ranking(samples.drives, (), SEED, "", settings.candidates.most)
     _, gate = learn_prefilter(samples.drives, SEED, "")
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():

@@ -24,6 +24,7 @@ from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import TreeModel
+from wayside.schemas.settings import Settings
 from wayside.stages.detection import REGION_FEATURES
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
@@ -181,12 +182,12 @@ def test_drives_without_backs_teach_none(tmp_path):
     truth["signs"] = [sign for sign in truth["signs"] if sign["faces_travel"]]
     path = tmp_path / "learn_a.truth.json"
     path.write_text(json.dumps(truth))
-    drive = gather([tmp_path / "learn_a.mcap"], None, 1, print).drives[0]
+    drive = gather([tmp_path / "learn_a.mcap"], None, Settings(), 1, print).drives[0]
     one = detector.PrefilteredDrive(
         drive, drive.candidates, np.zeros((len(drive.candidates.label), 0), np.float32)
     )
     with pytest.raises(InputError, match="found 0; add drives"):
-        learn_back_classifier([one], 1, "")
+        learn_back_classifier([one], 1, "", 0.4)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from wayside.pipeline.learning.scenes import (
     scene_sources,
 )
 from wayside.schemas.errors import InputError
+from wayside.schemas.settings import Settings
 
 BOX = [300, 215, 330, 245]
 
@@ -58,7 +59,7 @@ def test_images_are_read_as_rgb_with_a_camera_of_their_size(folder):
 
 def test_boxed_signs_are_faces_and_only_complete_scenes_show_what_is_none(folder):
     scenes = scene_sources(read_scenes(folder))["two"]
-    drive = scene_drive(scene_images(folder, scenes), "two", scenes)
+    drive = scene_drive(scene_images(folder, scenes), "two", scenes, Settings())
     labels = [set(drive.candidates.label[drive.candidates.frame == k].tolist()) for k in (0, 1)]
     assert labels[0] == {ON, NEITHER}
     assert {ON, OFF} <= labels[1]
