@@ -129,7 +129,7 @@ def say(text: str) -> None:
 
 
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
-    """Every source, detected in with models that have not seen it; and how they were learned, in words."""
+    """Every source, with what models find that have not seen it; and how they were learned, in words."""
     settings, _ = load_settings()
     samples = gather(logs, real, settings, SEED, say)
     detectors = learn_detector(
@@ -147,13 +147,13 @@ def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
     for source, listed in scene_sources(read_scenes(real)).items():
         classifier, face_box = detectors[source]
         by = SceneModels(ranking, replace(classifier, prefilter=gate), face_box)
-        found.append(looked_at(source, real, listed, by))
-        say(f"detected in the {len(listed)} images of {source}")
+        found.append(source_of(source, real, listed, by))
+        say(f"measured the {len(listed)} images of {source}")
     images = sum(drive.frames for drive in samples.drives)
     return found, f"{len(samples.drives)} rendered drives ({images} images)"
 
 
-def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Source:
+def source_of(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Source:
     """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
     faces: list[FaceOutcome] = []
     false: list[tuple[str, tuple[float, ...], float]] = []

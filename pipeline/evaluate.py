@@ -82,10 +82,10 @@ def format_evaluation(evaluation: Evaluation) -> str:
         lines += [f"  {name}" for name in evaluation.missed]
         return "\n".join(lines)
     for panel in evaluation.missed:
-        look = f"{panel.kind}, {panel.color} {panel.shape}"
+        face = f"{panel.kind}, {panel.color} {panel.shape}"
         size = f"{_number(panel.width_m)} x {_number(panel.height_m)} m"
         where = f"{_number(panel.station_m)} m along, {_number(panel.lateral_m)} m right"
-        lines.append(f"  {panel.id:>4}  {look:<44} {size}   {where}")
+        lines.append(f"  {panel.id:>4}  {face:<44} {size}   {where}")
     return "\n".join(lines)
 
 
@@ -125,8 +125,8 @@ def _false_lines(evaluation: Evaluation) -> Iterator[str]:
         yield ""
         yield "false"
     for sign in evaluation.false:
-        look = f"{sign.color or '?'} {sign.shape or '?'}"
-        yield f"  {sign.sign_id}  frame {sign.best_frame}  {look}  on: {sign.cause}"
+        face = f"{sign.color or '?'} {sign.shape or '?'}"
+        yield f"  {sign.sign_id}  frame {sign.best_frame}  {face}  on: {sign.cause}"
 
 
 def _number(value: float | None) -> str:

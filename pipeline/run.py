@@ -225,7 +225,7 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
         or "none at all"
     )
     return (
-        f"{log}: wanted images to look at, found {reasons}; "
+        f"{log}: wanted images to process, found {reasons}; "
         "see `wayside info` for what the log holds and loosen --from, --until, --every or the calibration"
     )
 

@@ -113,5 +113,5 @@ def true_names(one: PrefilteredDrive, what: str) -> NDArray[np.str_]:
 def _balanced_names(names: NDArray[np.str_], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights that count a name by the square root of its fraction: rare names count more."""
     _, which = np.unique(names, return_inverse=True)
-    share = np.bincount(which, weight)
-    return weight / np.sqrt(np.maximum(share, 1e-9))[which]
+    of_name = np.bincount(which, weight)
+    return weight / np.sqrt(np.maximum(of_name, 1e-9))[which]

@@ -268,14 +268,14 @@ def distractor_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
     """Right of the camera and above it of objects that are no signs, (n, 2) metres, where each is first visible."""
     frames = {frame["index"]: frame for frame in truth["frames"]}
     rows = []
-    for thing in truth.get("distractors", ()):
-        view = thing["frames"][0]
-        position = np.array(view.get("position", thing.get("position")), np.float64)
+    for distractor in truth.get("distractors", ()):
+        view = distractor["frames"][0]
+        position = np.array(view.get("position", distractor.get("position")), np.float64)
         frame = frames[view["frame"]]
         x, y, z, w = frame["quaternion"]
         right = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
-        gap = position - np.array(frame["position"])
-        rows.append((float(right @ gap), float(gap[2])))
+        offset = position - np.array(frame["position"])
+        rows.append((float(right @ offset), float(offset[2])))
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
@@ -319,9 +319,9 @@ def labelled(
         rows, own = np.flatnonzero(frame == index), np.flatnonzero(true_faces.frame == index)
         box = regions.box[rows]
         if len(own):
-            gaps = iou_matrix(box, true_faces.box[own])
-            overlap[rows] = gaps.max(axis=1)
-            nearest[rows] = np.where(overlap[rows] > 0, own[gaps.argmax(axis=1)], -1)
+            iou = iou_matrix(box, true_faces.box[own])
+            overlap[rows] = iou.max(axis=1)
+            nearest[rows] = np.where(overlap[rows] > 0, own[iou.argmax(axis=1)], -1)
             label[rows] = face_labels(box, true_faces.box[own], true_faces.is_example[own])
         if not true_faces.complete[index]:
             label[rows] = np.where(label[rows] == OFF, NEITHER, label[rows])

@@ -45,7 +45,7 @@ class Topic:
 
     @property
     def is_camera(self) -> bool:
-        """Whether these are images to look at, depth images excluded."""
+        """Whether these are images of a camera, depth images excluded."""
         if self.kind is not Kind.IMAGE:
             return False
         image = self.first
@@ -95,7 +95,7 @@ class LogSurvey:
 
     @property
     def cameras(self) -> list[Topic]:
-        """Topics of images to look at, by name."""
+        """Topics of camera images, by name."""
         return [t for t in self.of_kind(Kind.IMAGE) if t.is_camera]
 
 
