@@ -82,15 +82,15 @@ def test_slopes_are_those_of_the_distance():
     assert (there - gaps) / small == pytest.approx(slopes[:, 3], rel=1e-2, abs=0.5)
 
 
-def test_fields_of_each_picture_add_up_as_simulated_ones():
-    """Against the sum written out over all pairs of ties of the same picture."""
+def test_fields_of_each_image_add_up_as_simulated_ones():
+    """Against the sum written out over all pairs of ties of the same image."""
     rng = np.random.default_rng(6)
-    picture = rng.integers(0, 3, 50)
+    image = rng.integers(0, 3, 50)
     place, felt = rng.uniform(0, 400, (50, 2)), rng.normal(0, 1, (50, 2, 3))
     apart = ((place[:, None] - place[None]) ** 2).sum(axis=2)
-    alike = np.exp(-apart / (2 * REACH**2)) * (picture[:, None] == picture[None])
+    alike = np.exp(-apart / (2 * REACH**2)) * (image[:, None] == image[None])
     wanted = np.einsum("ij,iak,jam->km", alike, felt, felt)
-    stated = correlated_point_covariance(place, picture, felt, REACH)
+    stated = correlated_point_covariance(place, image, felt, REACH)
     np.testing.assert_allclose(stated, wanted, rtol=1e-3, atol=1e-3)
     np.testing.assert_array_equal(stated, stated.T)
 
