@@ -23,7 +23,13 @@ from wayside.schemas.signs import Sign
 from wayside.stages.detection import BoxClassifier, detect, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
-from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
+from wayside.stages.mapping import (
+    LandmarkClassifier,
+    SideClassifiers,
+    assemble,
+    classify_location,
+    track,
+)
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
@@ -99,9 +105,9 @@ class Flow:
         stage, s, m = self.stage, self.settings, self.models
         posed = stage("motion", estimate_motion(detections, settings=s.motion, ties=s.ties))
         tracked = stage("track", self._tracked(posed))
-        located = stage(
-            "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
-        )
+        by_report = s.candidates.judge == "report"
+        refusing = m.location_classes if by_report else None  # else a term of the evidence
+        located = stage("location", classify_location(tracked, model=refusing, settings=s.locate))
         assembled = stage("assemble", assemble(located, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
@@ -127,10 +133,13 @@ class Flow:
             return match_by_descriptors(posed, settings=s.mapping, sift=s.sift)
         by_report = s.candidates.judge == "report"
         boxes = None if by_report else BoxClassifier(m.box_classifier)
-        front = SideClassifiers(boxes, m.landmark_classifier)
+        front = SideClassifiers(
+            boxes, LandmarkClassifier(m.landmark_classifier, m.location_classes)
+        )
         back = None
         if m.back_classifier is not None:
-            back = SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
+            landmark = LandmarkClassifier(m.back_landmark_classifier, m.location_classes)
+            back = SideClassifiers(BoxClassifier(m.back_classifier), landmark)
         return track(
             posed,
             settings=s.mapping,

@@ -255,7 +255,9 @@ def _tracked(
         flow = Flow(settings, flow_models, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(flow.detect(frames), settings.motion, settings.ties)
-        yield PosedDrive(moved, classifier, back, truth, flow.panel_method())
+        yield PosedDrive(
+            moved, classifier, back, truth, flow.panel_method(), models.location_classes
+        )
 
 
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:

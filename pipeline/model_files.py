@@ -11,13 +11,20 @@ from typing import TypeVar
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
-from wayside.schemas.models import GaussianModel, LinearModel, Model, NetworkModel, TreeModel
+from wayside.schemas.models import (
+    EvidenceModel,
+    GaussianModel,
+    LinearModel,
+    Model,
+    NetworkModel,
+    TreeModel,
+)
 from wayside.schemas.settings import Settings
 
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
+Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel, EvidenceModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +43,12 @@ class Models:
     outline_weights: LinearModel
     color_classes: GaussianModel | None = None
     shape_classes: GaussianModel | None = None
-    landmark_classifier: TreeModel | None = None
+    landmark_classifier: EvidenceModel | None = None
     color_network: NetworkModel | None = None
     shape_network: NetworkModel | None = None
     box_regressor: NetworkModel | None = None
     back_classifier: TreeModel | None = None
-    back_landmark_classifier: TreeModel | None = None
+    back_landmark_classifier: EvidenceModel | None = None
     region_ranking: TreeModel | None = None
 
     def digests(self) -> dict[str, str]:
@@ -89,12 +96,12 @@ def load_models(settings: Settings) -> Models:
         _linear(folder, "outline.json"),
         _gaussian(folder, "color_rgb.json") if by_report else None,
         _gaussian(folder, "shape.json") if by_report else None,
-        _trees(folder, "place.json") if _exists(folder, "place.json") else None,
+        _evidence(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),
         optional(_network, "face_box.json"),
         optional(_trees, "back.json"),
-        optional(_trees, "back_place.json"),
+        optional(_evidence, "back_place.json"),
         optional(_trees, "ranking.json"),
     )
 
@@ -154,3 +161,4 @@ _gaussian = _of_kind(GaussianModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
 _linear = _of_kind(LinearModel)
+_evidence = _of_kind(EvidenceModel)

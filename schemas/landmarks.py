@@ -32,7 +32,8 @@ class Landmark:
     distance right of the path and above the camera's path, at station_m along it; best_*: the image that shows it
     largest and whole; best_pose: of its camera in the drive's frame; score: log odds that it is a sign; residual_px:
     RMS of the views that the point was fitted to; back: seen from behind; assembly: number of its support, -1: none;
-    features: what the landmark classifier saw, in the order of its model's features.
+    features: what the landmark classifier saw, in the order of its `FEATURES`; evidence: log-likelihood ratio of each
+    term, sign against anything else, whose sum with the prior log odds is the score.
     """
 
     track_id: int
@@ -62,6 +63,7 @@ class Landmark:
     back: bool = False
     assembly: int = -1
     features: tuple[float, ...] = field(default=(), repr=False)
+    evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     FEATURE_LIMIT,
     ConvolutionModel,
+    EvidenceModel,
     GaussianClass,
     GaussianModel,
     LinearModel,
@@ -27,6 +28,7 @@ from wayside.schemas.models import (
 )
 
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
+EVIDENCE_COLUMNS = ("name", "term", "low", "high", "middle", "weight")
 Part = TypeVar("Part", TreeModel, NetworkModel, ConvolutionModel)
 
 
@@ -63,6 +65,16 @@ def model_to_json(model: Model) -> str:
             name: [_rounded(a) for a in getattr(model, name)] for name in ("filters", "biases")
         }
         body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
+    elif isinstance(model, EvidenceModel):
+        columns = (model.low, model.high, model.middle, model.weight)
+        rows = zip(
+            model.features, model.terms, *(column.tolist() for column in columns), strict=True
+        )
+        body = {
+            "features": [dict(zip(EVIDENCE_COLUMNS, row, strict=True)) for row in rows],
+            "shift": model.shift,
+            "accept": model.threshold,
+        }
     else:
         parts = {"gate": model.prefilter, "network": model.network, "closer": model.patch_cnn}
         body = {
@@ -131,6 +143,8 @@ def model_from_json(text: str, name: str = "model") -> Model:
         if data["kind"] == "linear":
             weights = {str(name): float(weight) for name, weight in data["weights"].items()}
             return LinearModel(tuple(weights), np.array(list(weights.values())), data["provenance"])
+        if data["kind"] == "evidence":
+            return _evidence_of(data)
         if data["kind"] == "network":
             return _network_of(data)
         if data["kind"] == "convolution":
@@ -163,6 +177,19 @@ def _network_of(data: dict[str, Any]) -> NetworkModel:
         **arrays,
         provenance=data["provenance"],
         feature_limit=float(data.get("farthest", FEATURE_LIMIT)),
+    )
+
+
+def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
+    name, term, *numbers = EVIDENCE_COLUMNS
+    rows = data["features"]
+    return EvidenceModel(
+        tuple(str(row[name]) for row in rows),
+        tuple(str(row[term]) for row in rows),
+        **{key: np.array([row[key] for row in rows], np.float64) for key in numbers},
+        shift=float(data["shift"]),
+        threshold=float(data["accept"]),
+        provenance=data["provenance"],
     )
 
 

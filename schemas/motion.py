@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame, Pose
 
-
 ROUGH_LENGTHS = ("fixes", "speed")
 """Sources that know the length of a step only roughly: the path of the whole drive determines it."""
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
-from wayside.pipeline.learning.cross_validation import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import EvidenceModel, GaussianModel, TreeModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MappingSettings, TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.mapping import FEATURES, SideClassifiers, track
+from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, track
 from wayside.stages.panel import PanelMethod
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
@@ -27,20 +25,41 @@ above which it is no example."""
 NEAREST = 3
 FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
-TREES = Boosting(
-    trees=80, leaves=5, learning_rate=0.06, weight_decay=2.0, smallest_leaf=8, feature_fraction=0.5
+EVIDENCE = (
+    ("score_best", "appearance", -4.0, 6.0),
+    ("score_mean", "appearance", -4.0, 6.0),
+    ("log_views", "views", 0.0, 2.5),
+    ("missed", "views", 0.0, 6.0),
+    ("log_width", "size", -2.0, -0.7),
+    ("log_width", "size", 0.0, 2.0),
+    ("log_height", "size", -2.0, -0.7),
+    ("log_height", "size", 0.0, 2.0),
+    ("elongation", "size", 0.0, 2.0),
+    ("place_sigmas", "place", 0.0, 5.0),
+    ("residual_px", "rigidity", 0.0, 4.0),
+    ("size_scatter", "rigidity", 0.0, 0.4),
+    ("depth_sigma", "rigidity", 0.0, 0.3),
+    ("registered", "registration", 0.0, 5.0),
+    ("panel_px", "registration", 0.0, 1.0),
 )
+"""Feature, term, and the bounds within which it counts. Sizes count where they are unusual for faces: below half a
+metre, above one metre."""
+REGULARISATION = 0.3
+"""Inverse of the penalty on squared weights in standard deviations."""
+FOLDS = 8
+FEWEST_EXAMPLES = 16
 ACCEPT, ACCEPT_BACK = -1.4, 0.0
 """Log odds below which a landmark is refused; between that and the confidence setting a face is uncertain. A back
 is reported where that is likelier than not."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class PosedDrive:
     """A drive with truth up to its motion: frames with candidates, and the box classifiers that scored them.
 
-    panel: how panels are measured; None: they are not.
+    panel: how panels are measured; None: they are not. location: where signs stand.
     """
 
     moved: Iterable[PosedDetections]
@@ -48,6 +67,7 @@ class PosedDrive:
     back: TreeModel | None
     truth: dict[str, Any]
     panel: PanelMethod | None = None
+    location: GaussianModel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +102,10 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
         known = panels_by_frame(drive.truth)
         settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
         front, back = (
-            SideClassifiers(None if model is None else BoxClassifier(model))
+            SideClassifiers(
+                None if model is None else BoxClassifier(model),
+                LandmarkClassifier(None, drive.location),
+            )
             for model in (drive.face, drive.back)
         )
         behind = None if drive.back is None else back
@@ -111,24 +134,67 @@ def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
 
 
 def learn_landmark_classifier(
-    places: LandmarkSamples, provenance: str, accept: float = ACCEPT
-) -> TreeModel:
-    """Fit and calibrate the landmark classifier; raises InputError where there are too few of either kind."""
-    known = places.label != NEITHER
-    values, sign = places.values[known], places.label[known] == SIGN
-    drive = places.drive[known]
-    if min(sign.sum(), (~sign).sum()) < 2 * TREES.smallest_leaf or len(np.unique(drive)) < 2:
+    samples: LandmarkSamples, provenance: str, accept: float = ACCEPT
+) -> EvidenceModel:
+    """Fit the log-likelihood ratios of all terms together and calibrate their sum on drives held out in turn.
+
+    Logistic regression on the bounded features weighs terms that depend on each other (many views of a shop front)
+    by what they say together. Signs and others weigh the same, so the log odds are those of even prior odds.
+
+    Raises
+    ------
+    InputError
+        Where there are too few landmarks of either kind.
+    """
+    measured = ~np.isnan(samples.values).any(
+        axis=1
+    )  # neither duplicates nor what the vehicle drove over
+    known = measured & (samples.label != NEITHER)
+    sign, drive = samples.label[known] == SIGN, samples.drive[known]
+    if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(drive)) < 2:
         raise InputError(
-            f"landmark classifier: wanted two drives and {2 * TREES.smallest_leaf} landmarks of either kind, found "
+            f"landmark classifier: wanted two drives and {FEWEST_EXAMPLES} landmarks of either kind, found "
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
-    slope, shift = calibration(values, sign, drive)
-    model = exported_trees(fit_trees(values, sign, None, TREES, 1), FEATURES, accept, provenance)
-    return replace(
-        model,
-        bias=slope * model.bias + shift,
-        value=(slope * model.value).astype(np.float32),
+    names, terms, low, high = (list(column) for column in zip(*EVIDENCE, strict=True))
+    columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
+    bounded = np.clip(columns, low, high)
+    middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
+    slope, shift = _calibration(bounded - middle, sign, drive)
+    weight, constant = _logistic_regression(bounded - middle, sign)
+    numbers = {"low": low, "high": high, "middle": middle, "weight": slope * weight}
+    return EvidenceModel(
+        tuple(names),
+        tuple(terms),
+        **{key: np.array([float(f"{v:.6g}") for v in column]) for key, column in numbers.items()},
+        shift=round(slope * constant + shift, 5),
+        threshold=accept,
+        provenance=provenance,
     )
+
+
+def _logistic_regression(values: Values, sign: NDArray[np.bool_]) -> tuple[Values, float]:
+    """Weights (f,) and constant; both kinds weigh the same, and weights in standard deviations are kept small."""
+    from sklearn.linear_model import LogisticRegression  # only learning needs it
+
+    scale = np.maximum(values.std(axis=0), 1e-6)
+    fitted = LogisticRegression(C=REGULARISATION, class_weight="balanced", max_iter=5000)
+    fitted.fit(values / scale, sign)
+    return fitted.coef_[0] / scale, float(fitted.intercept_[0])
+
+
+def _calibration(
+    values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999)."""
+    held_out = np.empty(len(values))
+    folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
+    for fold in np.unique(folds):
+        own = folds == fold
+        weight, constant = _logistic_regression(values[~own], sign[~own])
+        held_out[own] = values[own] @ weight + constant
+    slope, shift = _logistic_regression(held_out[:, None], sign)
+    return float(slope[0]), shift
 
 
 Panel = tuple[int, bool, tuple[float, float, float, float]]
@@ -163,17 +229,3 @@ def label_of(place: Landmark, known: dict[int, list[Panel]]) -> int:
 
 def _on_face(overlaps: Sequence[float], near: Sequence[Observation]) -> bool:
     return float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
-
-
-def calibration(
-    values: NDArray[np.float32], sign: NDArray[np.bool_], drive: NDArray[np.int64]
-) -> tuple[float, float]:
-    """Slope and shift that turn the trees' sums into log odds that hold on drives they have not seen (Platt 1999)."""
-    held_out = np.empty(len(values))
-    for number in np.unique(drive):
-        own = drive == number
-        held_out[own] = fit_trees(values[~own], sign[~own], None, TREES, 1).decision_function(
-            values[own]
-        )
-    slope, shift = platt(held_out[:, None], sign)
-    return float(slope[0]), shift

@@ -1,4 +1,4 @@
-"""What is expected of the step to the next image: by poses, odometry, the spacing on a straight line, fixes, or speed."""
+"""What is expected of the step to the next image: by poses, odometry, straight-line spacing, fixes, or speed."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -313,7 +314,7 @@ def test_beyond_the_last_fix_points_carry_the_length_of_the_steps():
     fixes = [Fix(38 + pose.centre[2] * degrees, -97.0, 500.0, (0.1, 0.1, 0.1)) for pose in poses]
     found = motions(images, fix=[*fixes[:3], *[None] * 4])
     assert [m.source for m in found[1:]] == ["fixes"] * 2 + ["speed"] * 4
-    length = [np.linalg.norm(b.centre - a.centre) for a, b in zip(poses, poses[1:], strict=False)]
+    length = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(poses)]
     assert max(length) == pytest.approx(2 * min(length), rel=0.01)  # one step is twice as fast
     np.testing.assert_allclose([m.baseline_m for m in found[1:]], length, rtol=0.02)
 
