@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
+from wayside.stages.adjustment import QUADRATIC, ResidualBlocks, StepConstraints, adjust_window
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.bundle_adjustment import adjust_window
-from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepConstraints
 from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
 from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.odometry import (

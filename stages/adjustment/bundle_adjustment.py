@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
 from wayside.stages.kernels import Array, compiled, require_array
-from wayside.stages.mapping.normal_equations import (
+from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
     linearise,
     point_spans,
     point_uncertainty,
     reduce_points,
 )
-from wayside.stages.mapping.residuals import (
+from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wayside.stages.geometry import cholesky_solve, invert_symmetric
 from wayside.stages.kernels import Array, compiled
-from wayside.stages.mapping.residuals import (
+from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,

@@ -8,8 +8,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.settings import AdjustmentSettings
-from wayside.stages.mapping.bundle_adjustment import adjust_window
-from wayside.stages.mapping.residuals import (
+from wayside.stages.adjustment.bundle_adjustment import adjust_window
+from wayside.stages.adjustment.residuals import (
     QUADRATIC,
     PointAnchors,
     ResidualBlocks,
