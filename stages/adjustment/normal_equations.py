@@ -38,13 +38,16 @@ class NormalEquations(NamedTuple):
 
 
 @compiled
-def point_spans(blocks: ResidualBlocks, span: NDArray[np.int64]) -> None:
-    """First and last frame that measures each point, (p, 2); of a point without blocks the last is -1."""
+def point_spans(blocks: ResidualBlocks, held: int, span: NDArray[np.int64]) -> None:
+    """First and last frame that measures each point, (p, 2), the held one aside; without any the last is -1."""
     span[:, 0], span[:, 1] = 1 << 30, -1
     for i in range(blocks.point.shape[0]):
         n = blocks.point[i]
-        span[n, 0] = min(span[n, 0], min(blocks.frames[i, 0], blocks.frames[i, 1]))
-        span[n, 1] = max(span[n, 1], max(blocks.frames[i, 0], blocks.frames[i, 1]))
+        for x in range(2):
+            frame = blocks.frames[i, x]
+            if frame != held:
+                span[n, 0] = min(span[n, 0], frame)
+                span[n, 1] = max(span[n, 1], frame)
 
 
 @compiled
@@ -134,8 +137,6 @@ def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right
     y = np.empty(3)
     for n in range(normal.own.shape[0]):
         first, last = normal.span[n, 0], normal.span[n, 1]
-        if last < 0:
-            continue
         inverse = normal.inverse[n]
         invert_symmetric(normal.own[n], damping, FLOOR, inverse)
         for f in range(first, last + 1):
@@ -159,7 +160,7 @@ def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right
 
 
 @compiled
-def point_uncertainty(
+def uncertainty(
     rotations: Array,
     centres: Array,
     held: int,
@@ -167,6 +168,7 @@ def point_uncertainty(
     points: Array,
     blocks: ResidualBlocks,
     wanted: int,
+    of_pose: bool,
     residuals: Array,
     normal: NormalEquations,
     reduced: Array,
@@ -174,41 +176,47 @@ def point_uncertainty(
     covariance: Array,
     gain: Array,
 ) -> None:
-    """Block (3, 3) of one point in the inverse of the normal equations, and its derivatives by targets (m, 2, 3)."""
-    size = step.shape[0]
-    spread = np.zeros((size, 3))  # covariance of poses and point: S^-1 E V^-1
-    reach = np.zeros((size, 3))
+    """Block (k, k) of a point (k = 3) or of a pose (k = 6) in the inverse of the normal equations; gain (m, 2, k).
+
+    The gain is the derivative by the targets of the blocks. Both stay as they are where there is no inverse.
+    """
+    size, count = step.shape[0], covariance.shape[0]
+    reach = np.zeros((size, count))  # change of the reduced right side by what is wanted, negative
+    spread = np.zeros((size, count))  # covariance of the poses with it
+    own = np.zeros((count, 3))
     reduce_points(normal, 0.0, reduced, step)
-    own = normal.inverse[wanted]
-    for row in range(size):
-        for k in range(3):
-            for j in range(3):
-                reach[row, k] += normal.mixed[wanted, row // 6, row % 6, j] * own[j, k]
-    for k in range(3):
+    if of_pose:
+        for k in range(6):
+            reach[6 * wanted + k, k] = -1.0
+    else:
+        own[:] = normal.inverse[wanted]
+        for row in range(size):
+            for k in range(3):
+                for j in range(3):
+                    reach[row, k] += normal.mixed[wanted, row // 6, row % 6, j] * own[j, k]
+    for k in range(count):
         if k > 0:
             reduce_points(normal, 0.0, reduced, step)
         step[:] = reach[:, k]
         if not cholesky_solve(reduced, step, size):
             return
         spread[:, k] = step
-    for k in range(3):
-        for j in range(3):
-            covariance[k, j] = own[k, j]
+    for k in range(count):
+        for j in range(count):
+            covariance[k, j] = 0.0 if of_pose else own[k, j]
             for row in range(size):
                 covariance[k, j] += reach[row, k] * spread[row, j]
-    jacobian, point_jacobian, product = np.empty((2, 12)), np.empty((2, 3)), np.empty((3, 3))
-    work = np.empty((2, 2, 9))
-    back = np.zeros((points.shape[0], 3, 3))
+    jacobian, point_jacobian = np.empty((2, 12)), np.empty((2, 3))
+    product, work = np.empty((count, 3)), np.empty((2, 2, 9))
+    back = np.zeros((points.shape[0], count, 3))
     for n in range(points.shape[0]):
-        if normal.span[n, 1] < 0:
-            continue
         product[:] = 0.0
         for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
             for j in range(6):
-                for k in range(3):
+                for k in range(count):
                     for i in range(3):
                         product[k, i] += spread[6 * f + j, k] * normal.mixed[n, f, j, i]
-        for k in range(3):
+        for k in range(count):
             for j in range(3):
                 for i in range(3):
                     back[n, k, j] += product[k, i] * normal.inverse[n, i, j]
@@ -220,7 +228,7 @@ def point_uncertainty(
             rotations, centres, anchors, points, blocks, i, work, jacobian, point_jacobian
         )
         for r in range(2):
-            for k in range(3):
+            for k in range(count):
                 total = 0.0
                 for x in range(2):
                     if blocks.frames[i, x] != held:
@@ -228,6 +236,6 @@ def point_uncertainty(
                             total -= spread[6 * blocks.frames[i, x] + j, k] * jacobian[r, 6 * x + j]
                 for j in range(3):
                     total += back[n, k, j] * point_jacobian[r, j]
-                    if n == wanted:
+                    if n == wanted and not of_pose:
                         total += own[k, j] * point_jacobian[r, j]
                 gain[i, r, k] = weight * total
