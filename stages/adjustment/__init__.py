@@ -1,6 +1,10 @@
 """Bundle adjustment of frames and points together (report chapter 8)."""
 
 from wayside.stages.adjustment.bundle_adjustment import WindowAdjustment, adjust_window
+from wayside.stages.adjustment.correlated_errors import (
+    correlated_covariance,
+    correlated_sigma_px,
+)
 from wayside.stages.adjustment.residuals import QUADRATIC, ResidualBlocks, StepConstraints
 
 __all__ = [
@@ -9,4 +13,6 @@ __all__ = [
     "StepConstraints",
     "WindowAdjustment",
     "adjust_window",
+    "correlated_covariance",
+    "correlated_sigma_px",
 ]

@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import AdjustmentSettings
-from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
-from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
     linearise,
@@ -34,6 +32,8 @@ from wayside.stages.adjustment.residuals import (
     block_residuals,
     constraint_residuals,
 )
+from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
+from wayside.stages.kernels import Array, compiled, require_array
 
 
 class WindowAdjustment(NamedTuple):
@@ -155,7 +155,17 @@ def adjust_window(
         settings.window_iterations, settings.window_gain, damping=1e-4, least_damping=1e-10
     )
     best, cost, done = _adjust(
-        start, held, origins, blocks, constraints, wanted, of_pose, schedule, history, covariance, gain
+        start,
+        held,
+        origins,
+        blocks,
+        constraints,
+        wanted,
+        of_pose,
+        schedule,
+        history,
+        covariance,
+        gain,
     )
     if of_pose:
         position = best.centres[wanted]

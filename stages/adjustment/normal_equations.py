@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cholesky_solve, invert_symmetric
-from wayside.stages.kernels import Array, compiled
 from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
@@ -20,6 +18,8 @@ from wayside.stages.adjustment.residuals import (
     block_jacobian,
     constraint_jacobian,
 )
+from wayside.stages.geometry import cholesky_solve, invert_symmetric
+from wayside.stages.kernels import Array, compiled
 
 FLOOR = 1e-9
 """Added to every diagonal: a point or frame without measurements stays where it is."""

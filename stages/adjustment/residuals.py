@@ -9,11 +9,13 @@ and its map carries the difference on. The errors of a chain of ties stay those 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.motion import StepPrior
 from wayside.stages.geometry import cross_matrix, rotation_from_vector, vector_from_rotation
 from wayside.stages.kernels import Array, compiled, require_array
 
@@ -92,6 +94,25 @@ class StepConstraints(NamedTuple):
     halfway: NDArray[np.bool_]
     length: Array
     sigma_length: Array
+
+    @staticmethod
+    def of(priors: Sequence[StepPrior], *, common: bool = False) -> StepConstraints:
+        """Priors of the steps of a window, each from one frame to the next.
+
+        common: their lengths derive from each other, so they share one error, which does not average out.
+        """
+        numbers = np.arange(len(priors), dtype=np.int64)
+        factor = np.sqrt(len(priors)) if common else 1.0
+        return StepConstraints(
+            np.column_stack([numbers, numbers + 1]),
+            np.array([p.rotation for p in priors], np.float64).reshape(-1, 3, 3),
+            np.array([p.sigma_rotation for p in priors], np.float64),
+            np.array([p.direction for p in priors], np.float64).reshape(-1, 3),
+            np.array([p.sigma_direction for p in priors], np.float64).reshape(-1, 2),
+            np.array([p.halfway for p in priors], np.bool_),
+            np.array([p.length_m for p in priors], np.float64),
+            np.array([p.sigma_m * factor for p in priors], np.float64),
+        )
 
     def checked(self, frames: int) -> StepConstraints:
         """The same; ValueError where compiled code would read outside of an array."""

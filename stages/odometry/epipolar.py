@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.schemas.motion import StepPrior
 from wayside.stages.geometry import (
     Schedule,
     cholesky_solve,
@@ -23,39 +24,6 @@ from wayside.stages.kernels import Array, compiled, require_array
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
-
-
-class RelativePosePrior(NamedTuple):
-    """What is known of a relative pose before its ties are used.
-
-    rotation (3, 3) with sigma_rotation in radians (inf: unknown). Direction of travel (3,) with sigma_direction (2,)
-    as slopes sideways and up: in the axes half way through the rotation where `halfway` (a camera fixed to a vehicle
-    that drives an arc travels there in a constant direction, that of the chord), else in the previous camera's axes.
-    """
-
-    rotation: Array
-    sigma_rotation: float
-    direction: Array
-    sigma_direction: Array
-    halfway: bool
-
-    def checked(self) -> RelativePosePrior:
-        """The same in the types that compiled code takes.
-
-        Raises
-        ------
-        ValueError
-            Where an array has another shape.
-        """
-        rotation = np.ascontiguousarray(self.rotation, np.float64)
-        direction = np.ascontiguousarray(self.direction, np.float64)
-        sigma = np.ascontiguousarray(self.sigma_direction, np.float64)
-        require_array(rotation, "rotation", np.float64, (3, 3))
-        require_array(direction, "direction", np.float64, (3,))
-        require_array(sigma, "sigma_direction", np.float64, (2,))
-        return RelativePosePrior(
-            rotation, float(self.sigma_rotation), direction, sigma, bool(self.halfway)
-        )
 
 
 class EpipolarFit(NamedTuple):
@@ -79,7 +47,7 @@ class _Problem(NamedTuple):
 
     previous: Array
     current: Array
-    prior: RelativePosePrior
+    prior: StepPrior
     terms: PriorTerms
     focal_px: float
     sigma_px: float
@@ -105,7 +73,7 @@ def fit_epipolar(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: RelativePosePrior,
+    prior: StepPrior,
     *,
     focal_px: float,
     sigma_px: float,
@@ -146,13 +114,27 @@ def fit_epipolar(
         current,
         rotation,
         direction,
-        prior.checked(),
+        _checked(prior),
         focal_px,
         sigma_px,
         scale_px,
         Schedule(iterations),
     )
     return EpipolarFit(rotation, direction)
+
+
+def _checked(prior: StepPrior) -> StepPrior:
+    """The same in the types that compiled code takes; ValueError where an array has another shape."""
+    rotation = np.ascontiguousarray(prior.rotation, np.float64)
+    direction = np.ascontiguousarray(prior.direction, np.float64)
+    sigma = np.ascontiguousarray(prior.sigma_direction, np.float64)
+    require_array(rotation, "rotation", np.float64, (3, 3))
+    require_array(direction, "direction", np.float64, (3,))
+    require_array(sigma, "sigma_direction", np.float64, (2,))
+    numbers = float(prior.length_m), float(prior.sigma_m)
+    return StepPrior(
+        rotation, float(prior.sigma_rotation), direction, sigma, bool(prior.halfway), *numbers
+    )
 
 
 def sampson_px(
@@ -198,9 +180,7 @@ def updated_pose(
 
 
 @compiled
-def prior_residuals(
-    rotation: Array, direction: Array, prior: RelativePosePrior, residuals: Array
-) -> None:
+def prior_residuals(rotation: Array, direction: Array, prior: StepPrior, residuals: Array) -> None:
     """Residuals (5,) of the prior in sigmas: rotation about x, y, z, direction sideways and up."""
     vector = vector_from_rotation(np.dot(rotation, prior.rotation.T))
     for i in range(3):
@@ -222,7 +202,7 @@ def prior_jacobian(
     rotation: Array,
     direction: Array,
     basis: Array,
-    prior: RelativePosePrior,
+    prior: StepPrior,
     known: Array,
     terms: PriorTerms,
 ) -> None:
@@ -357,7 +337,7 @@ def _fit(
     current: Array,
     rotation: Array,
     direction: Array,
-    prior: RelativePosePrior,
+    prior: StepPrior,
     focal_px: float,
     sigma_px: float,
     scale_px: float,

@@ -11,7 +11,12 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import SKIPPED, USED, Camera, Fix, Frame, Image, Pose, PosePrior
-from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import (
+    AdjustmentSettings,
+    FeatureSettings,
+    MotionSettings,
+    TieSettings,
+)
 from wayside.stages.odometry.features import extract_features
 from wayside.stages.odometry.motion_prior import predict_motion
 from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
@@ -110,7 +115,8 @@ def looks(pictures, **known):
 
 def motions(pictures, settings=None, **known):
     settings = settings or MotionSettings()
-    return [m.motion for m in estimate_motion(looks(pictures, **known), settings, TieSettings())]
+    given = looks(pictures, **known), settings, TieSettings(), AdjustmentSettings()
+    return [m.motion for m in estimate_motion(*given)]
 
 
 @lru_cache
@@ -307,12 +313,12 @@ def test_the_same_pictures_give_the_same_bytes():
 def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
     frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
     far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    drive = VisualOdometry(MotionSettings(), TieSettings(), sigma_m=0.1)
+    drive = VisualOdometry(MotionSettings(), TieSettings(), AdjustmentSettings(), sigma_m=0.1)
     expected = predict_motion(frame, far, drive.mount.travel, None, MotionSettings())
-    assert expected.baseline_m > 20
+    assert expected.prior.length_m > 20
     lengths = [drive._length((8.0, 0.02), expected)[0] for _ in range(3)]
     assert lengths[:2] == [8.0, 8.0]
-    assert lengths[2] == expected.baseline_m
+    assert lengths[2] == expected.prior.length_m
     near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
     agreeing = predict_motion(frame, near, drive.mount.travel, None, MotionSettings())
     assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)
