@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
     linearise,
@@ -93,7 +92,8 @@ def adjust_window(
     *,
     wanted: int = 0,
     of_pose: bool = False,
-    settings: AdjustmentSettings,
+    iterations: int,
+    gain: float,
 ) -> WindowAdjustment:
     """Adjust poses and points together.
 
@@ -113,8 +113,8 @@ def adjust_window(
         What is known of the steps.
     wanted, of_pose
         The point whose position, covariance and gain are asked for, or the frame whose pose's are.
-    settings
-        Limits of the iteration.
+    iterations, gain
+        At most so many; ended where one lowers the cost by a smaller fraction.
 
     Returns
     -------
@@ -149,11 +149,9 @@ def adjust_window(
         np.empty((len(constraints.frames), 6)),
     )
     count = 6 if of_pose else 3
-    covariance, gain = np.full((count, count), np.nan), np.full((m, 2, count), np.nan)
-    history = np.empty(settings.window_iterations + 1)
-    schedule = Schedule(
-        settings.window_iterations, settings.window_gain, damping=1e-4, least_damping=1e-10
-    )
+    covariance, slopes = np.full((count, count), np.nan), np.full((m, 2, count), np.nan)
+    history = np.empty(iterations + 1)
+    schedule = Schedule(iterations, gain, damping=1e-4, least_damping=1e-10)
     best, cost, done = _adjust(
         start,
         held,
@@ -165,7 +163,7 @@ def adjust_window(
         schedule,
         history,
         covariance,
-        gain,
+        slopes,
     )
     if of_pose:
         position = best.centres[wanted]
@@ -174,7 +172,7 @@ def adjust_window(
         ray = origins.rotation[wanted] @ np.array([a, b, 1.0])
         position = origins.centre[wanted] + ray / rho
         by_point = np.column_stack([origins.rotation[wanted][:, :2], -ray / rho]) / rho
-        covariance, gain = by_point @ covariance @ by_point.T, gain @ by_point.T
+        covariance, slopes = by_point @ covariance @ by_point.T, slopes @ by_point.T
     return WindowAdjustment(
         best.rotations,
         best.centres,
@@ -185,7 +183,7 @@ def adjust_window(
         history[: done + 1],
         position,
         covariance,
-        gain,
+        slopes,
     )
 
 

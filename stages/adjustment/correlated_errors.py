@@ -56,16 +56,21 @@ def _correlated_covariance(
     first: NDArray[np.int64], position: Array, effect: Array, sharpness: float, result: Array
 ) -> None:
     count = effect.shape[2]
+    total = np.empty((2, count))
     for p in range(first.shape[0] - 1):
         for i in range(first[p], first[p + 1]):
-            for j in range(first[p], i + 1):
+            total[:] = 0.5 * effect[i]
+            for j in range(first[p], i):
                 x, y = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
                 near = sharpness * (x * x + y * y)
                 if near > 12.0:
                     continue
-                alike = np.exp(-near) * (0.5 if i == j else 1.0)
+                alike = np.exp(-near)
                 for k in range(count):
-                    for m in range(count):
-                        both = effect[i, 0, k] * effect[j, 0, m] + effect[i, 1, k] * effect[j, 1, m]
-                        result[k, m] += alike * both
-                        result[m, k] += alike * both
+                    total[0, k] += alike * effect[j, 0, k]
+                    total[1, k] += alike * effect[j, 1, k]
+            for k in range(count):
+                for m in range(count):
+                    both = effect[i, 0, k] * total[0, m] + effect[i, 1, k] * total[1, m]
+                    result[k, m] += both
+                    result[m, k] += both

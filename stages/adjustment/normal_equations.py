@@ -194,11 +194,11 @@ def uncertainty(
             for k in range(3):
                 for j in range(3):
                     reach[row, k] += normal.mixed[wanted, row // 6, row % 6, j] * own[j, k]
+    factor = np.empty((size, size))
     for k in range(count):
-        if k > 0:
-            reduce_points(normal, 0.0, reduced, step)
+        factor[:] = reduced
         step[:] = reach[:, k]
-        if not cholesky_solve(reduced, step, size):
+        if not cholesky_solve(factor, step, size):
             return
         spread[:, k] = step
     for k in range(count):

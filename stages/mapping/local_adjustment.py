@@ -154,7 +154,8 @@ def adjust_jointly(
         np.concatenate([[best - first], anchors]),
         rows,
         StepConstraints.of(known, common=any(h.motion.source == "fixes" for h in window[1:])),
-        settings=solver,
+        iterations=solver.window_iterations,
+        gain=solver.window_gain,
     )
     if not np.isfinite(found.covariance).all():
         return None

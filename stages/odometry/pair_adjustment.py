@@ -115,7 +115,8 @@ def adjust_pair(
         StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
         wanted=1,
         of_pose=True,
-        settings=solver,
+        iterations=solver.window_iterations,
+        gain=solver.pair_gain,
     )
     direction = found.centres[1] / np.linalg.norm(found.centres[1])
     offset = found.points[:, :2] - direction[:2] / direction[2]

@@ -34,7 +34,7 @@ def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6):
         correlated_sigma_px=0.0,
         correlated_fraction=0.0,
     )
-    solver = AdjustmentSettings(window_iterations=30)
+    solver = AdjustmentSettings(window_iterations=30, pair_gain=1e-9)
     return adjust_pair(previous, current, start, prior, focal_px=FOCAL, ties=ties, solver=solver)
 
 
