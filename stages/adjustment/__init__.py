@@ -5,7 +5,13 @@ from wayside.stages.adjustment.correlated_errors import (
     correlated_covariance,
     correlated_sigma_px,
 )
-from wayside.stages.adjustment.residuals import QUADRATIC, ResidualBlocks, StepConstraints
+from wayside.stages.adjustment.residuals import (
+    QUADRATIC,
+    ResidualBlocks,
+    StepConstraints,
+    constraint_jacobian,
+    constraint_residuals,
+)
 
 __all__ = [
     "QUADRATIC",
@@ -13,6 +19,8 @@ __all__ = [
     "StepConstraints",
     "WindowAdjustment",
     "adjust_window",
+    "constraint_jacobian",
+    "constraint_residuals",
     "correlated_covariance",
     "correlated_sigma_px",
 ]

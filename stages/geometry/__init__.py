@@ -17,6 +17,7 @@ from wayside.stages.geometry.linear_algebra import (
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
 from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
+    halfway_direction,
     rotation_from_vector,
     tangent_basis,
     vector_from_rotation,
@@ -39,6 +40,7 @@ __all__ = [
     "cross_matrix",
     "distort_points",
     "frenet_offset",
+    "halfway_direction",
     "ideal_of_rays",
     "ideal_points",
     "intersection_areas",

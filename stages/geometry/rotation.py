@@ -63,6 +63,13 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 @compiled
+def halfway_direction(rotation: Array, direction: Array) -> Array:
+    """Direction (3,), given in the axes half way through a rotation, in the axes before it."""
+    half: Array = np.dot(rotation_from_vector(0.5 * vector_from_rotation(rotation)), direction)
+    return half
+
+
+@compiled
 def tangent_basis(direction: Array) -> Array:
     """Two unit vectors (2, 3) at right angles to a unit vector (3,) and to each other.
 

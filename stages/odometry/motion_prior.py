@@ -11,8 +11,8 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Fix, Frame, Pose, PosePrior
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import halfway_direction
 
 EARTH_M = 6_371_000.0
 """Mean radius."""

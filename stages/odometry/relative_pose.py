@@ -10,13 +10,12 @@ import numpy as np
 
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
-from wayside.stages.geometry import rays_of_ideal, rotation_from_vector
+from wayside.stages.geometry import halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
     fit_epipolar,
-    halfway_direction,
     sampson_px,
 )
 from wayside.stages.odometry.motion_prior import MotionPrior

@@ -16,9 +16,8 @@ from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
-from wayside.stages.geometry import midpoint, pair_residual
+from wayside.stages.geometry import halfway_direction, midpoint, pair_residual
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import halfway_direction
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair

@@ -6,9 +6,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.motion import StepPrior
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.odometry.epipolar import (
     fit_epipolar,
-    halfway_direction,
     sampson_px,
 )
 

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings, TieSettings
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.odometry import relative_pose
-from wayside.stages.odometry.epipolar import halfway_direction
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import fit_relative_pose
