@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
+    WindowEstimate,
+    WindowProblem,
     linearise,
     point_spans,
     reduce_points,
@@ -56,29 +58,6 @@ class WindowAdjustment(NamedTuple):
     position: Array
     covariance: Array
     gain: Array
-
-
-class _Problem(NamedTuple):
-    """What is measured and known of a window, which frame is held, and the normal equations."""
-
-    held: int
-    anchors: PointAnchors
-    blocks: ResidualBlocks
-    constraints: StepConstraints
-    history: Array
-    normal: NormalEquations
-    reduced: Array
-    step: Array
-
-
-class _Estimate(NamedTuple):
-    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6)."""
-
-    rotations: Array
-    centres: Array
-    points: Array
-    residuals: Array
-    step_residuals: Array
 
 
 def adjust_window(
@@ -141,7 +120,7 @@ def adjust_window(
     blocks, constraints = blocks.checked(n, p), constraints.checked(n)
     origins = PointAnchors(rotations[anchors].copy(), centres[anchors].copy())
     m = len(blocks.point)
-    start = _Estimate(
+    start = WindowEstimate(
         rotations.copy(),
         centres.copy(),
         points.copy(),
@@ -188,7 +167,7 @@ def adjust_window(
 
 
 @compiled
-def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+def _evaluate(problem: WindowProblem, estimate: WindowEstimate) -> float:
     rotations, centres, scale = estimate.rotations, estimate.centres, problem.blocks.scale
     residuals, known = estimate.residuals, estimate.step_residuals
     block_residuals(rotations, centres, problem.anchors, estimate.points, problem.blocks, residuals)
@@ -204,24 +183,9 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
 
 
 @compiled
-def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    problem.history[iteration] = (estimate.residuals**2).sum()
-    linearise(
-        estimate.rotations,
-        estimate.centres,
-        problem.held,
-        problem.anchors,
-        estimate.points,
-        problem.blocks,
-        problem.constraints,
-        estimate.residuals,
-        estimate.step_residuals,
-        problem.normal,
-    )
-
-
-@compiled
-def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
+def _solve(
+    problem: WindowProblem, estimate: WindowEstimate, damping: float, trial: WindowEstimate
+) -> bool:
     normal, step = problem.normal, problem.step
     reduce_points(normal, damping, problem.reduced, step)
     if not cholesky_solve(problem.reduced, step, step.shape[0]):
@@ -249,12 +213,12 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     return True
 
 
-_minimise = minimiser(_evaluate, _linearise, _solve)
+_minimise = minimiser(_evaluate, linearise, _solve)
 
 
 @compiled
 def _adjust(
-    start: _Estimate,
+    start: WindowEstimate,
     held: int,
     anchors: PointAnchors,
     blocks: ResidualBlocks,
@@ -265,7 +229,7 @@ def _adjust(
     history: Array,
     covariance: Array,
     gain: Array,
-) -> tuple[_Estimate, float, int]:
+) -> tuple[WindowEstimate, float, int]:
     n, p = len(start.rotations), len(start.points)
     span = np.empty((p, 2), np.int64)
     normal = NormalEquations(
@@ -274,15 +238,12 @@ def _adjust(
     )  # fmt: skip
     reduced, step = np.empty((6 * n, 6 * n)), np.empty(6 * n)
     point_spans(blocks, held, span)
-    problem = _Problem(held, anchors, blocks, constraints, history, normal, reduced, step)
-    trial = _Estimate(
+    problem = WindowProblem(held, anchors, blocks, constraints, history, normal, reduced, step)
+    trial = WindowEstimate(
         np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((p, 3)),
         np.empty(start.residuals.shape), np.empty(start.step_residuals.shape),
     )  # fmt: skip
     best, cost, done = _minimise(problem, start, trial, schedule)
-    _linearise(problem, best, done)
-    uncertainty(
-        best.rotations, best.centres, held, anchors, best.points, blocks, wanted, of_pose,
-        best.residuals, normal, reduced, step, covariance, gain,
-    )  # fmt: skip
+    linearise(problem, best, done)
+    uncertainty(problem, best, wanted, of_pose, covariance, gain)
     return best, cost, done

@@ -37,6 +37,29 @@ class NormalEquations(NamedTuple):
     span: NDArray[np.int64]
 
 
+class WindowProblem(NamedTuple):
+    """What is measured and known of a window, which frame is held, and its normal equations with work arrays."""
+
+    held: int
+    anchors: PointAnchors
+    blocks: ResidualBlocks
+    constraints: StepConstraints
+    history: Array
+    normal: NormalEquations
+    reduced: Array
+    step: Array
+
+
+class WindowEstimate(NamedTuple):
+    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6)."""
+
+    rotations: Array
+    centres: Array
+    points: Array
+    residuals: Array
+    step_residuals: Array
+
+
 @compiled
 def point_spans(blocks: ResidualBlocks, held: int, span: NDArray[np.int64]) -> None:
     """First and last frame that measures each point, (p, 2), the held one aside; without any the last is -1."""
@@ -78,19 +101,12 @@ def _add_pair(
 
 
 @compiled
-def linearise(
-    rotations: Array,
-    centres: Array,
-    held: int,
-    anchors: PointAnchors,
-    points: Array,
-    blocks: ResidualBlocks,
-    constraints: StepConstraints,
-    residuals: Array,
-    step_residuals: Array,
-    normal: NormalEquations,
-) -> None:
-    """Fill the normal equations by the residuals of blocks (m, 2) and steps (l, 6); `held` is the fixed frame."""
+def linearise(problem: WindowProblem, estimate: WindowEstimate, iteration: int) -> None:
+    """Fill the normal equations at an estimate, and the sum of its squares in the history."""
+    rotations, centres, points = estimate.rotations, estimate.centres, estimate.points
+    residuals, known, held = estimate.residuals, estimate.step_residuals, problem.held
+    blocks, constraints, normal = problem.blocks, problem.constraints, problem.normal
+    problem.history[iteration] = (residuals**2).sum()
     normal.poses[:] = 0.0
     normal.poses_right[:] = 0.0
     normal.mixed[:] = 0.0
@@ -103,7 +119,7 @@ def linearise(
         square = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
         weight = 1.0 / (1.0 + square / blocks.scale[i] ** 2)
         block_jacobian(
-            rotations, centres, anchors, points, blocks, i, work, jacobian, point_jacobian
+            rotations, centres, problem.anchors, points, blocks, i, work, jacobian, point_jacobian
         )
         _add_pair(normal, blocks.frames[i], held, jacobian, residuals[i], weight)
         for k in range(3):
@@ -120,7 +136,7 @@ def linearise(
                         )
     for i in range(constraints.frames.shape[0]):
         constraint_jacobian(rotations, centres, constraints, i, step_jacobian)
-        _add_pair(normal, constraints.frames[i], held, step_jacobian, step_residuals[i], 1.0)
+        _add_pair(normal, constraints.frames[i], held, step_jacobian, known[i], 1.0)
     for k in range(6):  # the held frame has equations of its own, by which it stays
         normal.poses[6 * held + k, 6 * held + k] = 1.0
 
@@ -161,18 +177,10 @@ def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right
 
 @compiled
 def uncertainty(
-    rotations: Array,
-    centres: Array,
-    held: int,
-    anchors: PointAnchors,
-    points: Array,
-    blocks: ResidualBlocks,
+    problem: WindowProblem,
+    estimate: WindowEstimate,
     wanted: int,
     of_pose: bool,
-    residuals: Array,
-    normal: NormalEquations,
-    reduced: Array,
-    step: Array,
     covariance: Array,
     gain: Array,
 ) -> None:
@@ -180,6 +188,8 @@ def uncertainty(
 
     The gain is the derivative by the targets of the blocks. Both stay as they are where there is no inverse.
     """
+    normal, blocks, residuals = problem.normal, problem.blocks, estimate.residuals
+    reduced, step = problem.reduced, problem.step
     size, count = step.shape[0], covariance.shape[0]
     reach = np.zeros((size, count))  # change of the reduced right side by what is wanted, negative
     spread = np.zeros((size, count))  # covariance of the poses with it
@@ -208,8 +218,8 @@ def uncertainty(
                 covariance[k, j] += reach[row, k] * spread[row, j]
     jacobian, point_jacobian = np.empty((2, 12)), np.empty((2, 3))
     product, work = np.empty((count, 3)), np.empty((2, 2, 9))
-    back = np.zeros((points.shape[0], count, 3))
-    for n in range(points.shape[0]):
+    back = np.zeros((normal.own.shape[0], count, 3))
+    for n in range(normal.own.shape[0]):
         product[:] = 0.0
         for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
             for j in range(6):
@@ -225,13 +235,14 @@ def uncertainty(
         weight = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
         weight = 1.0 / (1.0 + weight / blocks.scale[i] ** 2) / blocks.sigma[i]
         block_jacobian(
-            rotations, centres, anchors, points, blocks, i, work, jacobian, point_jacobian
-        )
+            estimate.rotations, estimate.centres, problem.anchors, estimate.points, blocks, i, work,
+            jacobian, point_jacobian,
+        )  # fmt: skip
         for r in range(2):
             for k in range(count):
                 total = 0.0
                 for x in range(2):
-                    if blocks.frames[i, x] != held:
+                    if blocks.frames[i, x] != problem.held:
                         for j in range(6):
                             total -= spread[6 * blocks.frames[i, x] + j, k] * jacobian[r, 6 * x + j]
                 for j in range(3):

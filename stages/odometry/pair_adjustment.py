@@ -21,7 +21,7 @@ from wayside.stages.adjustment import (
     correlated_covariance,
     correlated_sigma_px,
 )
-from wayside.stages.geometry import midpoint
+from wayside.stages.geometry import pair_midpoint
 from wayside.stages.kernels import Array, require_array
 
 LENGTH_SIGMA = 1e-3
@@ -105,11 +105,14 @@ def adjust_pair(
             ResidualBlocks.observations(np.ones(n, np.int64), numbers, current, sigma, scale),
         ]
     )
+    # Points start where the rays meet, at infinity where they do not meet ahead of both cameras.
+    met = pair_midpoint(previous, current, *start)
+    depth = np.where(met.ahead & (met.point[:, 2] > 1), met.point[:, 2], np.inf)
     found = adjust_window(
         np.stack([np.eye(3), start[0]]),
         np.stack([np.zeros(3), start[1]]),
         0,
-        _first_points(previous, current, start),
+        np.column_stack([previous, 1 / depth]),
         np.zeros(n, np.int64),
         blocks,
         StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
@@ -134,13 +137,3 @@ def adjust_pair(
         found.iterations,
         ties.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
     )
-
-
-def _first_points(previous: Array, current: Array, start: tuple[Array, Array]) -> Array:
-    # Points where the rays meet; at infinity where they do not meet ahead of both cameras.
-    ones = np.ones((len(previous), 1))
-    found = midpoint(
-        np.zeros(3), start[1], np.hstack([previous, ones]), np.hstack([current, ones]) @ start[0].T
-    )
-    depth = np.where(found.ahead & (found.point[:, 2] > 1), found.point[:, 2], np.inf)
-    return np.hstack([previous, 1 / depth[:, None]])

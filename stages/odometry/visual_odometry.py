@@ -16,7 +16,7 @@ from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
-from wayside.stages.geometry import halfway_direction, midpoint, pair_residual
+from wayside.stages.geometry import halfway_direction, pair_midpoint, pair_residual
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
@@ -210,14 +210,8 @@ class VisualOdometry:
 
 def _points(step: RelativePose, rotation: Array, direction: Array, baseline_m: float) -> Array:
     """Ties in the current camera's frame (n, 3), nan where rays do not meet ahead of both cameras."""
-    ones = np.ones((len(step.previous), 1))
     centre = baseline_m * direction
-    found = midpoint(
-        np.zeros(3),
-        centre,
-        np.hstack([step.previous, ones]),
-        np.hstack([step.current, ones]) @ rotation.T,
-    )
+    found = pair_midpoint(step.previous, step.current, rotation, centre)
     points = (found.point - centre) @ rotation
     points[~found.ahead] = np.nan
     return points
