@@ -15,7 +15,7 @@ from wayside.stages.geometry.linear_algebra import (
     invert_symmetric,
 )
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
-from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_midpoint, pair_residual
+from wayside.stages.geometry.ray_midpoint import meet_rays, pair_midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
     halfway_direction,
     rotation_from_vector,
@@ -47,7 +47,6 @@ __all__ = [
     "invert_symmetric",
     "iou_matrix",
     "meet_rays",
-    "midpoint",
     "minimiser",
     "non_maximum_suppression",
     "pair_midpoint",
