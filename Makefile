@@ -7,7 +7,7 @@ PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
 	$(name) -c 'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
 RUN := .venv/bin/python -m
 JOBS ?= 2
-# Real pictures with boxed signs, where they are at hand: they teach colours and shapes, too.
+# Real images with boxed signs, where they are at hand: they teach colours and shapes, too.
 REAL ?= $(wildcard ../shared/data/real)
 
 .PHONY: help demo test slow check wiring accept held-out drives learn clean

@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/accept.py [--quick] [--only NAME] [--preset report]
 
 Renders the development drives once into .cache/drives, runs both presets on each and on real drives where they are at
-hand, judges every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. The models never saw these
-drives. Speed is printed only: it belongs to the machine. With --quick, --only or --preset nothing is written.
+hand, evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. The models never saw
+these drives. Speed is printed only: it belongs to the machine. With --quick, --only or --preset nothing is written.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ REAL = {
     "us_freeway_challenge": "7.6m",
     "us_freeway_white_right": "6.1m",
 }
-"""Real drives and their spacing, estimated from the pictures."""
+"""Real drives and their spacing, estimated from the images."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class BenchmarkDrive:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A drive, judged; `evaluation` is None where the run failed."""
+    """A drive and its figures; `evaluation` is None where the run failed."""
 
     drive: BenchmarkDrive
     evaluation: Evaluation | None
 
 
 def main() -> int:
-    """Run, judge, write, compare with the floor."""
+    """Run, evaluate, write, compare with the floor."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -93,14 +93,14 @@ def main() -> int:
             if (args.real / f"{name}.mcap").is_file()
         ]
     chosen = [drive for drive in drives if not args.only or drive.name in args.only]
-    outcomes = {preset: [judge(drive, preset) for drive in chosen] for preset in presets}
+    outcomes = {preset: [evaluate_drive(drive, preset) for drive in chosen] for preset in presets}
 
     if whole:
         write_tables(outcomes)
     broken = [
-        f"{preset}: {outcome.drive.name} could not be judged"
-        for preset, judged in outcomes.items()
-        for outcome in judged
+        f"{preset}: {outcome.drive.name} could not be evaluated"
+        for preset, by_drive in outcomes.items()
+        for outcome in by_drive
         if outcome.evaluation is None
     ]
     if not args.only:
@@ -119,7 +119,7 @@ def render(names: list[str], jobs: int) -> None:
     subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
 
 
-def judge(drive: BenchmarkDrive, preset: str) -> Outcome:
+def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
     """Run one preset on one drive in a process of its own, compare with the truth, print a line."""
     out = RESULTS / preset / drive.name
     command = [
@@ -157,7 +157,7 @@ def in_short(evaluation: Evaluation) -> str:
 
 
 def speed(out: Path) -> float:
-    """Pictures per second of wall time, reading and writing included."""
+    """Images per second of wall time, reading and writing included."""
     run = json.loads((out / "run.json").read_text())
     return float(run["accounting"]["frames_read"]) / max(1e-9, float(run["times"]["wall_s"]))
 
@@ -165,17 +165,17 @@ def speed(out: Path) -> float:
 def below_floor(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
     """Figures of all rendered drives together that are below `floor.toml`, in words."""
     floor = tomllib.loads(FLOOR.read_text())
-    for preset, judged in outcomes.items():
-        total = together(rendered(judged))
+    for preset, by_drive in outcomes.items():
+        total = together(rendered(by_drive))
         print(f"{preset:8} {'rendered drives together':24} {in_short(total)}")
         for figure, value in (("recall", total.recall), ("precision", total.precision)):
             if value < floor[preset][figure]:
                 yield f"{preset}: {figure} {value:.4f} is below the floor of {floor[preset][figure]}"
 
 
-def rendered(judged: Iterable[Outcome]) -> list[RenderedEvaluation]:
+def rendered(outcomes: Iterable[Outcome]) -> list[RenderedEvaluation]:
     """Evaluations of rendered drives."""
-    return [o.evaluation for o in judged if isinstance(o.evaluation, RenderedEvaluation)]
+    return [o.evaluation for o in outcomes if isinstance(o.evaluation, RenderedEvaluation)]
 
 
 def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
@@ -186,15 +186,15 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "",
         "Made by `make accept`; exact truth. No model was learned from these drives, but rules were chosen "
         "with their misses in view. "
-        "A panel is wanted where its front is at least 10 px tall and half visible in three or more pictures. "
+        "A panel is wanted where its front is at least 10 px tall and half visible in three or more images. "
         "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth. "
         "Backs: rows of status `back` that are on a panel seen from behind, of all such rows / such panels of which "
-        "three pictures show 10 px or more, were nothing before them.",
+        "three images show 10 px or more, were nothing before them.",
         "",
         f"Versions: {made}.",
     ]
-    for preset, judged in outcomes.items():
-        lines += ["", f"## Preset `{preset}`", "", *rendered_table(judged)]
+    for preset, by_drive in outcomes.items():
+        lines += ["", f"## Preset `{preset}`", "", *rendered_table(by_drive)]
     (ROOT / "benchmarks" / "accuracy.md").write_text("\n".join(lines) + "\n")
     if not any(isinstance(o.evaluation, RealEvaluation) for o in outcomes["default"]):
         return
@@ -202,14 +202,14 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "# Real drives with hand-made labels",
         "",
         "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
-        "complete, so precision is a lower bound; no sign was surveyed, so no position is judged. No model was learned "
-        "from these drives, but rules, the bar of the judge and the kinds of faces rendered to learn from were chosen "
-        "with their misses in view.",
+        "complete, so precision is a lower bound; no sign was surveyed, so no position is evaluated. No model was "
+        "learned from these drives, but rules, the threshold of the classifier and the kinds of faces rendered to "
+        "learn from were chosen with their misses in view.",
         "",
         f"Versions: {made}.",
     ]
-    for preset, judged in outcomes.items():
-        lines += ["", f"## Preset `{preset}`", "", *real_table(judged)]
+    for preset, by_drive in outcomes.items():
+        lines += ["", f"## Preset `{preset}`", "", *real_table(by_drive)]
     (ROOT / "benchmarks" / "accuracy_real.md").write_text("\n".join(lines) + "\n")
 
 
@@ -219,11 +219,13 @@ def versions() -> str:
     return ", ".join(f"{name} {version(name)}" for name in names)
 
 
-def rendered_table(judged: list[Outcome]) -> list[str]:
+def rendered_table(outcomes: list[Outcome]) -> list[str]:
     """One line a drive, and one for all together."""
     head = "drive wanted found recall precision false along lateral up width height colour shape backs".split()
     rows = [
-        (o.drive.name, o.evaluation) for o in judged if isinstance(o.evaluation, RenderedEvaluation)
+        (o.drive.name, o.evaluation)
+        for o in outcomes
+        if isinstance(o.evaluation, RenderedEvaluation)
     ]
     rows.append(("**together**", together(evaluation for _, evaluation in rows)))
     return [
@@ -260,13 +262,13 @@ def spread_cell(spread: Spread, scale: float) -> str:
     return f"{scale * spread.median:.{places}f} / {scale * spread.p95:.{places}f}"
 
 
-def real_table(judged: list[Outcome]) -> list[str]:
+def real_table(outcomes: list[Outcome]) -> list[str]:
     """One line a drive."""
     lines = [
         "| drive | wanted | found | recall | precision, at least | on no label |",
         "| --- |" + " ---: |" * 5,
     ]
-    for outcome in judged:
+    for outcome in outcomes:
         e = outcome.evaluation
         if isinstance(e, RealEvaluation):
             cells = [

@@ -46,15 +46,15 @@ def main() -> int:
     named: list[tuple[str, str, str, str]] = []
     for name in NAMES:
         truth = DRIVES / f"{name}.truth.json"
-        judged = evaluate(results / name, truth)
-        if not isinstance(judged, RenderedEvaluation):
+        evaluation = evaluate(results / name, truth)
+        if not isinstance(evaluation, RenderedEvaluation):
             continue
         known = json.loads(truth.read_text())
-        missed += missed_rows(name, results / name, known, [m.id for m in judged.missed])
-        for one in judged.false:
+        missed += missed_rows(name, results / name, known, [m.id for m in evaluation.missed])
+        for one in evaluation.false:
             kind = f"{one.color} {one.shape}, frame {one.best_frame}"
             false.append((name, one.sign_id, kind, f"on {one.cause}"))
-        for match in judged.matches:
+        for match in evaluation.matches:
             for found, true in (match.color, match.shape):
                 if found != true:
                     named.append((name, match.sign_id, true, f"named {found}"))

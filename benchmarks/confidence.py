@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from reached import table
 
-from wayside.pipeline.evaluate_rendered import judge_rendered
+from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import RenderedEvaluation, together
 
 BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
@@ -32,10 +32,10 @@ class Bin:
     mean: float
 
 
-def judged_at(results: Sequence[Result], confidence: float) -> RenderedEvaluation:
+def evaluated_at(results: Sequence[Result], confidence: float) -> RenderedEvaluation:
     """All drives together, by their rows of at least that confidence."""
     return together(
-        judge_rendered([row for row in rows if row["confidence"] >= confidence], truth)
+        evaluate_against_truth([row for row in rows if row["confidence"] >= confidence], truth)
         for rows, truth in results
     )
 
@@ -50,14 +50,14 @@ def reliability(results: Sequence[Result]) -> Iterator[Bin]:
             for row in rows
             if row["confidence"] >= low and (last or row["confidence"] < high)
         ]
-        false = {sign.sign_id for sign in judged_at(results, low).false}
+        false = {sign.sign_id for sign in evaluated_at(results, low).false}
         true = sum(row["sign_id"] not in false for row in own)
         mean = float(np.mean([row["confidence"] for row in own])) if own else float("nan")
         yield Bin(low, high, len(own), true, mean)
 
 
-def gap_of(bins: Sequence[Bin]) -> float:
-    """Mean gap between confidence and fraction of true rows, by rows (expected calibration error)."""
+def calibration_error(bins: Sequence[Bin]) -> float:
+    """Mean difference between confidence and fraction of true rows, by rows (expected calibration error)."""
     rows = sum(one.rows for one in bins)
     return sum(abs(one.mean * one.rows - one.true) for one in bins if one.rows) / max(rows, 1)
 
@@ -67,7 +67,7 @@ def confidence_lines(
 ) -> list[str]:
     """The part of a page: reliability over all drives, and the setting on both kinds of drives.
 
-    `development` and `other` with hardly a place refused; `shipped` the development drives as a run judges them.
+    `development` and `other` with hardly a landmark refused; `shipped` the development drives as a run reports them.
     """
     bins = list(reliability([*development, *other]))
     between = sum(one.rows for one in bins if one.low >= 0.1 and one.high <= 0.9)
@@ -79,10 +79,11 @@ def confidence_lines(
         "`uncertain`).",
         "*true*: on a panel of its own. All drives above, and more of the same kind from other seeds.",
         "",
-        *table(("confidence", "rows", "mean", "true", "share"), [bin_row(one) for one in bins]),
+        *table(("confidence", "rows", "mean", "true", "fraction"), [bin_row(one) for one in bins]),
         "",
-        f"Mean gap between confidence and fraction of true rows: {gap_of(bins):.3f}. {between} rows lie between .1 and",
-        ".9: most landmarks are decided earlier by the box classifier and the geometry; the middle range is poorly",
+        f"Mean difference between confidence and fraction of true rows: {calibration_error(bins):.3f}. {between} rows "
+        "lie between .1 and .9: most landmarks are decided earlier by the box classifier and the geometry; "
+        "the middle range is poorly",
         "sampled.",
         "",
         "`locate.confidence` is the setting that trades recall for precision: on the drives above, and on drives of",
@@ -97,22 +98,27 @@ def confidence_lines(
                 *("found, other", "false", "recall", "precision"),
             ),
             [
-                [f"{at:g}", *cells(judged_at(development, at)), *cells(judged_at(other, at))]
+                [f"{at:g}", *cells(evaluated_at(development, at)), *cells(evaluated_at(other, at))]
                 for at in SETTINGS
             ],
         ),
     ]
 
 
-def counts(judged: RenderedEvaluation) -> str:
+def counts(evaluation: RenderedEvaluation) -> str:
     """Found of wanted, and false."""
-    return f"{judged.found_count} of {judged.wanted} found and {len(judged.false)}"
+    return f"{evaluation.found_count} of {evaluation.wanted} found and {len(evaluation.false)}"
 
 
-def cells(judged: RenderedEvaluation) -> list[str]:
+def cells(evaluation: RenderedEvaluation) -> list[str]:
     """Found, false, recall and precision as cells of a table."""
-    found = f"{judged.found_count} of {judged.wanted}"
-    return [found, str(len(judged.false)), f"{judged.recall:.3f}", f"{judged.precision:.3f}"]
+    found = f"{evaluation.found_count} of {evaluation.wanted}"
+    return [
+        found,
+        str(len(evaluation.false)),
+        f"{evaluation.recall:.3f}",
+        f"{evaluation.precision:.3f}",
+    ]
 
 
 def bin_row(one: Bin) -> list[str]:

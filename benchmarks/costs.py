@@ -1,8 +1,8 @@
-"""What a run costs: pictures per second, processor time by stage, peak memory of a short and of a long log.
+"""What a run costs: images per second, processor time by stage, peak memory of a short and of a long log.
 
     .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 20]
 
-The long log is the short one played over and over: its pictures and calibration only, times moved on, so both run from
+The long log is the short one played over and over: its images and calibration only, times moved on, so both run from
 the known spacing. Also compares the bytes that one and two workers write, and times the adjustment of windows of
 simulated frames. Prints a table; writes nothing but scratch.
 """
@@ -66,7 +66,7 @@ def main() -> int:
         print(f"peak memory, long over short: {long_peak / short_peak:.3f}")
         for stage, seconds in result["times"]["cpu_s_by_stage"].items():
             print(
-                f"  {stage:10s} {1000 * seconds / result['accounting']['frames_read']:7.1f} ms processor time a picture"
+                f"  {stage:10s} {1000 * seconds / result['accounting']['frames_read']:7.1f} ms processor time per image"
             )
     for frames, ties in ((4, 60), (8, 60), (8, 200)):
         print(
@@ -111,7 +111,7 @@ def window_ms(frames: int, ties: int, times: int = 50) -> float:
 
 
 def play(source: Path, target: Path, times: int) -> None:
-    """Copy pictures and calibration of a log, `times` over with times moved on."""
+    """Copy images and calibration of a log, `times` over with times moved on."""
     with target.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start()
@@ -166,8 +166,8 @@ def report(what: str, result: dict, peak: float, processor: float) -> None:
     """Print one line of the table."""
     frames, wall = result["accounting"]["frames_read"], result["times"]["wall_s"]
     print(
-        f"{what:36s} {frames:5d} pictures  {frames / wall:6.1f} pictures/s  "
-        f"{1000 * processor / frames:6.0f} ms processor time a picture  peak {peak:.0f} MB",
+        f"{what:36s} {frames:5d} images  {frames / wall:6.1f} images/s  "
+        f"{1000 * processor / frames:6.0f} ms processor time per image  peak {peak:.0f} MB",
         flush=True,
     )
 

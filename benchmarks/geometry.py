@@ -2,9 +2,9 @@
 
     .venv/bin/python benchmarks/geometry.py [--frames 24] [--no-peer]
 
-Runs wayside on the rendered drives `straight` and `curve` three ways: as recorded (poses given), with pictures and the
+Runs wayside on the rendered drives `straight` and `curve` three ways: as recorded (poses given), with images and the
 known spacing alone, and with satellite fixes; compares the signs found with the truth and with the Cramér-Rao
-bound of the same scene. Then reconstructs the first pictures of both with pycolmap (extra `benchmark`), same
+bound of the same scene. Then reconstructs the first images of both with pycolmap (extra `benchmark`), same
 calibration, one thread. Writes benchmarks/geometry.md; with --no-peer it only prints.
 """
 
@@ -48,7 +48,7 @@ from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.settings import MotionSettings
 
 CENTRE_PX, POSE_M, POSE_DEG = 0.2, 0.02, 0.04
-"""For the bound: noise of a face's centre in a picture, and the scatter of the poses in the logs."""
+"""For the bound: noise of a face's centre in an image, and the scatter of the poses in the logs."""
 SIMULATED = 300
 SIMULATIONS: dict[str, dict[str, float]] = {
     "straight, spacing given": {},
@@ -67,7 +67,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--frames", type=int, default=24, help="pictures for the peer")
+    parser.add_argument("--frames", type=int, default=24, help="images for the peer")
     parser.add_argument("--no-peer", action="store_true")
     parser.add_argument("--real", type=Path, default=ROOT.parent / "shared" / "data" / "real")
     args = parser.parse_args()
@@ -93,15 +93,15 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
     yield ""
     yield (
         "Errors in the camera of the closest whole view, median / 95 %, cm; bound: one standard deviation, median over "
-        f"the same signs: {CENTRE_PX} px a coordinate for the centre of a face in each picture, ties as measured on "
-        "these drives, 2 cm of scatter in the spacing. Sizes: per cent; facing: degrees; sigma: share of the true "
+        f"the same signs: {CENTRE_PX} px a coordinate for the centre of a face in each image, ties as measured on "
+        "these drives, 2 cm of scatter in the spacing. Sizes: per cent; facing: degrees; sigma: fraction of the true "
         "positions within one and two stated standard deviations, all axes together."
     )
     yield ""
     head = "drive, what is given|found|along|bound|lateral|bound|up|bound|3-D|width|height|bottom edge|facing|sigma"
     yield from heading(head)
     for one in runs:
-        e = one.judged()
+        e = one.evaluation()
         bound = bounds(one, e)
         cells = [f"{one.name}, {one.way}", f"{e.found_count} of {e.wanted}"]
         for k, axis in enumerate(("along", "lateral", "up")):
@@ -113,7 +113,7 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
         cells.append(pair(bottom.median, bottom.p95, 100))
         turned = facing_errors(one, e)
         cells.append(pair(*np.quantile(turned, [0.5, 0.95]), 1) if len(turned) else "-")
-        pulls = np.abs([np.divide(m.gap_m, m.sigma_m) for m in e.matches])
+        pulls = np.abs([np.divide(m.error_m, m.sigma_m) for m in e.matches])
         cells.append(f"{100 * (pulls < 1).mean():.0f} / {100 * (pulls < 2).mean():.0f} %")
         yield row(cells)
     yield ""
@@ -187,14 +187,14 @@ def true_step_bound(poses: dict[int, Pose], camera: Camera, frame: int, *, given
 
 
 def simulated_table() -> Iterator[str]:
-    """Drives without pictures, where thousands of signs cost little."""
+    """Drives without images, where thousands of signs cost little."""
     yield "## Simulated drives"
     yield ""
     survey = Survey(signs=SIMULATED, seed=5)
     yield (
         f"`wayside simulate`, {survey.signs} signs each: {survey.noise_px} px and {100 * survey.noise_share} % of a "
-        f"panel's height for its centre in each picture, {100 * survey.face_share:.0f} % of its size common to all of "
-        "them. Errors median / 95 %, cm; sigma as stated and bound: medians; share within one and two sigma."
+        f"panel's height for its centre in each image, {100 * survey.face_share:.0f} % of its size common to all of "
+        "them. Errors median / 95 %, cm; sigma as stated and bound: medians; fraction within one and two sigma."
     )
     yield ""
     head = [f"{axis}|sigma|bound|within" for axis in ("along", "lateral", "up")]

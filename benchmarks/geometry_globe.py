@@ -33,7 +33,7 @@ from wayside.stages.georeference import (
 )
 
 FIX_SIGMA_M, FIX_KEEPS, FIX_NEW_M = 1.0, 0.99, 0.08
-"""Errors of the fixes in the rendered logs: of each, what is left of it at the next picture, what is new."""
+"""Errors of the fixes in the rendered logs: of each, what is left of it at the next image, what is new."""
 NEXT_M = 80.0
 LONG, LONG_DRIVES, LONG_STEP_M, LONG_SPEED = (100, 300, 1000, 3000), 12, 8.0, 20.0
 TURN_RAD, SIDE_RAD, LENGTH_M, MEMORY_S = 1e-4, 3e-4, 0.02, 60.0
@@ -49,8 +49,8 @@ def relation_table(runs: list[Run]) -> Iterator[str]:
         f"longitude and latitude where fixes exist, median / 95 %, cm. The fixes err by {FIX_SIGMA_M:.0f} m, slowly "
         "varying. Scale: where nothing but fixes tells of lengths, one standard deviation of the scale that they leave "
         "to a drive whose steps are known exactly but for it, as a part of the way to the next sign. Sigma: as stated "
-        "with each sign, median of east and north; share of the true places within one and two of them, both "
-        "together. All signs of a drive share the error of its fixes: a share close to all or none is luck."
+        "with each sign, median of east and north; fraction of the true places within one and two of them, both "
+        "together. All signs of a drive share the error of its fixes: a fraction close to all or none is luck."
     )
     yield ""
     yield from heading(
@@ -78,7 +78,7 @@ def matched(one: Run) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """Reported sign and true panel, in the order of the road."""
     stated = {s["sign_id"]: s for s in one.signs}
     panels = {p["id"]: p for p in one.truth["signs"]}
-    pairs = [(stated[m.sign_id], panels[m.panel_id]) for m in one.judged().matches]
+    pairs = [(stated[m.sign_id], panels[m.panel_id]) for m in one.evaluation().matches]
     return sorted(pairs, key=lambda both: both[1]["station_m"])
 
 
@@ -118,25 +118,25 @@ def scale_bound(one: Run) -> float:
     weight = np.kron(np.eye(2), np.linalg.inv(covariance))
     x, y = (path - path.mean(axis=0)).T
     ones, none = np.ones(count), np.zeros(count)
-    slopes = np.array([[ones, none], [none, ones], [-y, x], [x, y]]).reshape(4, -1).T
-    scale = np.sqrt(np.linalg.inv(slopes.T @ weight @ slopes)[3, 3])
+    jacobian = np.array([[ones, none], [none, ones], [-y, x], [x, y]]).reshape(4, -1).T
+    scale = np.sqrt(np.linalg.inv(jacobian.T @ weight @ jacobian)[3, 3])
     ways = [_apart(a, b) for (_, a), (_, b) in pairwise(matched(one))]
     return float(scale * np.median([w for w in ways if w < NEXT_M]))
 
 
 def log_table() -> Iterator[str]:
-    """Poses and fixes of all rendered logs, read without their pictures: each drive has fixes of its own error."""
+    """Poses and fixes of all rendered logs, read without their images: each drive has fixes of its own error."""
     yield "## Where the cameras of all rendered logs are"
     yield ""
     yield (
         "Fixes as recorded, every drive with errors of its own; steps from the true poses with the scatter of those "
-        f"that pictures give ({np.degrees(TURN_RAD):.3f} degrees, {100 * LENGTH_M:.0f} cm), and poses as recorded or "
-        "none. Horizontal error of the camera on the globe, median / 95 %, m; sigma: as stated, median; share of east, "
-        "north and height within one and two sigma at the first, middle and last picture; lags found and fixes left "
-        "out, though there are none."
+        f"that images give ({np.degrees(TURN_RAD):.3f} degrees, {100 * LENGTH_M:.0f} cm), and poses as recorded or "
+        "none. Horizontal error of the camera on the globe, median / 95 %, m; sigma: as stated, median; fraction of "
+        "east, north and height within one and two sigma at the first, middle and last image; time offsets found and "
+        "fixes left out, though there are none."
     )
     yield ""
-    yield from heading("what is given|drives|on the globe|sigma|within|lags|left out")
+    yield from heading("what is given|drives|on the globe|sigma|within|time offset|left out")
     for way in ("fixes and spacing", "poses and fixes"):
         away, sigmas, pulls, offsets, out = [], [], [], 0, 0
         for log in sorted(DRIVES.glob("*.mcap")):
@@ -188,18 +188,18 @@ def on_earth(log: Path, *, poses: bool) -> tuple[Globe | None, Array]:
 
 
 def long_table() -> Iterator[str]:
-    """Made-up drives of many pictures: the chain of steps laid over the fixes as one body, and smoothed by them."""
+    """Made-up drives of many images: the chain of steps laid over the fixes as one body, and smoothed by them."""
     yield "## Long drives held by fixes"
     yield ""
     yield (
-        f"Made-up drives round bends, {LONG_DRIVES} of each length, a picture every {LONG_STEP_M:.0f} m at "
+        f"Made-up drives round bends, {LONG_DRIVES} of each length, an image every {LONG_STEP_M:.0f} m at "
         f"{LONG_SPEED:.0f} m/s; steps exact to {np.degrees(TURN_RAD):.3f} degrees and {100 * LENGTH_M:.0f} cm, fixes "
         f"that err by {FIX_SIGMA_M:.0f} m with a memory of {MEMORY_S:.0f} s. Horizontal error of the camera, median / "
-        "95 %, m; share of east and north within one and two stated standard deviations; error of the way between "
-        "neighbouring pictures as measured and smoothed, RMS, cm."
+        "95 %, m; fraction of east and north within one and two stated standard deviations; error of the way between "
+        "neighbouring images as measured and smoothed, RMS, cm."
     )
     yield ""
-    yield from heading("pictures|km|chain laid over the fixes|smoothed|within|steps|smoothed")
+    yield from heading("images|km|chain laid over the fixes|smoothed|within|steps|smoothed")
     for count in LONG:
         rigid, held, pulls, ways = [], [], [], []
         for seed in range(LONG_DRIVES):

@@ -1,4 +1,4 @@
-"""Motion, signs and cost of wayside and of pycolmap on the same pictures, side by side."""
+"""Motion, signs and cost of wayside and of pycolmap on the same images, side by side."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from wayside.schemas.frame import Pose
 from wayside.stages.geometry import ideal_points
 
 STEPS = 5
-"""Pictures over which camera positions are compared."""
+"""Images over which camera positions are compared."""
 
 
 def peer_table(runs: list[Run], count: int) -> Iterator[str]:
@@ -36,15 +36,15 @@ def peer_table(runs: list[Run], count: int) -> Iterator[str]:
     yield f"## Beside pycolmap {version('pycolmap')}"
     yield ""
     yield (
-        f"The first {count} pictures of each drive, pictures and spacing only, same calibration, one thread. pycolmap: "
-        "SIFT, sequential matching over five pictures, incremental mapping with options loosened for forward motion "
+        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. pycolmap: "
+        "SIFT, sequential matching over five images, incremental mapping with options loosened for forward motion "
         "(without that no model comes about), scaled by the known spacing; a sign's place is the median of the points "
-        "on its face, each against the true plane along its own ray, in the closest picture that shows one. Rotation "
-        f"and direction of each step, position of the camera {STEPS} pictures on, errors of signs: median / 95 %."
+        "on its face, each against the true plane along its own ray, in the closest image that shows one. Rotation "
+        f"and direction of each step, position of the camera {STEPS} images on, errors of signs: median / 95 %."
     )
     yield ""
-    head = "drive|what|pictures|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
-    yield from heading(f"{head}|processor s a picture")
+    head = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
+    yield from heading(f"{head}|processor s per image")
     for one in runs:
         truth = true_poses(one.truth)
         yield row(
@@ -70,7 +70,7 @@ def peer_table(runs: list[Run], count: int) -> Iterator[str]:
 
 
 def wayside_poses(one: Run, count: int) -> dict[int, Pose]:
-    """Poses of the first pictures of a run."""
+    """Poses of the first images of a run."""
     rows = pq.read_table(one.folder / "frames.parquet").to_pylist()
     return {
         r["frame"]: Pose(
@@ -84,19 +84,19 @@ def wayside_poses(one: Run, count: int) -> dict[int, Pose]:
 
 def own_signs(one: Run, count: int) -> list[str]:
     """Cells on signs and cost of wayside."""
-    e = one.judged(below=count)
+    e = one.evaluation(below=count)
     along, lateral = e.error_m["along"], e.error_m["lateral"]
-    pictures = len(one.truth["frames"])
+    images = len(one.truth["frames"])
     cells = [
         str(e.found_count),
         pair(along.median, along.p95, 100),
         pair(lateral.median, lateral.p95, 100),
     ]
-    return [*cells, f"{one.processor_s / pictures:.2f} (all stages)"]
+    return [*cells, f"{one.processor_s / images:.2f} (all stages)"]
 
 
 def motion_cells(poses: dict[int, Pose], truth: dict[int, Pose]) -> list[str]:
-    """Errors of steps and of the way over several pictures."""
+    """Errors of steps and of the way over several images."""
     turns, directions, ways = [], [], []
     for frame, pose in poses.items():
         if frame - 1 in poses:
@@ -123,7 +123,7 @@ def motion_cells(poses: dict[int, Pose], truth: dict[int, Pose]) -> list[str]:
 
 
 def scaled_poses(model: Any, truth: dict[int, Pose]) -> tuple[dict[int, Pose], float]:
-    """The peer's poses in metres by the nominal spacing; steps over missing pictures count as often."""
+    """The peer's poses in metres by the nominal spacing; steps over missing images count as often."""
     frames, centres = model["frames"], model["centres"]
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1) / np.diff(frames)
     nominal = 26.4 * 0.3048
@@ -133,7 +133,7 @@ def scaled_poses(model: Any, truth: dict[int, Pose]) -> tuple[dict[int, Pose], f
 
 
 def peer_signs(one: Run, model: Any, poses: dict[int, Pose], scale: float) -> Array:
-    """Errors (n, 3) of panels by the peer's points on them: right, down, ahead in the closest picture with a point."""
+    """Errors (n, 3) of panels by the peer's points on them: right, down, ahead in the closest image with a point."""
     truth, camera = true_poses(one.truth), camera_of(one.truth)
     seen, points = model["seen"], model["points"] * scale
     found = []

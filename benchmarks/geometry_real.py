@@ -31,7 +31,7 @@ def real_table(real: Path, results: Path) -> list[str]:
     known = {sign["id"]: sign for sign in json.loads(labels.read_text())["signs"]}
     rows = {name: found_row(out, known[name]) for name in SIZES}
     lines += [
-        f"`{DRIVE}`: pictures and an estimated spacing of {SPACING}, calibration as published. Nothing there was "
+        f"`{DRIVE}`: images and an estimated spacing of {SPACING}, calibration as published. Nothing there was "
         "surveyed: sizes are those of the regulations, the distance follows from 80 m between two beacons (whose boxes "
         "say that either is some 5 % off).",
         "",

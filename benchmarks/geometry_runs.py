@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.evaluate_rendered import judge_rendered
+from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import RenderedEvaluation
 from wayside.schemas.frame import Camera, Pose
 
@@ -29,7 +29,7 @@ SPACING = "26.4ft"
 NOTHING_ELSE, FIXES = ("Image", "Camera"), ("Image", "Camera", "NavSat", "LocationFix")
 POSES_GIVEN, SPACING_ONLY, FIXES_AND_SPACING, FIXES_ONLY = (
     "poses given",
-    "pictures and spacing only",
+    "images and spacing only",
     "fixes and spacing",
     "fixes only",
 )
@@ -54,10 +54,10 @@ class Run:
     processor_s: float
     signs: list[dict[str, Any]] = field(default_factory=list)
 
-    def judged(self, below: int | None = None) -> RenderedEvaluation:
-        """Compare with the truth: all signs, or those whose best picture comes before one."""
+    def evaluation(self, below: int | None = None) -> RenderedEvaluation:
+        """Compare with the truth: all signs, or those whose best image comes before one."""
         rows = [s for s in self.signs if below is None or s["best_frame"] < below]
-        return judge_rendered(rows, self.truth)
+        return evaluate_against_truth(rows, self.truth)
 
 
 def render() -> None:
@@ -116,7 +116,7 @@ def processor_seconds(command: list[str]) -> float:
 
 
 def true_poses(truth: dict[str, Any]) -> dict[int, Pose]:
-    """Pose of each picture."""
+    """Pose of each image."""
     return {
         f["index"]: Pose(Rotation.from_quat(f["quaternion"]).as_matrix(), np.array(f["position"]))
         for f in truth["frames"]

@@ -17,8 +17,8 @@ from accept import (
     PRESETS,
     ROOT,
     BenchmarkDrive,
+    evaluate_drive,
     in_short,
-    judge,
     render,
     rendered,
     rendered_table,
@@ -43,7 +43,7 @@ HELD_OUT = {
 
 
 def main() -> int:
-    """Render, run, judge, write."""
+    """Render, run, evaluate, write."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -56,8 +56,8 @@ def main() -> int:
         "Made by `python benchmarks/held_out.py`; exact truth. No model was learned from these drives and no rule was "
         "chosen by them: ten cameras (focal lengths, lenses, mounts, 1280 x 720 to 1936 x 1216), ten lights and "
         "roads. Eight were drawn from the ranges that eleven of the learning drives were drawn from, with other "
-        "seeds, sizes of picture and pairs of road and light; `held_border` and `held_bypass` are of the kind of "
-        "eight others (small hard pictures, signs far beside the road, faces that no catalogue holds). "
+        "seeds, sizes of image and pairs of road and light; `held_border` and `held_bypass` are of the kind of "
+        "eight others (small hard images, signs far beside the road, faces that no catalogue holds). "
         "`held_moor` has neither poses nor fixes, "
         "`held_outskirts` has fixes alone. Columns as in accuracy.md.",
         "",
@@ -65,8 +65,8 @@ def main() -> int:
     ]
     broken = False
     for preset in PRESETS:
-        judged = [
-            judge(
+        outcomes = [
+            evaluate_drive(
                 BenchmarkDrive(
                     name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing
                 ),
@@ -74,9 +74,11 @@ def main() -> int:
             )
             for name, spacing in HELD_OUT.items()
         ]
-        broken |= any(outcome.evaluation is None for outcome in judged)
-        print(f"{preset:8} {'held-out drives together':24} {in_short(together(rendered(judged)))}")
-        lines += ["", f"## Preset `{preset}`", "", *rendered_table(judged)]
+        broken |= any(outcome.evaluation is None for outcome in outcomes)
+        print(
+            f"{preset:8} {'held-out drives together':24} {in_short(together(rendered(outcomes)))}"
+        )
+        lines += ["", f"## Preset `{preset}`", "", *rendered_table(outcomes)]
     if not broken:
         (ROOT / "benchmarks" / "accuracy_held_out.md").write_text("\n".join(lines) + "\n")
     return 1 if broken else 0

@@ -1,4 +1,4 @@
-"""Structure from motion of the same pictures by pycolmap, on one thread; a process of its own, so that its cost counts.
+"""Structure from motion of the same images by pycolmap, on one thread; a process of its own, so that its cost counts.
 
     .venv/bin/python benchmarks/peer.py LOG OUT.npz --frames 24
 
@@ -24,7 +24,7 @@ SEED = 1
 
 
 def main() -> int:
-    """Read pictures, reconstruct, write poses and points."""
+    """Read images, reconstruct, write poses and points."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -42,13 +42,13 @@ def main() -> int:
 
 
 def reconstruct(log: Path, scratch: Path, count: int) -> pycolmap.Reconstruction | None:
-    """The largest model of the first pictures of a log."""
-    pictures, database = scratch / "pictures", scratch / "model.db"
-    pictures.mkdir()
+    """The largest model of the first images of a log."""
+    images, database = scratch / "images", scratch / "model.db"
+    images.mkdir()
     camera = None
     for frame in read_frames(log, ReadSettings(thin_m=0.0), ReadReport()):
         if frame.used and frame.camera is not None and frame.index < count:
-            (pictures / f"{frame.index:05d}.jpg").write_bytes(frame.data)
+            (images / f"{frame.index:05d}.jpg").write_bytes(frame.data)
             camera = frame.camera
     if camera is None:
         return None
@@ -59,7 +59,7 @@ def reconstruct(log: Path, scratch: Path, count: int) -> pycolmap.Reconstruction
     extraction = pycolmap.FeatureExtractionOptions(num_threads=1, use_gpu=False)
     pycolmap.extract_features(
         database,
-        pictures,
+        images,
         camera_mode=pycolmap.CameraMode.SINGLE,
         reader_options=reader,
         extraction_options=extraction,
@@ -70,7 +70,7 @@ def reconstruct(log: Path, scratch: Path, count: int) -> pycolmap.Reconstruction
     pycolmap.match_sequential(
         database, matching_options=matching, pairing_options=pairing, device=pycolmap.Device.cpu
     )
-    models = pycolmap.incremental_mapping(database, pictures, scratch, options=loosened())
+    models = pycolmap.incremental_mapping(database, images, scratch, options=loosened())
     return max(models.values(), key=lambda m: m.num_reg_images(), default=None)
 
 
@@ -82,7 +82,7 @@ def parameters(camera: Camera) -> list[float]:
 
 
 def loosened() -> pycolmap.IncrementalPipelineOptions:
-    """Options for forward motion: small angles between rays, few points a picture."""
+    """Options for forward motion: small angles between rays, few points per image."""
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = 1
     options.random_seed = SEED

@@ -14,7 +14,7 @@ from wayside.stages.geometry import iou_matrix
 ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""
 
-NOWHERE, CANDIDATE, JUDGED, PASSED, KEPT, SIGN = range(6)
+NOWHERE, CANDIDATE, CLASSIFIED, PASSED, KEPT, SIGN = range(6)
 """No box on the face; a box; above the pre-filter's threshold; the classifier's; not suppressed; part of a sign."""
 
 STOPPED = (
@@ -31,7 +31,7 @@ _REACHED = {
     "color": CANDIDATE,
     "shape": CANDIDATE,
     "glance": CANDIDATE,
-    "score": JUDGED,
+    "score": CLASSIFIED,
     "overlap": PASSED,
     "sign": SIGN,
 }
@@ -49,7 +49,7 @@ def reached(
 
 
 def shares(levels: Iterable[int], stages: Iterable[int]) -> list[str]:
-    """How many faces there are, and the share of them that went at least so far, in per cent, as cells of a table."""
+    """How many faces there are, and the fraction of them that went so far, in per cent, as cells of a table."""
     all_of = list(levels)
     if not all_of:
         return ["0", *("-" for _ in stages)]

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from reached import (
     CANDIDATE,
-    JUDGED,
+    CLASSIFIED,
     KEPT,
     PASSED,
     STOPPED,
@@ -57,7 +57,7 @@ SEED = 1
 SMALLEST_PX = 10.0
 """Lower faces are not counted."""
 HEIGHTS = (10, 15, 20, 25, 35, 50, 100)
-STAGES = (CANDIDATE, JUDGED, PASSED, KEPT)
+STAGES = (CANDIDATE, CLASSIFIED, PASSED, KEPT)
 HEAD = ("faces", "candidate", "passed pre-filter", "passed classifier", "detected")
 
 
@@ -66,13 +66,13 @@ class SceneModels:
     """Models applied to one image: ranking, box classifier with its pre-filter, box regression."""
 
     ranking: TreeModel
-    judge: TreeModel
+    box_classifier: TreeModel
     face_box: NetworkModel
 
 
 @dataclass(frozen=True, slots=True)
 class FaceOutcome:
-    """One labelled face: how far its candidates went, and the best score on it above the bar (nan: none)."""
+    """One labelled face: how far its candidates went, and the best score on it above the threshold (nan: none)."""
 
     source: str
     file: str
@@ -99,7 +99,7 @@ class Source:
 
 
 def main() -> int:
-    """Learn, look, write the page, print what was not seen."""
+    """Learn, detect, write the page, print what was not seen."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -129,35 +129,42 @@ def say(text: str) -> None:
 
 
 def measured(real: Path, logs: Sequence[Path]) -> tuple[list[Source], str]:
-    """Every source, looked at with models that have not seen it; and how they were learned, in words."""
-    samples = gather(logs, real, SEED, say)
+    """Every source, with what models find that have not seen it; and how they were learned, in words."""
+    settings, _ = load_settings()
+    samples = gather(logs, real, settings, SEED, say)
     detectors = learn_detector(
-        samples.drives, samples.features_of, samples.patches_of, SEED, "", samples.scenes
+        samples.drives,
+        samples.features_of,
+        samples.patches_of,
+        SEED,
+        "",
+        settings.candidates,
+        samples.scenes,
     ).out_of_fold
-    ranking = learn_ranking(samples.drives, (), SEED, "")
+    ranking = learn_ranking(samples.drives, (), SEED, "", settings.candidates.most)
     _, gate = learn_prefilter(samples.drives, SEED, "")
     found = []
     for source, listed in scene_sources(read_scenes(real)).items():
-        judge, face_box = detectors[source]
-        by = SceneModels(ranking, replace(judge, prefilter=gate), face_box)
-        found.append(looked_at(source, real, listed, by))
-        say(f"looked at the {len(listed)} images of {source}")
+        classifier, face_box = detectors[source]
+        by = SceneModels(ranking, replace(classifier, prefilter=gate), face_box)
+        found.append(source_of(source, real, listed, by))
+        say(f"measured the {len(listed)} images of {source}")
     images = sum(drive.frames for drive in samples.drives)
     return found, f"{len(samples.drives)} rendered drives ({images} images)"
 
 
-def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Source:
+def source_of(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Source:
     """How far the candidates on the faces of a source go, and the boxes left on no face where all are known."""
     faces: list[FaceOutcome] = []
     false: list[tuple[str, tuple[float, ...], float]] = []
-    for scene, own in zip(scenes, looks(real, scenes, by), strict=True):
+    for scene, own in zip(scenes, candidates_of(real, scenes, by), strict=True):
         verdicts = names_of(own)
         for sign in scene["signs"]:
             box = tuple(float(v) for v in sign["box"])
             if box[3] - box[1] < SMALLEST_PX:
                 continue
             level = reached(box, own.regions.box, verdicts)
-            score = best_score(box, own) - by.judge.threshold
+            score = best_score(box, own) - by.box_classifier.threshold
             faces.append(FaceOutcome(source, scene["file"], box, sign["color"], level, score))
         if scene["complete"]:
             known = np.array([sign["box"] for sign in scene["signs"]], np.float64).reshape(-1, 4)
@@ -165,7 +172,7 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneMo
                 (
                     scene["file"],
                     tuple(own.regions.box[row].tolist()),
-                    own.score[row] - by.judge.threshold,
+                    own.score[row] - by.box_classifier.threshold,
                 )
                 for row in strays(own, known)
             ]
@@ -173,23 +180,25 @@ def looked_at(source: str, real: Path, scenes: list[dict[str, Any]], by: SceneMo
     return Source(source, len(scenes), tuple(faces), complete, tuple(false))
 
 
-def looks(real: Path, scenes: list[dict[str, Any]], by: SceneModels) -> Iterator[Candidates]:
-    """The candidates of each image after all stages that look at one picture."""
+def candidates_of(
+    real: Path, scenes: list[dict[str, Any]], by: SceneModels
+) -> Iterator[Candidates]:
+    """The candidates of each image after all stages that need a single image."""
     settings, _ = load_settings("default")
     models = replace(
         load_models(settings),
         region_ranking=by.ranking,
-        box_classifier=by.judge,
+        box_classifier=by.box_classifier,
         box_regressor=by.face_box,
     )
     flow = Flow(settings, models, StageClock())
-    return (look.candidates for look in flow.detect(scene_frames(real, scenes)))
+    return (one.candidates for one in flow.detect(scene_frames(real, scenes)))
 
 
 def scene_frames(real: Path, scenes: list[dict[str, Any]]) -> Iterator[Frame]:
     """The images as they are stored, as frames of a log."""
-    for scene, picture in zip(scenes, scene_images(real, scenes), strict=True):
-        yield replace(picture.frame, data=(real / "scenes" / scene["file"]).read_bytes())
+    for scene, image in zip(scenes, scene_images(real, scenes), strict=True):
+        yield replace(image.frame, data=(real / "scenes" / scene["file"]).read_bytes())
 
 
 def names_of(candidates: Candidates) -> NDArray[np.str_]:
@@ -198,14 +207,14 @@ def names_of(candidates: Candidates) -> NDArray[np.str_]:
 
 
 def best_score(box: tuple[float, ...], candidates: Candidates) -> float:
-    """Best score of the candidates on a face; nan where none was judged."""
+    """Best score of the candidates on a face; nan where none was classified."""
     on = iou_matrix(np.array([box]), candidates.regions.box)[0] >= 0.5
     scores = candidates.score[on & np.isfinite(candidates.score)]
     return float(scores.max()) if len(scores) else float("nan")
 
 
 def strays(candidates: Candidates, known: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Rows that the judge kept on no known face (m, 4); what overlaps one by some counts as neither."""
+    """Rows that the classifier kept on no known face (m, 4); what overlaps one by some counts as neither."""
     kept = candidates.open_rows()
     if len(known) == 0 or len(kept) == 0:
         return kept

@@ -24,10 +24,10 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 from accept import DRIVES, RENDERED, BenchmarkDrive, render
-from confidence import Result, Row, confidence_lines, judged_at, reliability
+from confidence import Result, Row, confidence_lines, evaluated_at, reliability
 from reached import (
     CANDIDATE,
-    JUDGED,
+    CLASSIFIED,
     PASSED,
     SIGN,
     STOPPED,
@@ -37,7 +37,7 @@ from reached import (
     shares,
     table,
 )
-from seeing_picture import draw
+from seeing_plot import draw
 
 from wayside.pipeline.evaluate_rendered import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, is_eligible
 from wayside.pipeline.lengths import parse_length
@@ -48,11 +48,11 @@ from wayside.schemas.detections import COLORS
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, PICTURE = ROOT / "benchmarks" / "seeing.md", ROOT / "docs" / "seeing.png"
+PAGE, IMAGE = ROOT / "benchmarks" / "seeing.md", ROOT / "docs" / "seeing.png"
 HEIGHTS = (10, 12, 15, 20, 25, 35, 50, 100)
 CLEAR_PX = 15.0
 """Height from which a face should have a candidate."""
-STAGES = (CANDIDATE, JUDGED, PASSED, SIGN)
+STAGES = (CANDIDATE, CLASSIFIED, PASSED, SIGN)
 HEAD = (
     "faces",
     "candidate",
@@ -62,7 +62,7 @@ HEAD = (
     "of wanted",
 )
 HARDLY_ANY = -12.0
-"""Log odds below which the judge of places refuses, where rows of low confidence are wanted."""
+"""Log odds below which the landmark classifier refuses, where rows of low confidence are wanted."""
 OTHER_SEEDS = {"straight": 9778, "curve": 9775, "town": 9774, "report": 9776}
 """Specifications that are rendered once more, and their other seed: more rows to hold a confidence to."""
 
@@ -85,7 +85,7 @@ class FaceOutcome:
 
     @property
     def height_px(self) -> float:
-        """Height in the picture."""
+        """Height in the image."""
         return self.box[3] - self.box[1]
 
 
@@ -100,7 +100,7 @@ class DriveOutcome:
     faces: tuple[FaceOutcome, ...]
     images: int
     candidates: int
-    judged: int
+    classified: int
     decodes: float | None
 
 
@@ -121,7 +121,7 @@ def main() -> int:
         lenient = [result_of(drive, Path(scratch), HARDLY_ANY) for drive in known]
         shipped = [result_of(drive, Path(scratch), None) for drive in known]
         seen = [seen_on(drive, Path(scratch) / drive.name) for drive in known]
-    text = page(seen, confidence_lines(lenient, fresh, judged_at(shipped, 0.5)))
+    text = page(seen, confidence_lines(lenient, fresh, evaluated_at(shipped, 0.5)))
     if chosen:
         print(text)
         return 0
@@ -137,7 +137,7 @@ def main() -> int:
         ],
         [(one.mean, one.true, one.rows) for one in reliability([*lenient, *fresh]) if one.rows],
     )
-    cv2.imwrite(str(PICTURE), cv2.cvtColor(shown, cv2.COLOR_RGB2BGR))
+    cv2.imwrite(str(IMAGE), cv2.cvtColor(shown, cv2.COLOR_RGB2BGR))
     return 0
 
 
@@ -165,13 +165,16 @@ def reseeded(text: str, name: str) -> str:
     return re.sub(r"^seed = \d+$", f"seed = {OTHER_SEEDS[name]}", text, count=1, flags=re.M)
 
 
-def result_of(drive: BenchmarkDrive, folder: Path, bar: float | None) -> Result:
-    """Rows of `signs.parquet` but backs, all regions listed, and the truth; `bar` replaces that of the place judge."""
+def result_of(drive: BenchmarkDrive, folder: Path, threshold: float | None) -> Result:
+    """Rows of `signs.parquet` but backs, all regions listed, and the truth.
+
+    `threshold` replaces that of the landmark classifier.
+    """
     options = {"read.spacing_m": parse_length(drive.spacing)} if drive.spacing else {}
     settings, _ = load_settings("default", None, [], options | {"run.workers": 1})
     models = load_models(settings)
-    if bar is not None and models.landmark_classifier is not None:
-        landmark = replace(models.landmark_classifier, threshold=bar)
+    if threshold is not None and models.landmark_classifier is not None:
+        landmark = replace(models.landmark_classifier, threshold=threshold)
         models = replace(models, landmark_classifier=landmark)
     run_log(drive.log, folder / drive.name, settings, models, arguments=[], every_region=True)
     print(drive.name, file=sys.stderr, flush=True)
@@ -294,14 +297,14 @@ def lost_lines(faces: Sequence[FaceOutcome]) -> Iterator[str]:
 def candidates_row(drive: DriveOutcome) -> list[str]:
     """One drive: what proposing finds and costs."""
     clear = [face.level for face in drive.faces if face.height_px >= CLEAR_PX]
-    faces, covered, passing = shares(clear, (CANDIDATE, JUDGED))
+    faces, covered, passing = shares(clear, (CANDIDATE, CLASSIFIED))
     return [
         drive.name,
         str(drive.images),
         faces,
         f"{drive.candidates / drive.images:.0f}",
         covered,
-        f"{drive.judged / drive.images:.0f}",
+        f"{drive.classified / drive.images:.0f}",
         passing,
         "-" if drive.decodes is None else f"{drive.decodes:.1f}",
     ]

@@ -18,7 +18,7 @@ from costs import play, run
 
 WAYS = {
     "without": (),
-    "file, no pictures": ("--view", "file", "--view-images", "none"),
+    "file, no images": ("--view", "file", "--view-images", "none"),
     "file": ("--view", "file"),
     "file, with label images": ("--view", "file", "--view-detail"),
 }
@@ -37,7 +37,7 @@ def main() -> int:
     args = parser.parse_args()
     seconds: dict[str, list[float]] = {way: [] for way in WAYS}
     size: dict[str, float] = {}
-    pictures = 0
+    images = 0
     with tempfile.TemporaryDirectory() as scratch:
         log, out = Path(scratch) / "log.mcap", Path(scratch) / "out"
         play(args.log, log, args.times)
@@ -46,24 +46,24 @@ def main() -> int:
             for way, options in WAYS.items():
                 result, _, processor = run(log, out, args.spacing, 2, *options)
                 seconds[way].append(processor)
-                pictures = result["accounting"]["frames_read"]
+                images = result["accounting"]["frames_read"]
                 recording = out / "drive.rrd"
-                size[way] = recording.stat().st_size / pictures if recording.exists() else 0.0
+                size[way] = recording.stat().st_size / images if recording.exists() else 0.0
     base = statistics.median(seconds["without"])
     lines = [
         "# What recording a run costs",
         "",
-        f"Made by `python benchmarks/viewing.py {args.log}`: {pictures} pictures of 1600 x 1200, two workers; medians "
+        f"Made by `python benchmarks/viewing.py {args.log}`: {images} images of 1600 x 1200, two workers; medians "
         f"of {args.rounds} rounds, all ways in each. Processor time is that of the whole process, start included.",
         "",
-        "| recording | processor time a picture | over a run without | kB a picture |",
+        "| recording | processor time per image | over a run without | kB per image |",
         "| --- | ---: | ---: | ---: |",
     ]
     for way in WAYS:
         middle = statistics.median(seconds[way])
         over = "" if way == "without" else f"{100 * (middle / base - 1):+.1f} %"
         lines.append(
-            f"| {way} | {1000 * middle / pictures:.0f} ms | {over} | {size[way] / 1000:.0f} |"
+            f"| {way} | {1000 * middle / images:.0f} ms | {over} | {size[way] / 1000:.0f} |"
         )
     TABLE.write_text("\n".join(lines) + "\n")
     print(TABLE.read_text())

@@ -43,7 +43,7 @@ def main() -> None:
     )
     parser.add_argument("log", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("-o", "--picture", type=Path, required=True)
+    parser.add_argument("-o", "--image", type=Path, required=True)
     parser.add_argument(
         "--frame", type=int, help="frame to draw; default: the one that shows most signs"
     )
@@ -67,7 +67,7 @@ def main() -> None:
     band = image[image.shape[0] // 4 : image.shape[0] * 5 // 8]
     sheet = np.vstack([band, draw_map(image.shape[1], frames, row, signs)])
     cv2.imwrite(
-        str(args.picture), cv2.resize(sheet, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+        str(args.image), cv2.resize(sheet, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     )
 
 

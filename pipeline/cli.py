@@ -85,7 +85,7 @@ def common(
 
 
 @app.command(
-    epilog="Examples: `wayside run drive.mcap -o out` · `wayside run pictures.mcap --spacing 26.4ft -o out` · "
+    epilog="Examples: `wayside run drive.mcap -o out` · `wayside run images.mcap --spacing 26.4ft -o out` · "
     "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
     "`wayside run drive.mcap --view file -o out` · "
     "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
@@ -270,22 +270,22 @@ def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file."
 
 @app.command(
     "import",
-    epilog="Example: `wayside import pictures/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap`",
+    epilog="Example: `wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap`",
 )
 def import_(
-    pictures: Annotated[
-        list[Path], typer.Argument(metavar="PICTURES...", help="Numbered images, or a folder.")
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
     ],
     calibration: Annotated[Path, typer.Option(help="Camera calibration, ROS camera_info YAML.")],
     spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
 ) -> None:
-    """Make a log of numbered pictures."""
-    from wayside.pipeline.importing import import_pictures
+    """Make a log of numbered images."""
+    from wayside.pipeline.importing import import_images
     from wayside.pipeline.lengths import parse_length
 
-    count = import_pictures(pictures, calibration, parse_length(spacing), out)
-    typer.echo(f"{out}: {count} pictures; next: wayside run {out} -o out")
+    count = import_images(images, calibration, parse_length(spacing), out)
+    typer.echo(f"{out}: {count} images; next: wayside run {out} -o out")
 
 
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")

@@ -1,4 +1,4 @@
-"""Judge a result folder by the truth of its drive: read both, compare, and write the figures for a person."""
+"""Evaluate a result folder against the truth of its drive: read both, compare, and write the figures for a person."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evaluate_real import judge_real
-from wayside.pipeline.evaluate_rendered import judge_rendered
+from wayside.pipeline.evaluate_real import evaluate_against_labels
+from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation, Spread
 from wayside.pipeline.result import read_rows
 from wayside.schemas.errors import InputError, OutputError
@@ -43,8 +43,8 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     try:
         if _LABEL_KEYS <= facts.keys():
             observations = read_rows(out, OBSERVATIONS, ["sign_id", "frame", "box"])
-            return judge_real(signs, observations, facts)
-        return judge_rendered(signs, facts, backs)
+            return evaluate_against_labels(signs, observations, facts)
+        return evaluate_against_truth(signs, facts, backs)
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
@@ -82,10 +82,10 @@ def format_evaluation(evaluation: Evaluation) -> str:
         lines += [f"  {name}" for name in evaluation.missed]
         return "\n".join(lines)
     for panel in evaluation.missed:
-        look = f"{panel.kind}, {panel.color} {panel.shape}"
+        face = f"{panel.kind}, {panel.color} {panel.shape}"
         size = f"{_number(panel.width_m)} x {_number(panel.height_m)} m"
         where = f"{_number(panel.station_m)} m along, {_number(panel.lateral_m)} m right"
-        lines.append(f"  {panel.id:>4}  {look:<44} {size}   {where}")
+        lines.append(f"  {panel.id:>4}  {face:<44} {size}   {where}")
     return "\n".join(lines)
 
 
@@ -125,8 +125,8 @@ def _false_lines(evaluation: Evaluation) -> Iterator[str]:
         yield ""
         yield "false"
     for sign in evaluation.false:
-        look = f"{sign.color or '?'} {sign.shape or '?'}"
-        yield f"  {sign.sign_id}  frame {sign.best_frame}  {look}  on: {sign.cause}"
+        face = f"{sign.color or '?'} {sign.shape or '?'}"
+        yield f"  {sign.sign_id}  frame {sign.best_frame}  {face}  on: {sign.cause}"
 
 
 def _number(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Compare reported signs with hand-made boxes on pictures of a real drive."""
+"""Compare reported signs with hand-made boxes on images of a real drive."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ Row = Mapping[str, Any]
 Box = Sequence[float]
 
 
-def judge_real(signs: Sequence[Row], observations: Iterable[Row], labels: Row) -> RealEvaluation:
-    """A label is found where a reported sign has an observation on its box in a labelled picture.
+def evaluate_against_labels(
+    signs: Sequence[Row], observations: Iterable[Row], labels: Row
+) -> RealEvaluation:
+    """A label is found where a reported sign has an observation on its box in a labelled image.
 
     Parameters
     ----------
@@ -71,14 +73,14 @@ def _meet(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> bool:
 
 
 def _false(sign: Row, views: Mapping[int, Box], labels: Row) -> FalseSign:
-    """A sign on no label, with the known distractor it lies on; distractors are boxed in one source picture."""
+    """A sign on no label, with the known distractor it lies on; distractors are boxed in one source image."""
     cause = "unlabelled"
-    for thing in labels["distractors"]:
-        boxes = {entry["i"]: entry["box"] for entry in thing.get("boxes", ())}
-        if "box" in thing:
-            boxes[thing["source_frame"] // labels["stride"]] = thing["box"]
+    for distractor in labels["distractors"]:
+        boxes = {entry["i"]: entry["box"] for entry in distractor.get("boxes", ())}
+        if "box" in distractor:
+            boxes[distractor["source_frame"] // labels["stride"]] = distractor["box"]
         if _meet(views, boxes):
-            cause = thing["what"]
+            cause = distractor["what"]
             break
     return FalseSign(
         sign["sign_id"],

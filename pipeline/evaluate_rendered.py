@@ -15,20 +15,20 @@ from wayside.pipeline.evaluation import Backs, FalseSign, Match, MissedPanel, Re
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
-"""A panel that should be found faces the camera, so tall and so visible, in so many pictures."""
+"""A panel that should be found faces the camera, so tall and so visible, in so many images."""
 ACROSS_M, ACROSS_SHARE = 1.5, 0.05
 ALONG_M, ALONG_SHARE = 3.0, 0.10
-"""A panel is matched within the larger of a distance and a share of its range."""
+"""A panel is matched within the larger of a distance and a fraction of its range."""
 SMALLEST_COVER = 0.3
 _UNMATCHED = 1e6
 
 Row = Mapping[str, Any]
 
 
-def judge_rendered(
+def evaluate_against_truth(
     signs: Sequence[Row], truth: Row, backs: Sequence[Row] = ()
 ) -> RenderedEvaluation:
-    """Match panels one to one in the camera frame of `best_frame` and measure the gaps.
+    """Match panels one to one in the camera frame of `best_frame` and measure the position errors.
 
     Parameters
     ----------
@@ -41,25 +41,25 @@ def judge_rendered(
     """
     panels = [p for p in truth["signs"] if any(view["side"] == "front" for view in p["frames"])]
     eligible = {p["id"] for p in panels if is_eligible(p)}
-    gaps, pairs = _matched(signs, panels, truth["frames"])
+    errors, pairs = _matched(signs, panels, truth["frames"])
     matched = {i for i, _ in pairs}
     hits = [(i, j) for i, j in pairs if panels[j]["id"] in eligible]
     found = {panels[j]["id"] for _, j in hits}
     return RenderedEvaluation(
         wanted=len(eligible),
-        matches=tuple(_match(signs[i], panels[j], gaps[i, j]) for i, j in hits),
+        matches=tuple(_match(signs[i], panels[j], errors[i, j]) for i, j in hits),
         false=tuple(_false(sign, truth) for i, sign in enumerate(signs) if i not in matched),
         missed=tuple(
             MissedPanel(**{field.name: p.get(field.name) for field in fields(MissedPanel)})
             for p in panels
             if p["id"] in eligible - found
         ),
-        backs=_judge_backs(backs, truth),
+        backs=_evaluate_backs(backs, truth),
     )
 
 
 def is_eligible(panel: Row) -> bool:
-    """Whether a panel should be found: it faces the camera, tall and visible enough, in enough pictures."""
+    """Whether a panel should be found: it faces the camera, tall and visible enough, in enough images."""
     good = sum(
         view["side"] == "front"
         and view["box"][3] - view["box"][1] >= SMALLEST_HEIGHT_PX
@@ -69,7 +69,7 @@ def is_eligible(panel: Row) -> bool:
     return bool(panel["faces_travel"]) and good >= FEWEST_FRAMES
 
 
-def _judge_backs(rows: Sequence[Row], truth: Row) -> Backs:
+def _evaluate_backs(rows: Sequence[Row], truth: Row) -> Backs:
     def seen(panel: Row) -> list[Row]:
         return [view for view in panel["frames"] if view["side"] == "back"]
 
@@ -88,22 +88,24 @@ def _matched(
     """Reported minus true position, (n, m, 3) metres, and the pairs of row and panel that are matched one to one."""
     poses = {frame["index"]: _pose(frame) for frame in frames}
     centres = np.array([panel["centre"] for panel in panels], np.float64).reshape(-1, 3)
-    gaps = np.zeros((len(signs), len(panels), 3))
+    errors = np.zeros((len(signs), len(panels), 3))
     cost = np.full((len(signs), len(panels)), _UNMATCHED)
     for i, sign in enumerate(signs):
         if sign["best_frame"] not in poses:
             continue
         rotation, origin = poses[sign["best_frame"]]
         actual = (centres - origin) @ rotation
-        gaps[i] = np.array([sign["right_m"], sign["down_m"], sign["ahead_m"]]) - actual
+        errors[i] = np.array([sign["right_m"], sign["down_m"], sign["ahead_m"]]) - actual
         reach = np.linalg.norm(actual, axis=1)
-        across = np.hypot(gaps[i, :, 0], gaps[i, :, 1]) / np.maximum(ACROSS_M, ACROSS_SHARE * reach)
-        along = np.abs(gaps[i, :, 2]) / np.maximum(ALONG_M, ALONG_SHARE * reach)
+        across = np.hypot(errors[i, :, 0], errors[i, :, 1]) / np.maximum(
+            ACROSS_M, ACROSS_SHARE * reach
+        )
+        along = np.abs(errors[i, :, 2]) / np.maximum(ALONG_M, ALONG_SHARE * reach)
         near = (across <= 1) & (along <= 1)
         cost[i, near] = (across + along)[near]
     rows, columns = linear_sum_assignment(cost)
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-    return gaps, [(i, j) for i, j in pairs if cost[i, j] < _UNMATCHED]
+    return errors, [(i, j) for i, j in pairs if cost[i, j] < _UNMATCHED]
 
 
 def _pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -113,17 +115,17 @@ def _pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _false(sign: Row, truth: Row) -> FalseSign:
-    """A false panel with the known thing that covers most of its box in its best picture."""
+    """A false panel with the known object that covers most of its box in its best image."""
     best, cause = SMALLEST_COVER, "unknown"
-    for kind, things in (("distractor", truth.get("distractors", ())), ("sign", truth["signs"])):
-        for thing in things:
-            for view in thing["frames"]:
+    for kind, objects in (("distractor", truth.get("distractors", ())), ("sign", truth["signs"])):
+        for entry in objects:
+            for view in entry["frames"]:
                 if view["frame"] != sign["best_frame"]:
                     continue
                 boxes = np.array([sign["best_box"]]), np.array([view["box"]])
                 covered = float(covered_fractions(*boxes)[0, 0])
                 if covered > best:
-                    best, cause = covered, f"{kind} {thing['kind']} {thing['id']}"
+                    best, cause = covered, f"{kind} {entry['kind']} {entry['id']}"
     return FalseSign(
         sign["sign_id"],
         sign["best_frame"],
@@ -135,8 +137,8 @@ def _false(sign: Row, truth: Row) -> FalseSign:
     )
 
 
-def _match(sign: Row, panel: Row, gap: NDArray[np.float64]) -> Match:
-    right, down, ahead = gap.tolist()
+def _match(sign: Row, panel: Row, error: NDArray[np.float64]) -> Match:
+    right, down, ahead = error.tolist()
     return Match(
         sign["sign_id"],
         panel["id"],

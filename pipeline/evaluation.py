@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Median and 95th percentile of n values, None where there are none; rounded to four places."""
+    """Median and 95th percentile of n values, None where there are none; rounded to four decimals."""
 
     n: int
     median: float | None
@@ -22,7 +22,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class SigmaShare:
-    """Share of n errors within one and two stated standard deviations (a normal error: 0.68 and 0.95)."""
+    """Fraction of n errors within one and two stated standard deviations (a normal error: 0.68 and 0.95)."""
 
     n: int
     one: float | None
@@ -35,22 +35,22 @@ class SigmaShare:
 
 @dataclass(frozen=True, slots=True)
 class FalseSign:
-    """A reported panel that is none, with the known thing it lies on; `place` is right, down, ahead in metres."""
+    """A reported panel that is none, with the known object it lies on; `position` is right, down, ahead in metres."""
 
     sign_id: str
     best_frame: int
     best_box: tuple[float, ...]
     color: str | None
     shape: str | None
-    place: tuple[float, float, float] | None
+    position: tuple[float, float, float] | None
     cause: str
 
     def to_json(self) -> dict[str, Any]:
         """As columns of `signs.parquet`, with the cause."""
         values = asdict(self)
-        place, cause = values.pop("place"), values.pop("cause")
-        if place is not None:
-            values |= dict(zip(("right_m", "down_m", "ahead_m"), place, strict=True))
+        position, cause = values.pop("position"), values.pop("cause")
+        if position is not None:
+            values |= dict(zip(("right_m", "down_m", "ahead_m"), position, strict=True))
         return values | {"best_box": list(self.best_box), "cause": cause}
 
 
@@ -72,13 +72,13 @@ class MissedPanel:
 class Match:
     """A reported panel and the wanted true one it was matched with.
 
-    `gap_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`; `sigma_m`: its
+    `error_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`; `sigma_m`: its
     stated standard deviations; the rest are pairs, reported then true. None where not reported.
     """
 
     sign_id: str
     panel_id: int
-    gap_m: tuple[float, float, float]
+    error_m: tuple[float, float, float]
     sigma_m: tuple[float | None, float | None, float | None]
     width_m: tuple[float | None, float]
     height_m: tuple[float | None, float]
@@ -91,7 +91,7 @@ class Match:
 class Backs:
     """Rows of status `back`: how many there are, and how many of them are on a panel seen from behind.
 
-    `in_view`: panels seen from behind, as tall and in as many pictures as a front that should be found, but however
+    `in_view`: panels seen from behind, as tall and in as many images as a front that should be found, but however
     much stands before them: of backs nobody knows.
     """
 
@@ -120,12 +120,12 @@ class RenderedEvaluation:
 
     @property
     def recall(self) -> float:
-        """Share of the wanted panels that were found; 1 where none was wanted."""
+        """Fraction of the wanted panels that were found; 1 where none was wanted."""
         return self.found_count / self.wanted if self.wanted else 1.0
 
     @property
     def precision(self) -> float:
-        """Share of the reported panels that are true ones; panels that need not be found count as neither."""
+        """Fraction of the reported panels that are true ones; panels that need not be found count as neither."""
         counted = self.found_count + len(self.false)
         return self.found_count / counted if counted else 1.0
 
@@ -137,28 +137,28 @@ class RenderedEvaluation:
     @property
     def error_m(self) -> dict[str, Spread]:
         """Position error by axis, and its length."""
-        gaps = np.array([m.gap_m for m in self.matches], np.float64).reshape(-1, 3)
-        by_axis = {name: spread(np.abs(gaps[:, i])) for i, name in enumerate(AXES)}
-        return by_axis | {"total": spread(np.linalg.norm(gaps, axis=1))}
+        errors = np.array([m.error_m for m in self.matches], np.float64).reshape(-1, 3)
+        by_axis = {name: spread(np.abs(errors[:, i])) for i, name in enumerate(AXES)}
+        return by_axis | {"total": spread(np.linalg.norm(errors, axis=1))}
 
     @property
     def sigma_share(self) -> dict[str, SigmaShare]:
         """How often the stated standard deviations hold, by axis."""
         return {
             name: sigma_share(
-                [m.gap_m[i] for m in self.matches], [m.sigma_m[i] for m in self.matches]
+                [m.error_m[i] for m in self.matches], [m.sigma_m[i] for m in self.matches]
             )
             for i, name in enumerate(AXES)
         }
 
     @property
     def width_error(self) -> Spread:
-        """Error of the width as a share of the true one."""
+        """Error of the width as a fraction of the true one."""
         return spread(abs(a - b) / b for a, b in (m.width_m for m in self.matches) if a is not None)
 
     @property
     def height_error(self) -> Spread:
-        """Error of the height as a share of the true one."""
+        """Error of the height as a fraction of the true one."""
         return spread(
             abs(a - b) / b for a, b in (m.height_m for m in self.matches) if a is not None
         )
@@ -170,13 +170,13 @@ class RenderedEvaluation:
 
     @property
     def color_right(self) -> float | None:
-        """Share of the colours that are right."""
-        return share([a == b for a, b in (m.color for m in self.matches)])
+        """Fraction of the colours that are right."""
+        return fraction([a == b for a, b in (m.color for m in self.matches)])
 
     @property
     def shape_right(self) -> float | None:
-        """Share of the shapes that are right."""
-        return share([a == b for a, b in (m.shape for m in self.matches)])
+        """Fraction of the shapes that are right."""
+        return fraction([a == b for a, b in (m.shape for m in self.matches)])
 
     @property
     def color_confusion(self) -> dict[str, int]:
@@ -207,7 +207,7 @@ class RenderedEvaluation:
 
 
 def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
-    """Several drives judged as if they were one."""
+    """Several drives evaluated as one."""
     all_of = list(evaluations)
     return RenderedEvaluation(
         wanted=sum(e.wanted for e in all_of),
@@ -241,12 +241,12 @@ class RealEvaluation:
 
     @property
     def recall(self) -> float:
-        """Share of the wanted labels that were found; 1 where none was wanted."""
+        """Fraction of the wanted labels that were found; 1 where none was wanted."""
         return self.found_count / self.wanted if self.wanted else 1.0
 
     @property
     def precision(self) -> float:
-        """Share of the reported signs that lie on a label."""
+        """Fraction of the reported signs that lie on a label."""
         counted = self.touching + len(self.false)
         return self.touching / counted if counted else 1.0
 
@@ -280,15 +280,17 @@ def spread(values: Iterable[float] | NDArray[np.float64]) -> Spread:
     )
 
 
-def share(flags: Sequence[bool]) -> float | None:
-    """Share of true flags, rounded to four places; None where there are none."""
+def fraction(flags: Sequence[bool]) -> float | None:
+    """Fraction of true flags, rounded to four decimals; None where there are none."""
     return round(sum(flags) / len(flags), 4) if flags else None
 
 
 def sigma_share(errors: Iterable[float], sigmas: Iterable[float | None]) -> SigmaShare:
-    """Share of errors within one and two of their own sigmas; unknown and zero sigmas are left out."""
+    """Fraction of errors within one and two of their own sigmas; unknown and zero sigmas are left out."""
     ratios = [abs(e) / s for e, s in zip(errors, sigmas, strict=True) if s]
-    return SigmaShare(len(ratios), share([r <= 1 for r in ratios]), share([r <= 2 for r in ratios]))
+    return SigmaShare(
+        len(ratios), fraction([r <= 1 for r in ratios]), fraction([r <= 2 for r in ratios])
+    )
 
 
 def confusion(pairs: Iterable[tuple[str | None, str | None]]) -> dict[str, int]:

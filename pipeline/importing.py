@@ -1,4 +1,4 @@
-"""Numbered pictures to a log (`wayside import`)."""
+"""Numbered images to a log (`wayside import`)."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP_FILE
 from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.picture_headers import read_picture_header
+from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.survey import BY_NUMBER_KEY, METADATA_NAME, SPACING_KEY
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.frame import Camera
 
 SECOND_NS = 10**9
-"""Imported pictures have no times: they are logged one second apart, from 0 on, and carry no capture time."""
+"""Imported images have no times: they are logged one second apart, from 0 on, and carry no capture time."""
 
 _SUFFIXES = {".jpg", ".jpeg", ".png"}
 _WIDEST_GAP = 20
@@ -34,7 +34,7 @@ _CAMERA_FRAME = "camera"
 
 _Kind = FieldDescriptorProto
 _Fields = tuple[tuple[str, int, "FieldDescriptorProto.Type.ValueType"], ...]
-_PICTURE: _Fields = (
+_IMAGE: _Fields = (
     ("timestamp", 1, _Kind.TYPE_MESSAGE),
     ("data", 2, _Kind.TYPE_BYTES),
     ("format", 3, _Kind.TYPE_STRING),
@@ -53,15 +53,15 @@ _CALIBRATION: _Fields = (
 )
 
 
-def import_pictures(pictures: list[Path], calibration: Path, spacing_m: float, out: Path) -> int:
-    """Write a log of numbered pictures, a known distance apart, and return how many there are.
+def import_images(images: list[Path], calibration: Path, spacing_m: float, out: Path) -> int:
+    """Write a log of numbered images, a known distance apart, and return how many there are.
 
-    Pictures are sorted by the numbers in their names and passed through byte for byte. Numbers that are missing from
-    an even count are taken for pictures not taken: the distance across the gap is the larger.
+    Images are sorted by the numbers in their names and passed through byte for byte. Numbers that are missing from
+    an even count are taken for images not taken: the distance across the gap is the larger.
 
     Parameters
     ----------
-    pictures
+    images
         JPEG and PNG files, and folders of them.
     calibration
         ROS camera_info YAML of the camera.
@@ -73,24 +73,24 @@ def import_pictures(pictures: list[Path], calibration: Path, spacing_m: float, o
     Raises
     ------
     UsageError
-        The spacing is not positive, or there is no picture among the paths.
+        The spacing is not positive, or there is no image among the paths.
     InputError
-        A picture or the calibration cannot be used.
+        An image or the calibration cannot be used.
     OutputError
         The log cannot be written.
     """
     if not spacing_m > 0:
         raise UsageError(
-            f"--spacing: wanted the distance between pictures, found {spacing_m:g} m; "
+            f"--spacing: wanted the distance between images, found {spacing_m:g} m; "
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(_picture_files(pictures), key=_natural_key)
+    files = sorted(_image_files(images), key=_natural_key)
     if not files:
         raise UsageError(
-            "wanted pictures to import, found none; give JPEG or PNG files or folders of them"
+            "wanted images to import, found none; give JPEG or PNG files or folders of them"
         )
-    counts = count_pictures(files)
+    counts = count_images(files)
     part = out.with_name(f"{out.name}.part")
     try:
         with part.open("wb") as stream:
@@ -107,10 +107,10 @@ def import_pictures(pictures: list[Path], calibration: Path, spacing_m: float, o
     return len(files)
 
 
-def count_pictures(files: list[Path]) -> list[int]:
-    """Which trigger each picture is of, from 1 on, by the last number in its name.
+def count_images(files: list[Path]) -> list[int]:
+    """Which trigger each image is of, from 1 on, by the last number in its name.
 
-    Where the numbers do not rise in multiples of their smallest step, or leap far (times, for instance), the pictures
+    Where the numbers do not rise in multiples of their smallest step, or leap far (times, for instance), the images
     are counted one by one.
     """
     plain = list(range(1, len(files) + 1))
@@ -125,18 +125,18 @@ def count_pictures(files: list[Path]) -> list[int]:
     return [(n - numbers[0]) // step + 1 for n in numbers]
 
 
-def _picture_files(paths: list[Path]) -> Iterator[Path]:
+def _image_files(paths: list[Path]) -> Iterator[Path]:
     for path in paths:
         if path.is_dir():
             yield from (f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES)
         elif path.is_file():
             yield path
         else:
-            raise InputError(f"{path}: wanted a picture, found no such file; check the name")
+            raise InputError(f"{path}: wanted an image, found no such file; check the name")
 
 
 def _natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
-    """Numbers in a name compare as numbers: picture 2 stands before picture 10."""
+    """Numbers in a name compare as numbers: image 2 stands before image 10."""
     pieces = re.split(r"(\d+)", path.name.lower())
     return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in pieces if p], str(path)
 
@@ -147,35 +147,35 @@ def _write(
     writer.start(library="wayside")
     writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
     calibration = _message("CameraCalibration", _CALIBRATION)
-    picture = _message("CompressedImage", _PICTURE)
+    image = _message("CompressedImage", _IMAGE)
     channel = _register(writer, "/camera/calibration", calibration)
     writer.add_message(channel, 0, _fill_calibration(calibration, camera), 0, 1)
-    channel = _register(writer, "/camera/image", picture)
+    channel = _register(writer, "/camera/image", image)
     for file, count in zip(files, counts, strict=True):
-        data, encoding = _read_picture(file, camera)
-        content = type(picture)(data=data, format=encoding, frame_id=_CAMERA_FRAME)
+        data, encoding = _read_image(file, camera)
+        content = type(image)(data=data, format=encoding, frame_id=_CAMERA_FRAME)
         time_ns = (count - 1) * SECOND_NS
         writer.add_message(channel, time_ns, content.SerializeToString(), time_ns, count)
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _read_picture(file: Path, camera: Camera) -> tuple[bytes, str]:
+def _read_image(file: Path, camera: Camera) -> tuple[bytes, str]:
     try:
         data = file.read_bytes()
     except OSError as error:
         raise InputError(
-            f"{file}: wanted a picture, found: {error.strerror or error}; check the file"
+            f"{file}: wanted an image, found: {error.strerror or error}; check the file"
         ) from error
-    header = read_picture_header(data)
+    header = read_image_header(data)
     if header is None:
         raise InputError(
-            f"{file}: wanted a JPEG or PNG picture, found a file that is neither or is cut off; "
+            f"{file}: wanted a JPEG or PNG image, found a file that is neither or is cut off; "
             "convert it or leave it out"
         )
     if (header.width, header.height) != (camera.width, camera.height):
         raise InputError(
             f"{file}: wanted {camera.width} x {camera.height} pixels as the calibration has them, "
-            f"found {header.width} x {header.height}; give the calibration of these pictures"
+            f"found {header.width} x {header.height}; give the calibration of these images"
         )
     return data, header.encoding
 

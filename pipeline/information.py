@@ -9,7 +9,7 @@ from pathlib import Path
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.plan import Plan, make_plan
-from wayside.pipeline.reading.survey import Survey, Topic, survey_log
+from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -35,7 +35,7 @@ class Way:
 class LogInformation:
     """What a whole log was found to hold; `hindrance` says why it cannot be used at all."""
 
-    survey: Survey
+    survey: LogSurvey
     ways: tuple[Way, ...]
     hindrance: str
 
@@ -81,7 +81,7 @@ def describe_log(path: Path, settings: ReadSettings | None = None) -> LogInforma
 
 
 def _way(
-    survey: Survey, camera: Topic, settings: ReadSettings, given: Camera | None, *, several: bool
+    survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None, *, several: bool
 ) -> Way:
     choice = ["--camera", camera.name] if several else []
     command = ["wayside", "run", str(survey.path), *choice, "-o", "out"]
@@ -100,7 +100,7 @@ def _way(
             else:
                 return Way(camera, "", tuple(hindrances))
     calibration = _calibration(plan)
-    size = camera.picture_size
+    size = camera.image_size
     if calibration is not None and size not in (None, (calibration.width, calibration.height)):
         hindrances.append(
             f"the calibration {plan.calibration_source} is of {calibration.width} x {calibration.height} pixels"
@@ -172,9 +172,9 @@ def _topics(information: LogInformation) -> list[str]:
 
 
 def _camera(way: Way) -> list[str]:
-    topic, size = way.camera, way.camera.picture_size
+    topic, size = way.camera, way.camera.image_size
     shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
-    lines = [f"camera {topic.name}: {topic.count} pictures, {shown}, {topic.picture_format}"]
+    lines = [f"camera {topic.name}: {topic.count} images, {shown}, {topic.image_format}"]
     if way.calibration is not None:
         c = way.calibration
         lines.append(

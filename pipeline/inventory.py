@@ -39,7 +39,7 @@ _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
 
 
 @dataclass(frozen=True, slots=True)
-class Inventory:
+class WrittenTables:
     """What was written: signs in the order of the file, the path they stand on, counts of rows and of verdicts."""
 
     log: str
@@ -105,7 +105,7 @@ class InventoryWriter:
         self._scratch.close()
         self._scratch_path.unlink(missing_ok=True)
 
-    def finish(self, path: DrivePath, signs: Sequence[Sign]) -> Inventory:
+    def finish(self, path: DrivePath, signs: Sequence[Sign]) -> WrittenTables:
         """Write the tables."""
         self._stream.close()
         self._scratch.close()
@@ -122,7 +122,9 @@ class InventoryWriter:
             OBSERVATIONS.file: self._observation_count,
             FRAMES.file: len(self._frames),
         }
-        return Inventory(self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items())))
+        return WrittenTables(
+            self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items()))
+        )
 
     def _observations(self, settled: TrackedFrame) -> pa.RecordBatch:
         table = settled.candidates

@@ -61,7 +61,7 @@ from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import Model, NetworkModel, TreeModel
-from wayside.schemas.settings import ReadSettings
+from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.imaging import decode
 from wayside.stages.odometry import estimate_motion
 
@@ -77,7 +77,7 @@ LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
 SCENE_COPIES = 3
 """Copies of each real image, mostly altered: there are few."""
 
-REPORT_PICTURE = (1600, 1200)
+REPORT_IMAGE = (1600, 1200)
 """Width and height of the images of the report, in pixels."""
 
 LENIENT = (0.0, 1.0)
@@ -114,7 +114,9 @@ class TrainingData:
         return read_patches(self.reread[drive.name](), candidates)
 
 
-def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -> TrainingData:
+def gather(
+    logs: Sequence[Path], real: Path | None, settings: Settings, seed: int, notify: Notify
+) -> TrainingData:
     """Go through all drives and real images; raises InputError where one cannot be used."""
     drives: list[TrainingDrive] = []
     distractors: list[NDArray[np.float64]] = []
@@ -124,7 +126,7 @@ def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -
         name = truth["name"]
         reread[name] = partial(_shown, log, seed)
         masks = log.with_suffix(".masks")
-        drives.append(read_drive(images(log), reread[name](), truth, masks))
+        drives.append(read_drive(images(log), reread[name](), truth, masks, settings))
         distractors.append(distractor_positions(truth))
         notify(
             f"{log.stem}: {drives[-1].frames} images, {len(drives[-1].faces)} clear faces, "
@@ -134,9 +136,9 @@ def gather(logs: Sequence[Path], real: Path | None, seed: int, notify: Notify) -
     if real is not None:
         for source, listed in scene_sources(read_scenes(real)).items():
             reread[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
-            scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed))
+            scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed, settings))
             notify(f"{source}: {scenes[-1].frames} images, {len(scenes[-1].signs)} faces")
-    crops = () if real is None else tuple(real_faces(real))
+    crops = () if real is None else tuple(real_faces(real, settings.region_outline))
     return TrainingData(tuple(drives), tuple(scenes), crops, np.concatenate(distractors), reread)
 
 
@@ -161,25 +163,37 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
         If a file cannot be written.
     """
     logs = learning_logs(drives)
-    samples = gather(logs, real, seed, notify)
+    settings, _ = load_settings()
+    samples = gather(logs, real, settings, seed, notify)
     origin = _origin(samples.drives, samples.crops, seed)
     models = gaussian_models(samples.drives, samples.crops, samples.distractors, origin)
+    candidates = settings.candidates
     detector = learn_detector(
-        samples.drives, samples.features_of, samples.patches_of, seed, origin, samples.scenes
+        samples.drives,
+        samples.features_of,
+        samples.patches_of,
+        seed,
+        origin,
+        candidates,
+        samples.scenes,
     )
     notify(detector.classifier.provenance)
     models |= {"judge.json": detector.classifier, "face_box.json": detector.regressor}
-    models["ranking.json"] = learn_ranking(samples.drives, samples.scenes, seed, origin)
+    models["ranking.json"] = learn_ranking(
+        samples.drives, samples.scenes, seed, origin, candidates.most
+    )
     backs: TrainedBackClassifier | None = None
     try:
-        backs = learn_back_classifier(detector.passed, seed, origin)
+        backs = learn_back_classifier(detector.passed, seed, origin, candidates.same_face_iou)
     except InputError as error:
         notify(f"back.json not written, backs of panels are not detected: {error}")
     else:
         models["back.json"] = backs.classifier
     for what in ("color", "shape"):
         try:
-            models[f"face_{what}.json"] = learn_name_network(detector.passed, what, seed, origin)
+            models[f"face_{what}.json"] = learn_name_network(
+                detector.passed, what, seed, origin, settings.landmark.least_log_probability
+            )
         except InputError as error:
             notify(f"face_{what}.json not written, the model that ships is used: {error}")
     try:
@@ -267,7 +281,7 @@ def gaussian_models(
 
     The report's classes are those of its one camera, as far as there are drives with images of that size.
     """
-    report_drives = [drive for drive in drives if drive.size == REPORT_PICTURE] or drives
+    report_drives = [drive for drive in drives if drive.size == REPORT_IMAGE] or drives
     faces = [*(face for drive in report_drives for face in drive.faces), *crops]
     background = np.concatenate(
         [d.candidates.regions.rgb[d.candidates.overlap < BACKGROUND_OVERLAP] for d in drives]

@@ -62,6 +62,6 @@ def parse_time(text: str) -> float:
     elif plain := _SECONDS.fullmatch(bare):
         return float(plain[1])
     raise UsageError(
-        f"wanted a time after the first picture, found {text!r}; write seconds or minutes:seconds, "
+        f"wanted a time after the first image, found {text!r}; write seconds or minutes:seconds, "
         "as in 90s or 1:30"
     )

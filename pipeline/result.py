@@ -119,14 +119,14 @@ def find_log(run: dict[str, Any], given: Path | None) -> Path:
     noted = run.get("log_path")
     if given is None and noted is None:
         raise InputError(
-            f"wanted the log {run.get('log', '')} to take pictures from; {RUN_FILE} does not say where it lies; "
+            f"wanted the log {run.get('log', '')} to take images from; {RUN_FILE} does not say where it lies; "
             "say it with --log"
         )
     log = Path(noted or "") if given is None else given
     if not log.is_file():
         found = "a folder" if log.is_dir() else "no such file"
         advice = "say where it lies now with --log" if given is None else "give a log with --log"
-        raise InputError(f"wanted the log {log} to take pictures from, found {found}; {advice}")
+        raise InputError(f"wanted the log {log} to take images from, found {found}; {advice}")
     return log
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from wayside.pipeline.flow import Flow, Observer
-from wayside.pipeline.inventory import Inventory, InventoryWriter
+from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -39,7 +39,7 @@ class RunObserver(Observer, Protocol):
     def images(self) -> str:
         """Which images it records: `all`, those with `signs`, `none`."""
 
-    def finish(self, inventory: Inventory) -> None:
+    def finish(self, inventory: WrittenTables) -> None:
         """Take note of what only the end tells."""
 
     def close(self) -> list[str]:
@@ -52,7 +52,7 @@ class RunResult:
 
     log: Path
     folder: Path
-    inventory: Inventory
+    inventory: WrittenTables
     report: ReadReport
     frames: dict[str, int]
     stage_seconds: dict[str, float]
@@ -69,8 +69,8 @@ class RunResult:
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
         undecodable = self.frames.get(UNDECODABLE, 0)
-        pictures = [f"{undecodable} pictures do not decode"] if undecodable else []
-        return [*(str(problem) for problem in self.report.problems), *pictures]
+        images = [f"{undecodable} images do not decode"] if undecodable else []
+        return [*(str(problem) for problem in self.report.problems), *images]
 
 
 def run_log(
@@ -185,7 +185,7 @@ def process_log(
             writer.append(settled)
             yield settled
         if not statuses[USED]:
-            raise InputError(_no_picture(log, statuses))
+            raise InputError(_no_image(log, statuses))
         path = flow.georeference()
         signs = tuple(flow.signs(path))
     except BaseException:
@@ -219,13 +219,13 @@ def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
         yield from rest
 
 
-def _no_picture(log: Path, statuses: Counter[str]) -> str:
+def _no_image(log: Path, statuses: Counter[str]) -> str:
     reasons = (
         ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
         or "none at all"
     )
     return (
-        f"{log}: wanted pictures to look at, found {reasons}; "
+        f"{log}: wanted images to process, found {reasons}; "
         "see `wayside info` for what the log holds and loosen --from, --until, --every or the calibration"
     )
 

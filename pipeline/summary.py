@@ -15,7 +15,7 @@ _MOST_SIGNS = 40
 
 
 def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> None:
-    """Signs found, pictures used and not used, time by stage; where the files are `kept`, and what to type next."""
+    """Signs found, images used and not used, time by stage; where the files are `kept`, and what to type next."""
     rows = result.inventory.sign_rows
     signs = [row for row in rows if row["status"] == "sign"]
     if rows:
@@ -23,7 +23,7 @@ def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> 
     if len(rows) > _MOST_SIGNS:
         console.print(f"... and {len(rows) - _MOST_SIGNS} more in signs.parquet")
     console.print(f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(rows)}")
-    console.print(_pictures(result))
+    console.print(_images(result))
     console.print(_regions(result.inventory.verdicts))
     console.print(_times(result))
     for note in result.notes:
@@ -90,7 +90,7 @@ def _others(signs: list[dict[str, Any]]) -> str:
     return "".join(f"; {count} {status}" for status, count in sorted(counts.items()))
 
 
-def _pictures(result: RunResult) -> str:
+def _images(result: RunResult) -> str:
     total = sum(result.frames.values())
     reasons = "".join(f", {v} {k}" for k, v in sorted(result.frames.items()) if k != USED)
     rate = total / result.wall_seconds if result.wall_seconds else 0.0

@@ -19,7 +19,7 @@ class UsageError(WaysideError):
 
 
 class InputError(WaysideError):
-    """The log, calibration or picture folder cannot be used."""
+    """The log, calibration or image folder cannot be used."""
 
     exit_status = 3
 

@@ -1,4 +1,4 @@
-"""One picture of a drive with what is known about it: times, camera, pose, fix.
+"""One image of a drive with what is known about it: times, camera, pose, fix.
 
 Camera (optical) frame: x right, y down, z forward. Pixel centres at integers. Metres; nanoseconds in
 fields that end in `_ns`.
@@ -94,9 +94,9 @@ class Fix:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A picture message of the chosen camera; `index` counts all of them in file order, from 0.
+    """An image message of the chosen camera; `index` counts all of them in file order, from 0.
 
-    `data` holds the bytes as recorded: a compressed picture (`encoding` "jpeg", "png", ...) or rows of
+    `data` holds the bytes as recorded: a compressed image (`encoding` "jpeg", "png", ...) or rows of
     `step` bytes in a raw `encoding` ("bgr8", "rgb8", "mono8", ...). Where `status` is not `used`, `data` may be empty.
     `spacing_m` is the nominal distance from the previous used frame (None: unknown).
     """

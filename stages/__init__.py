@@ -1,1 +1,1 @@
-"""The steps from a picture to a sign, one generator stage a file; numerics beside them."""
+"""The steps from an image to a sign, one generator stage a file; numerics beside them."""

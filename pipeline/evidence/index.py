@@ -75,7 +75,7 @@ def _options(known: Iterable[str], found: Sequence[str | None]) -> str:
 
 def _card(card: Card) -> str:
     sign = card.sign
-    look = appearance_of(sign["color"], sign["shape"])
+    face = appearance_of(sign["color"], sign["shape"])
     values = {
         "id": card.name.lower(),
         "color": sign["color"] or _UNKNOWN,
@@ -90,7 +90,7 @@ def _card(card: Card) -> str:
         source = base64.b64encode(card.thumb).decode()
         image = (
             f'<img src="data:image/webp;base64,{source}" width="240" height="180" loading="lazy" '
-            f'alt="{escape(look)}">'
+            f'alt="{escape(face)}">'
         )
     status = (
         "" if sign["status"] == "sign" else f'<span class="status">{escape(sign["status"])}</span>'
@@ -99,7 +99,7 @@ def _card(card: Card) -> str:
     return (
         f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{image}'
         f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span></h2>"
-        f'<p class="look"><span>{escape(look)}</span>{status}</p><dl>{facts}</dl></a></li>'
+        f'<p class="look"><span>{escape(face)}</span>{status}</p><dl>{facts}</dl></a></li>'
     )
 
 

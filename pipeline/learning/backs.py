@@ -28,9 +28,11 @@ class TrainedBackClassifier:
 
 
 def learn_back_classifier(
-    passed: Sequence[PrefilteredDrive], seed: int, provenance: str
+    passed: Sequence[PrefilteredDrive], seed: int, provenance: str, max_iou: float
 ) -> TrainedBackClassifier:
     """Learn from the candidates of rendered drives that pass the pre-filter: backs of real images have no boxes.
+
+    `max_iou` is the overlap above which the lower of two boxes is suppressed.
 
     Raises
     ------
@@ -55,6 +57,7 @@ def learn_back_classifier(
         seen,
         [log_odds(others[n], one.values) for n, one in zip(names, seen, strict=True)],
         FALSE_PER_IMAGE,
+        max_iou,
     )
     words = f"{provenance}; backs of panels, {rates.words()}; accept at {FALSE_PER_IMAGE:g} false boxes an image"
     return TrainedBackClassifier(

@@ -44,34 +44,36 @@ def regression_samples(
     values: NDArray[np.float32],
     features_of: Callable[[TrainingDrive, CandidateSamples], NDArray[np.float32]],
     seed: int,
+    settings: CandidateSettings,
 ) -> BoxRegressionSamples:
     """Examples of a drive: its candidates on faces, each face of the same weight, and jittered boxes."""
+    limit = settings.largest_offset
     near = np.flatnonzero(candidates.overlap >= PARTLY)
     near = near[drive.true_faces.is_example[candidates.face[near]]]
     face = candidates.face[near]
     times = np.bincount(face, minlength=len(drive.true_faces.frame))
-    jittered = jittered_boxes(drive, seed)
+    jittered = jittered_boxes(drive, seed, settings.shortest_px)
     return BoxRegressionSamples(
         np.concatenate([values[near], features_of(drive, jittered)]),
         np.concatenate(
             [
-                side_offsets(candidates.regions.box[near], drive.true_faces.box[face]),
-                side_offsets(jittered.regions.box, drive.true_faces.box[jittered.face]),
+                side_offsets(candidates.regions.box[near], drive.true_faces.box[face], limit),
+                side_offsets(jittered.regions.box, drive.true_faces.box[jittered.face], limit),
             ]
         ),
         np.concatenate([1 / times[face], np.full(len(jittered.face), 1 / JITTERED)]),
     )
 
 
-def jittered_boxes(drive: TrainingDrive, seed: int) -> CandidateSamples:
-    """Boxes around every example face, randomly shifted and stretched."""
+def jittered_boxes(drive: TrainingDrive, seed: int, shortest_px: float) -> CandidateSamples:
+    """Boxes around every example face, randomly shifted and stretched; none is lower than `shortest_px`."""
     rng = np.random.default_rng(seed)
     face = np.repeat(np.flatnonzero(drive.true_faces.is_example), JITTERED)
     true = drive.true_faces.box[face]
     size = true[:, 2:] - true[:, :2]
     middle = (true[:, 2:] + true[:, :2]) / 2 + size * rng.uniform(-SHIFT, SHIFT, size.shape)
     half = size * np.exp(rng.uniform(-STRETCH, STRETCH, size.shape)) / 2
-    tall = 2 * half[:, 1] >= CandidateSettings().shortest_px
+    tall = 2 * half[:, 1] >= shortest_px
     box = np.concatenate([middle - half, middle + half], axis=1).astype(np.float32)[tall]
     n = len(box)
     regions = Regions(
@@ -86,11 +88,10 @@ def jittered_boxes(drive: TrainingDrive, seed: int) -> CandidateSamples:
 
 
 def side_offsets(
-    box: NDArray[np.floating[Any]], face: NDArray[np.floating[Any]]
+    box: NDArray[np.floating[Any]], face: NDArray[np.floating[Any]], limit: float
 ) -> NDArray[np.float64]:
-    """Where the sides of each face (n, 4) lie from those of its box (n, 4), in box sizes: (n, 4)."""
+    """Where the sides of each face (n, 4) lie from those of its box (n, 4), in box sizes up to `limit`: (n, 4)."""
     size = (box[:, 2:] - box[:, :2])[:, [0, 1, 0, 1]]
-    limit = CandidateSettings().largest_offset
     return np.clip((face - box) / size, -limit, limit).astype(np.float64)
 
 

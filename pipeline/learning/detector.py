@@ -118,23 +118,28 @@ def learn_detector(
     patches_of: PatchesOf,
     seed: int,
     provenance: str,
+    settings: CandidateSettings,
     scenes: Sequence[TrainingDrive] = (),
 ) -> TrainedDetector:
     """Learn the detector from all drives; its threshold is that of out-of-fold scores.
 
-    `scenes` are real images, a source each: they are learned from, too, but the threshold is that of the drives.
+    `settings` are those of the runs that will use it. `scenes` are real images, a source each: they are learned from,
+    too, but the threshold is that of the drives.
     """
     prefilter, passed, real = _through_prefilter(drives, scenes, features_of, seed, provenance)
     names = [one.drive.name for one in (*passed, *real)]
     examples = [
-        regression_samples(one.drive, one.candidates, one.values, features_of, seed)
+        regression_samples(one.drive, one.candidates, one.values, features_of, seed, settings)
         for one in (*passed, *real)
     ]
     regressor, other_regressors = out_of_fold_models(
         names, examples, lambda training: learn_box_regressor(training, seed, provenance)
     )
     passed, real = (
-        [_with_regressed(one, other_regressors[one.drive.name], features_of) for one in part]
+        [
+            _with_regressed(one, other_regressors[one.drive.name], features_of, settings)
+            for one in part
+        ]
         for part in (passed, real)
     )
     classifier, other_classifiers = out_of_fold_models(
@@ -144,13 +149,16 @@ def learn_detector(
         one.drive.name: log_odds(other_classifiers[one.drive.name], one.values)
         for one in passed + real
     }
-    rates = detection_rates(passed, [odds[one.drive.name] for one in passed], FALSE_OF_TREES)
+    max_iou = settings.same_face_iou
+    rates = detection_rates(
+        passed, [odds[one.drive.name] for one in passed], FALSE_OF_TREES, max_iou
+    )
     words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the pre-filter"]
     words += [
         f"{sum(int((p.candidates.label == ON).sum()) for p in passed)} on faces",
         rates.words(),
     ]
-    near = rates.threshold - CandidateSettings().regression_margin
+    near = rates.threshold - settings.regression_margin
     samples = [patch_samples(one, odds[one.drive.name], near, patches_of) for one in passed + real]
     patch_cnn, other_cnns = _patch_cnns(samples, near, seed)
     for sample in samples:
@@ -158,7 +166,9 @@ def learn_detector(
         odds[sample.name][sample.rows] = other.tree_weight * sample.trees + cnn_log_odds(
             other, sample
         )
-    rates = detection_rates(passed, [odds[one.drive.name] for one in passed], FALSE_PER_IMAGE)
+    rates = detection_rates(
+        passed, [odds[one.drive.name] for one in passed], FALSE_PER_IMAGE, max_iou
+    )
     words += [f"with the patch CNN, {rates.words()}"]
     words += [f"accept at {FALSE_PER_IMAGE:g} false boxes an image, held out"]
     for one in real:
@@ -228,16 +238,19 @@ def _patch_cnns(
 
 
 def detection_rates(
-    passed: Sequence[PrefilteredDrive], scores: Sequence[NDArray[np.float32]], accepted: float
+    passed: Sequence[PrefilteredDrive],
+    scores: Sequence[NDArray[np.float32]],
+    accepted: float,
+    max_iou: float,
 ) -> DetectionRates:
     """Fraction of the wanted faces found at several rates of false boxes, after suppression in each image.
 
-    accepted: the rate that sets the threshold.
+    accepted: the rate that sets the threshold; max_iou: overlap above which the lower of two boxes is suppressed.
     """
     rows: list[tuple[float, bool]] = []
     for one, score in zip(passed, scores, strict=True):
         for frame in np.unique(one.candidates.frame):
-            rows += _decisions(one, score, np.flatnonzero(one.candidates.frame == frame))
+            rows += _decisions(one, score, np.flatnonzero(one.candidates.frame == frame), max_iou)
     rows.sort(key=lambda row: -row[0])
     false = np.cumsum([not right for _, right in rows])
     right = np.cumsum([right for _, right in rows])
@@ -254,11 +267,10 @@ def detection_rates(
 
 
 def _decisions(
-    one: PrefilteredDrive, score: NDArray[np.float32], rows: NDArray[np.int64]
+    one: PrefilteredDrive, score: NDArray[np.float32], rows: NDArray[np.int64], max_iou: float
 ) -> list[tuple[float, bool]]:
     """Score of each surviving box of an image and whether it is on a wanted face; what is neither is left out."""
     rows = rows[np.argsort(-score[rows], kind="stable")]
-    max_iou = CandidateSettings().same_face_iou
     rows = rows[non_maximum_suppression(one.candidates.regions.box[rows], max_iou)]
     found: list[tuple[float, bool]] = []
     taken: set[int] = set()
@@ -310,10 +322,13 @@ def _through(
 
 
 def _with_regressed(
-    one: PrefilteredDrive, regressor: NetworkModel, features_of: FeaturesOf
+    one: PrefilteredDrive,
+    regressor: NetworkModel,
+    features_of: FeaturesOf,
+    settings: CandidateSettings,
 ) -> PrefilteredDrive:
     """The candidates, and after them those whose box regression changes, at the regressed box."""
-    moved = regressed_regions(regressor, one.values, one.candidates.regions, CandidateSettings())
+    moved = regressed_regions(regressor, one.values, one.candidates.regions, settings)
     new = np.flatnonzero((moved.box != one.candidates.regions.box).any(axis=1))
     candidates = labelled(
         moved.select(new),

@@ -14,7 +14,6 @@ from wayside.pipeline.learning.samples import ON, face_weights
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkModel
-from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.detection import box_feature_names, name_log_probabilities
 
 PLACE_FEATURES = ("log_height", "log_width", "up", "right", "beside", "source")
@@ -29,9 +28,11 @@ FEWEST_VIEWS = 3
 
 
 def learn_name_network(
-    passed: Sequence[PrefilteredDrive], what: str, seed: int, provenance: str
+    passed: Sequence[PrefilteredDrive], what: str, seed: int, provenance: str, floor: float
 ) -> NetworkModel:
     """The network for the `what` ("color" or "shape") of a face, from all candidates on faces.
+
+    `floor` is the least log probability of a name in one view, as the votes of a run count it.
 
     Raises
     ------
@@ -46,7 +47,7 @@ def learn_name_network(
         others = groups[1 - k] if len(groups) == 2 else group
         network = fit_names(others, what, seed, "")
         for one in group:
-            own_right, own_total = named_right(network, one, what)
+            own_right, own_total = named_right(network, one, what, floor)
             right, total = right + own_right, total + own_total
     words = f"{provenance}; held out by drive, named right: {right} of {total} signs"
     return fit_names(passed, what, seed, words)
@@ -81,7 +82,9 @@ def fit_names(
     return replace(network, provenance=provenance)
 
 
-def named_right(network: NetworkModel, one: PrefilteredDrive, what: str) -> tuple[int, int]:
+def named_right(
+    network: NetworkModel, one: PrefilteredDrive, what: str, floor: float
+) -> tuple[int, int]:
     """Signs of a drive that the views together name right, and how many there are; a view by its best box."""
     rows = np.flatnonzero(one.candidates.label == ON)
     rows = rows[np.argsort(-one.candidates.overlap[rows], kind="stable")]
@@ -90,7 +93,7 @@ def named_right(network: NetworkModel, one: PrefilteredDrive, what: str) -> tupl
     signs = np.array([one.drive.signs[face].sign for face in one.candidates.face[rows]])
     odds = np.maximum(
         name_log_probabilities(network, NAMES[what], one.values[rows]),
-        LandmarkSettings().least_log_probability,
+        floor,
     )
     right = total = 0
     for sign in np.unique(signs):
@@ -110,5 +113,5 @@ def true_names(one: PrefilteredDrive, what: str) -> NDArray[np.str_]:
 def _balanced_names(names: NDArray[np.str_], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights that count a name by the square root of its fraction: rare names count more."""
     _, which = np.unique(names, return_inverse=True)
-    share = np.bincount(which, weight)
-    return weight / np.sqrt(np.maximum(share, 1e-9))[which]
+    of_name = np.bincount(which, weight)
+    return weight / np.sqrt(np.maximum(of_name, 1e-9))[which]

@@ -19,7 +19,6 @@ from wayside.pipeline.learning.samples import (
     face_weights,
 )
 from wayside.schemas.models import TreeModel
-from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_odds
 from wayside.stages.detection import REGION_FEATURES, prefilter_feature_names
 
@@ -37,13 +36,16 @@ drives and before the ranking: memory limits the former."""
 
 
 def learn_ranking(
-    drives: Sequence[TrainingDrive], scenes: Sequence[TrainingDrive], seed: int, provenance: str
+    drives: Sequence[TrainingDrive],
+    scenes: Sequence[TrainingDrive],
+    seed: int,
+    provenance: str,
+    most: int,
 ) -> TreeModel:
-    """Learn the ranking; its provenance says how many faces of an image it keeps, out of fold."""
+    """Learn the ranking; its provenance says how many faces it keeps, out of fold, among `most` regions an image."""
     training = [*drives, *scenes]
     names = [drive.name for drive in training]
     ranking, others = out_of_fold_models(names, training, lambda some: _fit_ranking(some, seed))
-    most = CandidateSettings().most
     kept = [_faces_kept(drive, others[drive.name], most) for drive in drives]
     found, known = (sum(column) for column in zip(*kept, strict=True))
     words = f"{provenance}; held out by drive, {found} of the {known} wanted faces with a region "

@@ -17,7 +17,7 @@ from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, 
 from wayside.schemas.detections import Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Image
-from wayside.schemas.settings import CandidateSettings, GateSettings, SegmentSettings
+from wayside.schemas.settings import Settings
 from wayside.stages.detection import (
     SIDE,
     box_feature_names,
@@ -154,7 +154,11 @@ def read_truth(path: Path) -> dict[str, Any]:
 
 
 def read_drive(
-    images: Iterable[Image], altered: Iterable[Image], truth: dict[str, Any], masks: Path
+    images: Iterable[Image],
+    altered: Iterable[Image],
+    truth: dict[str, Any],
+    masks: Path,
+    settings: Settings,
 ) -> TrainingDrive:
     """Go through a drive: clear faces from `images`, candidates from the same as `altered` for the detector.
 
@@ -176,11 +180,11 @@ def read_drive(
         index = image.frame.index
         mask = _read_mask(masks / f"{index:04d}.png", image.rgb.shape[:2])
         listed = [one for one in seen.get(index, []) if one[0]["kind"] != INVENTED]
-        faces.extend(clear_faces(image.rgb, mask, listed, truth["name"]))
+        faces.extend(clear_faces(image.rgb, mask, listed, truth["name"], settings.region_outline))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
     here = [seen.get(index, []) for index in range(last + 1)]
-    drive = read_drive_images(truth["name"], altered, here, [True] * len(here))
+    drive = read_drive_images(truth["name"], altered, here, [True] * len(here), settings)
     size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
     backs = [behind.get(index, []) for index in range(last + 1)]
     return replace(
@@ -197,13 +201,15 @@ def read_drive_images(
     images: Iterable[Image],
     seen: Sequence[SignViews],
     complete: Sequence[bool],
+    settings: Settings,
 ) -> TrainingDrive:
     """Candidates of all images, labelled by the faces `seen` in each; no clear faces, no places.
 
     Where the faces of an image are not `complete`, what is on none of them counts as neither.
     """
     true_faces = TrueFaces.of(seen, complete)
-    parts = [_views(item, true_faces) for item in _candidates(images) if item.image.rgb is not None]
+    found = _candidates(images, settings)
+    parts = [_views(item, true_faces) for item in found if item.image.rgb is not None]
     if not parts:
         raise InputError(f"{name}: wanted images, found none that can be used")
     faces = [face for here in seen for face in here]
@@ -262,14 +268,14 @@ def distractor_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
     """Right of the camera and above it of objects that are no signs, (n, 2) metres, where each is first visible."""
     frames = {frame["index"]: frame for frame in truth["frames"]}
     rows = []
-    for thing in truth.get("distractors", ()):
-        view = thing["frames"][0]
-        position = np.array(view.get("position", thing.get("position")), np.float64)
+    for distractor in truth.get("distractors", ()):
+        view = distractor["frames"][0]
+        position = np.array(view.get("position", distractor.get("position")), np.float64)
         frame = frames[view["frame"]]
         x, y, z, w = frame["quaternion"]
         right = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
-        gap = position - np.array(frame["position"])
-        rows.append((float(right @ gap), float(gap[2])))
+        offset = position - np.array(frame["position"])
+        rows.append((float(right @ offset), float(offset[2])))
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
@@ -284,11 +290,11 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _candidates(images: Iterable[Image]) -> Iterator[Segmentation]:
-    """The images with all candidates that a run of preset `default` ranks."""
-    segmented = segment(iter(images), SegmentSettings(), GateSettings())
-    settings = CandidateSettings()
-    return propose(segmented, settings=replace(settings, most=settings.most_compared))
+def _candidates(images: Iterable[Image], settings: Settings) -> Iterator[Segmentation]:
+    """The images with all candidates that a run with these settings ranks."""
+    segmented = segment(iter(images), settings.segment, settings.gate)
+    every = replace(settings.candidates, most=settings.candidates.most_compared)
+    return propose(segmented, settings=every)
 
 
 def _views(item: Segmentation, true_faces: TrueFaces) -> CandidateSamples:
@@ -313,9 +319,9 @@ def labelled(
         rows, own = np.flatnonzero(frame == index), np.flatnonzero(true_faces.frame == index)
         box = regions.box[rows]
         if len(own):
-            gaps = iou_matrix(box, true_faces.box[own])
-            overlap[rows] = gaps.max(axis=1)
-            nearest[rows] = np.where(overlap[rows] > 0, own[gaps.argmax(axis=1)], -1)
+            iou = iou_matrix(box, true_faces.box[own])
+            overlap[rows] = iou.max(axis=1)
+            nearest[rows] = np.where(overlap[rows] > 0, own[iou.argmax(axis=1)], -1)
             label[rows] = face_labels(box, true_faces.box[own], true_faces.is_example[own])
         if not true_faces.complete[index]:
             label[rows] = np.where(label[rows] == OFF, NEITHER, label[rows])

@@ -17,6 +17,7 @@ import numpy as np
 from wayside.pipeline.learning.samples import TrainingDrive, read_drive_images
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Frame, Image
+from wayside.schemas.settings import Settings
 
 FOCAL_FRACTION = 0.9
 """Focal length of the unknown cameras as a fraction of the image's longer side."""
@@ -60,7 +61,7 @@ def scene_images(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
 
 
 def scene_drive(
-    images: Iterable[Image], source: str, scenes: list[dict[str, Any]]
+    images: Iterable[Image], source: str, scenes: list[dict[str, Any]], settings: Settings
 ) -> TrainingDrive:
     """The scenes of one source as a drive without places or clear faces, from their images in the same order.
 
@@ -77,4 +78,4 @@ def scene_drive(
         for scene in scenes
     ]
     complete = [bool(scene["complete"]) for scene in scenes]
-    return read_drive_images(source, images, here, complete)
+    return read_drive_images(source, images, here, complete, settings)

@@ -16,8 +16,8 @@ class ContentError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class PictureContent:
-    """A picture: compressed (`width`, `height`, `step` 0) or raw rows of `step` bytes."""
+class ImageContent:
+    """An image: compressed (`width`, `height`, `step` 0) or raw rows of `step` bytes."""
 
     time_ns: int | None
     frame_id: str
@@ -66,7 +66,7 @@ class FixContent:
     fix: Fix
 
 
-Content = PictureContent | CalibrationContent | PoseContent | FixContent
+Content = ImageContent | CalibrationContent | PoseContent | FixContent
 
 _SUPPORTED_LENSES = {"", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"}
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
@@ -85,7 +85,7 @@ def make_camera(
     if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
         raise ContentError("it has no focal length (not calibrated)")
     if not (0 < size[0] < 1 << 16 and 0 < size[1] < 1 << 16):
-        raise ContentError(f"its picture size {size[0]} x {size[1]} makes no sense")
+        raise ContentError(f"its image size {size[0]} x {size[1]} makes no sense")
     if not any(d):
         d = ()
     if d and model.lower() not in _SUPPORTED_LENSES:

@@ -1,6 +1,6 @@
 """Bytes of a message to an object with the message's fields as attributes: protobuf, ROS 2 CDR, JSON.
 
-The pixels of a picture (its field `data`) are handed on beside it and, where the encoding allows it, not copied:
+The pixels of an image (its field `data`) are handed on beside it and, where the encoding allows it, not copied:
 they are most of a log.
 """
 

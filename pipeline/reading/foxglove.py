@@ -11,22 +11,22 @@ from wayside.pipeline.reading.contents import (
     CalibrationContent,
     ContentError,
     FixContent,
-    PictureContent,
+    ImageContent,
     PoseContent,
     make_camera,
     make_fix,
 )
 
 
-def compressed_image(message: Any, data: memoryview) -> list[PictureContent]:
+def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
     """`foxglove.CompressedImage`."""
-    return [PictureContent(_time(message), _name(message), message.format, data)]
+    return [ImageContent(_time(message), _name(message), message.format, data)]
 
 
-def raw_image(message: Any, data: memoryview) -> list[PictureContent]:
+def raw_image(message: Any, data: memoryview) -> list[ImageContent]:
     """`foxglove.RawImage`."""
     m = message
-    return [PictureContent(_time(m), _name(m), m.encoding, data, m.width, m.height, m.step)]
+    return [ImageContent(_time(m), _name(m), m.encoding, data, m.width, m.height, m.step)]
 
 
 def calibration(message: Any, _: memoryview) -> list[CalibrationContent]:

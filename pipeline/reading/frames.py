@@ -1,4 +1,4 @@
-"""Pictures of a log, each with the calibration, pose and fix of its own time."""
+"""Images of a log, each with the calibration, pose and fix of its own time."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     FixContent,
-    PictureContent,
+    ImageContent,
 )
+from wayside.pipeline.reading.image_headers import format_word, read_image_header
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
-from wayside.pipeline.reading.picture_headers import format_word, read_picture_header
 from wayside.pipeline.reading.plan import Plan, plan_reading
 from wayside.pipeline.reading.poses import CameraPoses
 from wayside.pipeline.reading.records import Message, ScanReport, scan
@@ -37,11 +37,11 @@ from wayside.schemas.frame import (
 from wayside.schemas.settings import ReadSettings
 
 LOOK_AHEAD_NS = 1_500_000_000
-"""A picture waits at most this long for what belongs to it: fixes that come once a second are paired."""
+"""An image waits at most this long for what belongs to it: fixes that come once a second are paired."""
 MOST_WAITING, MOST_WAITING_BYTES = 64, 1 << 26
 _OFTEN_NS = 10**9
 _MUCH_SMALLER = 8
-"""A picture so much smaller than its chunk is copied, so that it does not keep all of the chunk in memory."""
+"""An image so much smaller than its chunk is copied, so that it does not keep all of the chunk in memory."""
 _NOTHING = memoryview(b"")
 
 
@@ -49,7 +49,7 @@ _NOTHING = memoryview(b"")
 class ReadReport(ScanReport):
     """What the reading of a log came across and chose, filled while it runs."""
 
-    pictures: int = 0
+    images: int = 0
     with_pose: int = 0
     with_fix: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
@@ -67,20 +67,20 @@ class ReadReport(ScanReport):
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """A picture message that waits for its pose; `picture` is None where it could not be decoded."""
+    """An image message that waits for its pose; `image` is None where it could not be decoded."""
 
     index: int
     number: int
     log_time_ns: int
     time_ns: int
-    picture: PictureContent | None
+    image: ImageContent | None
 
 
 def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Iterator[Frame]:
-    """Frames of a log's chosen camera, every picture message one, in file order.
+    """Frames of a log's chosen camera, every image message one, in file order.
 
-    Pictures that do not take part come too, with their status and without data. Memory is bounded by one chunk and the
-    pictures of `LOOK_AHEAD_NS`. Pictures are not copied where the encoding allows it.
+    Images that do not take part come too, with their status and without data. Memory is bounded by one chunk and the
+    images of `LOOK_AHEAD_NS`. Images are not copied where the encoding allows it.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Itera
     UsageError
         Settings that make no sense or name no camera of the log, or several cameras and none chosen; at once.
     InputError
-        The log cannot be used; at once, or at the end where no picture has the size of its calibration.
+        The log cannot be used; at once, or at the end where no image has the size of its calibration.
     """
     plan = plan_reading(path, settings)
     report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
@@ -106,9 +106,7 @@ def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Itera
     report.fix_topic = "" if plan.fixes is None else plan.fixes.name
     report.spacing_m = plan.spacing_m
     if plan.by_log_time:
-        report.notes.append(
-            "header times are of different clocks: log times pair poses and pictures"
-        )
+        report.notes.append("header times are of different clocks: log times pair poses and images")
     return _Reader(plan, settings, report).frames()
 
 
@@ -131,7 +129,7 @@ class _Reader:
             self.poses = CameraPoses(plan.camera_frame, plan.motion_source)
             self.poses.tree = (
                 plan.survey.tree
-            )  # mounts that come after the first picture are known already
+            )  # mounts that come after the first image are known already
         self._seed_calibration()
 
     def frames(self) -> Iterator[Frame]:
@@ -146,7 +144,7 @@ class _Reader:
                 continue
             key = topic_key(record.channel)
             if key in wanted or (transforms and kind_of(record.channel) is Kind.TRANSFORM):
-                self._take(record, is_picture=key == camera)
+                self._take(record, is_image=key == camera)
             while self.waiting and self._is_ready(record.log_time_ns):
                 yield self._next_frame()
         while self.waiting:
@@ -154,7 +152,7 @@ class _Reader:
         self._finish()
 
     def _seed_calibration(self) -> None:
-        """The first calibration serves the pictures before it, too."""
+        """The first calibration serves the images before it, too."""
         topic = self.plan.calibration
         if topic is not None and isinstance(topic.first, CalibrationContent) and topic.first.camera:
             time_ns = self._time_ns(topic.first.time_ns, topic.first_log_ns)
@@ -163,19 +161,19 @@ class _Reader:
     def _time_ns(self, header_ns: int | None, log_ns: int) -> int:
         return log_ns if header_ns is None or self.plan.by_log_time else header_ns
 
-    def _take(self, message: Message, *, is_picture: bool) -> None:
+    def _take(self, message: Message, *, is_image: bool) -> None:
         channel = message.channel
         try:
             contents = self.decoders.decode(channel, message.data)
         except MessageError:
-            if is_picture:
+            if is_image:
                 self._wait(message, None)
             else:
                 self.faulty.setdefault(channel.topic, [0, message.offset])[0] += 1
             return
         for content in contents:
             time_ns = self._time_ns(content.time_ns, message.log_time_ns)
-            if isinstance(content, PictureContent):
+            if isinstance(content, ImageContent):
                 self._wait(message, content)
             elif isinstance(content, CalibrationContent):
                 if content.camera is not None:
@@ -187,22 +185,22 @@ class _Reader:
             elif self.poses is not None:
                 self.poses.add(time_ns, content)
 
-    def _wait(self, message: Message, picture: PictureContent | None) -> None:
+    def _wait(self, message: Message, image: ImageContent | None) -> None:
         report = self.report
-        index = report.pictures
+        index = report.images
         if (
-            picture is not None
-            and len(picture.data) * _MUCH_SMALLER < memoryview(message.data.obj).nbytes
+            image is not None
+            and len(image.data) * _MUCH_SMALLER < memoryview(message.data.obj).nbytes
         ):
-            picture = replace(picture, data=memoryview(bytes(picture.data)))
-        report.pictures += 1
-        time_ns = self._time_ns(None if picture is None else picture.time_ns, message.log_time_ns)
+            image = replace(image, data=memoryview(bytes(image.data)))
+        report.images += 1
+        time_ns = self._time_ns(None if image is None else image.time_ns, message.log_time_ns)
         number = message.sequence if self.plan.by_number else index
-        self.waiting.append(_Waiting(index, number, message.log_time_ns, time_ns, picture))
-        self.waiting_bytes += 0 if picture is None else len(picture.data)
+        self.waiting.append(_Waiting(index, number, message.log_time_ns, time_ns, image))
+        self.waiting_bytes += 0 if image is None else len(image.data)
 
     def _is_ready(self, now_ns: int) -> bool:
-        """Whether the oldest waiting picture has all that belongs to it, or has waited long enough."""
+        """Whether the oldest waiting image has all that belongs to it, or has waited long enough."""
         oldest = self.waiting[0]
         if (
             now_ns - oldest.log_time_ns > LOOK_AHEAD_NS
@@ -217,13 +215,13 @@ class _Reader:
             return False
         times = (
             self.calibrations.times
-        )  # waited for only where they come often, as one with each picture
+        )  # waited for only where they come often, as one with each image
         often = len(times) > 1 and times[-1] - times[-2] < _OFTEN_NS
         return not often or self.calibrations.reaches(time_ns)
 
     def _next_frame(self) -> Frame:
         one = self.waiting.popleft()
-        self.waiting_bytes -= 0 if one.picture is None else len(one.picture.data)
+        self.waiting_bytes -= 0 if one.image is None else len(one.image.data)
         camera = self.plan.camera_given or self.calibrations.latest(one.time_ns)
         pose = None if self.poses is None else self.poses.at(one.time_ns)
         fix = self.fixes.at(one.time_ns, blend_fixes)
@@ -247,23 +245,23 @@ class _Reader:
             report.notes.append(
                 "the log does not say how the camera is mounted: it is taken to look straight ahead"
             )
-        if self.poses is not None and report.pictures and not report.with_pose:
+        if self.poses is not None and report.images and not report.with_pose:
             report.notes.append(
-                f"no picture has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
+                f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
         if report.statuses[WRONG_SIZE] and not report.statuses[USED]:
-            size, camera = self.plan.camera.picture_size, self.selection.last_camera
+            size, camera = self.plan.camera.image_size, self.selection.last_camera
             found = "other sizes" if size is None else f"{size[0]} x {size[1]}"
             wanted = "" if camera is None else f" of {camera.width} x {camera.height}"
             raise InputError(
-                f"{self.plan.survey.path}: wanted pictures{wanted} as the calibration "
+                f"{self.plan.survey.path}: wanted images{wanted} as the calibration "
                 f"({self.plan.calibration_source}) has them, found {found} on {self.plan.camera.name}; "
                 "give the right one with --calibration camera.yaml"
             )
 
 
 class _Selection:
-    """Decides what becomes of each picture, in order."""
+    """Decides what becomes of each image, in order."""
 
     def __init__(self, plan: Plan, settings: ReadSettings) -> None:
         self.settings = settings
@@ -277,16 +275,16 @@ class _Selection:
     def decide(
         self, one: _Waiting, camera: Camera | None, pose: PosePrior | None, fix: Fix | None
     ) -> Frame:
-        """The frame of a picture, with its status."""
+        """The frame of an image, with its status."""
         if self.first_ns is None:
             self.first_ns = one.time_ns
         self.last_camera = camera
-        picture = one.picture
+        image = one.image
         encoding, width, height = "", 0, 0
-        if picture is not None:
-            encoding, width, height = _format_and_size(picture)
+        if image is not None:
+            encoding, width, height = _format_and_size(image)
         status = self._status(one, camera, (width, height), pose, fix)
-        used = status == USED and picture is not None
+        used = status == USED and image is not None
         spacing_m = None
         if used:
             if pose is None and self.spacing_m and self.last_used is not None:
@@ -295,14 +293,14 @@ class _Selection:
         return Frame(
             index=one.index,
             log_time_ns=one.log_time_ns,
-            header_time_ns=None if picture is None else picture.time_ns,
+            header_time_ns=None if image is None else image.time_ns,
             status=status,
             encoding=encoding,
-            data=picture.data if used and picture is not None else _NOTHING,
+            data=image.data if used and image is not None else _NOTHING,
             camera=camera,
             width=width,
             height=height,
-            step=0 if picture is None else picture.step,
+            step=0 if image is None else image.step,
             pose=pose,
             fix=fix,
             spacing_m=spacing_m,
@@ -323,7 +321,7 @@ class _Selection:
         self.inside += 1
         if (self.inside - 1) % settings.every:
             return SKIPPED
-        if one.picture is None:
+        if one.image is None:
             return UNDECODABLE
         if camera is None:
             return NO_CALIBRATION
@@ -332,9 +330,9 @@ class _Selection:
         return USED if self.thinning.keeps(one.number, position_of(pose, fix)) else THINNED
 
 
-def _format_and_size(picture: PictureContent) -> tuple[str, int, int]:
+def _format_and_size(image: ImageContent) -> tuple[str, int, int]:
     """Encoding in a word, width and height; 0 where only decoding will tell."""
-    if picture.width:
-        return picture.encoding, picture.width, picture.height
-    header = read_picture_header(picture.data)
-    return (format_word(picture.encoding), 0, 0) if header is None else header
+    if image.width:
+        return image.encoding, image.width, image.height
+    header = read_image_header(image.data)
+    return (format_word(image.encoding), 0, 0) if header is None else header

@@ -15,7 +15,7 @@ from wayside.pipeline.reading.layout import Channel
 class Kind(Enum):
     """What the messages of a channel are for."""
 
-    PICTURE = "pictures"
+    IMAGE = "images"
     CALIBRATION = "calibration"
     POSE = "poses"
     TRANSFORM = "transforms"
@@ -26,16 +26,16 @@ class Kind(Enum):
 _Read = Callable[[Any, memoryview], Sequence[Content]]
 
 _TYPES: dict[str, tuple[Kind, _Read]] = {
-    "foxglove.CompressedImage": (Kind.PICTURE, foxglove.compressed_image),
-    "foxglove.RawImage": (Kind.PICTURE, foxglove.raw_image),
+    "foxglove.CompressedImage": (Kind.IMAGE, foxglove.compressed_image),
+    "foxglove.RawImage": (Kind.IMAGE, foxglove.raw_image),
     "foxglove.CameraCalibration": (Kind.CALIBRATION, foxglove.calibration),
     "foxglove.PoseInFrame": (Kind.POSE, foxglove.pose_in_frame),
     "foxglove.PosesInFrame": (Kind.POSE, foxglove.poses_in_frame),
     "foxglove.FrameTransform": (Kind.TRANSFORM, foxglove.frame_transform),
     "foxglove.FrameTransforms": (Kind.TRANSFORM, foxglove.frame_transforms),
     "foxglove.LocationFix": (Kind.FIX, foxglove.location_fix),
-    "sensor_msgs/msg/CompressedImage": (Kind.PICTURE, ros2.compressed_image),
-    "sensor_msgs/msg/Image": (Kind.PICTURE, ros2.image),
+    "sensor_msgs/msg/CompressedImage": (Kind.IMAGE, ros2.compressed_image),
+    "sensor_msgs/msg/Image": (Kind.IMAGE, ros2.image),
     "sensor_msgs/msg/CameraInfo": (Kind.CALIBRATION, ros2.camera_info),
     "geometry_msgs/msg/PoseStamped": (Kind.POSE, ros2.pose_stamped),
     "geometry_msgs/msg/TransformStamped": (Kind.TRANSFORM, ros2.transform_stamped),

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.contents import CalibrationContent, PictureContent, PoseContent
+from wayside.pipeline.reading.contents import CalibrationContent, ImageContent, PoseContent
 from wayside.pipeline.reading.messages import Kind
-from wayside.pipeline.reading.survey import Survey, Topic, survey_log
+from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -23,10 +23,10 @@ class Plan:
 
     calibration: topic, or None where `camera_given` (from `calibration_source`) is used; motion_source:
     "transforms", "poses", "odometry" or "" (none); by_log_time: header times are on different clocks and cannot
-    be compared; by_number: message sequence numbers count the pictures taken, gaps included.
+    be compared; by_number: message sequence numbers count the images taken, gaps included.
     """
 
-    survey: Survey
+    survey: LogSurvey
     camera: Topic
     calibration: Topic | None
     camera_given: Camera | None
@@ -40,9 +40,9 @@ class Plan:
 
     @property
     def camera_frame(self) -> str:
-        """`frame_id` of the pictures."""
+        """`frame_id` of the images."""
         first = self.camera.first
-        return first.frame_id if isinstance(first, PictureContent) else ""
+        return first.frame_id if isinstance(first, ImageContent) else ""
 
 
 def check_settings(settings: ReadSettings) -> None:
@@ -52,11 +52,11 @@ def check_settings(settings: ReadSettings) -> None:
         (
             settings.thin_m >= 0,
             "read.thin_m",
-            "a distance, or 0 for every picture",
+            "a distance, or 0 for every image",
             settings.thin_m,
         ),
         (settings.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", settings.spacing_m),
-        (settings.from_s >= 0, "--from", "a time after the first picture", settings.from_s),
+        (settings.from_s >= 0, "--from", "a time after the first image", settings.from_s),
         (
             settings.until_s == 0 or settings.until_s > settings.from_s,
             "--until",
@@ -77,7 +77,7 @@ def plan_reading(path: Path, settings: ReadSettings) -> Plan:
     UsageError
         Settings that make no sense, an unknown camera topic, or several cameras and none chosen.
     InputError
-        The log has no pictures, no calibration, or nothing that tells how the camera moved.
+        The log has no images, no calibration, or nothing that tells how the camera moved.
     """
     check_settings(settings)
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
@@ -94,7 +94,7 @@ def plan_reading(path: Path, settings: ReadSettings) -> Plan:
     return make_plan(survey, settings, given)
 
 
-def make_plan(survey: Survey, settings: ReadSettings, given: Camera | None) -> Plan:
+def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -> Plan:
     """Choose from a survey; `given` is the calibration of `settings.calibration`. Raises as `plan_reading`."""
     camera = _choose_camera(survey, settings.camera)
     calibration, camera_given, source = _choose_calibration(survey, camera, settings, given)
@@ -104,7 +104,7 @@ def make_plan(survey: Survey, settings: ReadSettings, given: Camera | None) -> P
     if not motion_source and fixes is None and not spacing_m:
         raise InputError(
             f"{survey.path}: wanted poses, odometry, satellite fixes or a known spacing to place signs, "
-            f"found {_listing(survey)}; give the distance between pictures, as in --spacing 26.4ft"
+            f"found {_listing(survey)}; give the distance between images, as in --spacing 26.4ft"
         )
     return Plan(
         survey,
@@ -121,23 +121,23 @@ def make_plan(survey: Survey, settings: ReadSettings, given: Camera | None) -> P
     )
 
 
-def _choose_camera(survey: Survey, wanted: str) -> Topic:
+def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
     cameras = survey.cameras
     if not cameras:
         video = any("CompressedVideo" in t.schema for t in survey.topics.values())
         advice = (
-            "video is not read yet: convert it to pictures first"
+            "video is not read yet: convert it to images first"
             if video
             else "wayside needs foxglove.CompressedImage, foxglove.RawImage or the sensor_msgs ones"
         )
         raise InputError(
-            f"{survey.path}: wanted pictures, found {_listing(survey)}{_lost(survey)}; {advice}"
+            f"{survey.path}: wanted images, found {_listing(survey)}{_lost(survey)}; {advice}"
         )
     chosen = [t for t in cameras if t.name == wanted] if wanted else cameras
     if not chosen:
         near = difflib.get_close_matches(wanted, [t.name for t in cameras], 1, 0.0)
         raise UsageError(
-            f"--camera: wanted a picture topic of {survey.path}, found {wanted}; "
+            f"--camera: wanted an image topic of {survey.path}, found {wanted}; "
             f"there is {describe_cameras(cameras)}; nearest: {near[0] if near else cameras[0].name}"
         )
     if len({t.name for t in chosen}) > 1:
@@ -147,7 +147,7 @@ def _choose_camera(survey: Survey, wanted: str) -> Topic:
         )
     if chosen[0].first is None:
         raise InputError(
-            f"{survey.path}: wanted pictures on {chosen[0].name}, found messages that cannot be decoded "
+            f"{survey.path}: wanted images on {chosen[0].name}, found messages that cannot be decoded "
             f"({chosen[0].fault}); record them anew or choose another with --camera"
         )
     return chosen[0]
@@ -157,14 +157,14 @@ def describe_cameras(cameras: list[Topic]) -> str:
     """Cameras with their counts and sizes, in a line."""
     words = []
     for topic in cameras:
-        size = topic.picture_size
+        size = topic.image_size
         shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
-        words.append(f"{topic.name} ({topic.count} pictures, {shown})")
+        words.append(f"{topic.name} ({topic.count} images, {shown})")
     return ", ".join(words)
 
 
 def _choose_calibration(
-    survey: Survey, camera: Topic, settings: ReadSettings, given: Camera | None
+    survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None
 ) -> tuple[Topic | None, Camera | None, str]:
     if given is not None:
         return None, given, settings.calibration
@@ -184,23 +184,23 @@ def _choose_calibration(
 
 def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
     """How well a calibration goes with a camera: same frame, same size, topics alike."""
-    picture, content = camera.first, calibration.first
-    if not isinstance(picture, PictureContent) or not isinstance(content, CalibrationContent):
+    image, content = camera.first, calibration.first
+    if not isinstance(image, ImageContent) or not isinstance(content, CalibrationContent):
         return False, False, 0
-    same_frame = bool(picture.frame_id) and picture.frame_id == content.frame_id
+    same_frame = bool(image.frame_id) and image.frame_id == content.frame_id
     size = None if content.camera is None else (content.camera.width, content.camera.height)
     shared = 0
     for a, b in zip(camera.name.split("/"), calibration.name.split("/"), strict=False):
         if a != b:
             break
         shared += 1
-    return same_frame, size == camera.picture_size, shared
+    return same_frame, size == camera.image_size, shared
 
 
-def _choose_motion(survey: Survey, camera: Topic) -> tuple[str, Topic | None]:
+def _choose_motion(survey: LogSurvey, camera: Topic) -> tuple[str, Topic | None]:
     """Transforms that carry the camera itself, else poses, else odometry."""
-    picture = camera.first
-    frame = picture.frame_id if isinstance(picture, PictureContent) else ""
+    image = camera.first
+    frame = image.frame_id if isinstance(image, ImageContent) else ""
     if survey.tree.moves(frame):
         return "transforms", None
     for source, kind in (("poses", Kind.POSE), ("odometry", Kind.ODOMETRY)):
@@ -221,7 +221,7 @@ def _clocks_differ(camera: Topic, *others: Topic | None) -> bool:
     )
 
 
-def _listing(survey: Survey) -> str:
+def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
     words = [f"{t.name} ({t.schema or 'no schema'})" for t in topics[:6]]
@@ -229,6 +229,6 @@ def _listing(survey: Survey) -> str:
     return ", ".join(words) + more if words else "no messages"
 
 
-def _lost(survey: Survey) -> str:
+def _lost(survey: LogSurvey) -> str:
     count = survey.scan.problem_count
     return f" (and {count} damaged places)" if count else ""

@@ -101,7 +101,7 @@ class CameraPoses:
     Parameters
     ----------
     camera_frame
-        `frame_id` of the pictures, may be empty.
+        `frame_id` of the images, may be empty.
     source
         "transforms", "poses" or "odometry".
 

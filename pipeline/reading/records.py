@@ -183,7 +183,7 @@ class _Scanner:
             what = f"a file that begins with {found!r}" if found else "an empty file"
             raise InputError(
                 f"{self.path}: wanted an MCAP log, found {what}; convert other recordings to MCAP, "
-                "or make a log of numbered pictures with `wayside import`"
+                "or make a log of numbered images with `wayside import`"
             )
         if self.size <= 2 * len(MAGIC):
             raise InputError(

@@ -12,7 +12,7 @@ from wayside.pipeline.reading.contents import (
     CalibrationContent,
     ContentError,
     FixContent,
-    PictureContent,
+    ImageContent,
     PoseContent,
     make_camera,
     make_fix,
@@ -21,19 +21,19 @@ from wayside.pipeline.reading.contents import (
 _NO_FIX = -1
 
 
-def compressed_image(message: Any, data: memoryview) -> list[PictureContent]:
+def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
     """`sensor_msgs/msg/CompressedImage`; its format is free text such as "bgr8; jpeg compressed bgr8"."""
-    return [PictureContent(_time(message), _name(message), message.format, data)]
+    return [ImageContent(_time(message), _name(message), message.format, data)]
 
 
-def image(message: Any, data: memoryview) -> list[PictureContent]:
+def image(message: Any, data: memoryview) -> list[ImageContent]:
     """`sensor_msgs/msg/Image`."""
     m = message
-    return [PictureContent(_time(m), _name(m), m.encoding, data, m.width, m.height, m.step)]
+    return [ImageContent(_time(m), _name(m), m.encoding, data, m.width, m.height, m.step)]
 
 
 def camera_info(message: Any, _: memoryview) -> list[CalibrationContent]:
-    """`sensor_msgs/msg/CameraInfo`: matrix of the full sensor, brought to the binned part that the pictures show."""
+    """`sensor_msgs/msg/CameraInfo`: matrix of the full sensor, brought to the binned part that the images show."""
     m = message
     try:
         k = [float(v) for v in _either(m, "k", "K")]

@@ -1,4 +1,4 @@
-"""Values that come with times: kept for a while, and asked for at the times of pictures."""
+"""Values that come with times: kept for a while, and asked for at the times of images."""
 
 from __future__ import annotations
 

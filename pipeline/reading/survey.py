@@ -9,12 +9,12 @@ from wayside.pipeline.reading.camera_file import parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
-    PictureContent,
+    ImageContent,
     PoseContent,
 )
+from wayside.pipeline.reading.image_headers import format_word, read_image_header
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
-from wayside.pipeline.reading.picture_headers import format_word, read_picture_header
 from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Message, ScanReport, scan
 from wayside.pipeline.reading.summary import read_summary
@@ -22,7 +22,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
 METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
-"""Metadata record by which `wayside import` tells the distance between pictures."""
+"""Metadata record by which `wayside import` tells the distance between images."""
 
 _LONG_ENOUGH_NS = 2 * 10**9
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
@@ -45,30 +45,28 @@ class Topic:
 
     @property
     def is_camera(self) -> bool:
-        """Whether these are pictures to look at, depth images excluded."""
-        if self.kind is not Kind.PICTURE:
+        """Whether these are images of a camera, depth images excluded."""
+        if self.kind is not Kind.IMAGE:
             return False
-        picture = self.first
-        return not (
-            isinstance(picture, PictureContent) and any(d in picture.encoding for d in _DEPTH)
-        )
+        image = self.first
+        return not (isinstance(image, ImageContent) and any(d in image.encoding for d in _DEPTH))
 
     @property
-    def picture_size(self) -> tuple[int, int] | None:
-        """Width and height of the first picture, None where it does not tell."""
-        picture = self.first
-        if not isinstance(picture, PictureContent):
+    def image_size(self) -> tuple[int, int] | None:
+        """Width and height of the first image, None where it does not tell."""
+        image = self.first
+        if not isinstance(image, ImageContent):
             return None
-        if picture.width:
-            return picture.width, picture.height
-        header = read_picture_header(picture.data)
+        if image.width:
+            return image.width, image.height
+        header = read_image_header(image.data)
         return None if header is None else (header.width, header.height)
 
     @property
-    def picture_format(self) -> str:
-        """Encoding of the first picture, in a word."""
-        picture = self.first
-        return format_word(picture.encoding) if isinstance(picture, PictureContent) else "unknown"
+    def image_format(self) -> str:
+        """Encoding of the first image, in a word."""
+        image = self.first
+        return format_word(image.encoding) if isinstance(image, ImageContent) else "unknown"
 
     @property
     def header_offset_ns(self) -> int | None:
@@ -79,7 +77,7 @@ class Topic:
 
 
 @dataclass(slots=True)
-class Survey:
+class LogSurvey:
     """What was found in a log, in the whole of it or at its beginning."""
 
     path: Path
@@ -97,13 +95,13 @@ class Survey:
 
     @property
     def cameras(self) -> list[Topic]:
-        """Topics of pictures to look at, by name."""
-        return [t for t in self.of_kind(Kind.PICTURE) if t.is_camera]
+        """Topics of camera images, by name."""
+        return [t for t in self.of_kind(Kind.IMAGE) if t.is_camera]
 
 
 def survey_log(
     path: Path, *, whole: bool, camera: str = "", calibrated: bool = False, spaced: bool = False
-) -> Survey:
+) -> LogSurvey:
     """Look into a log.
 
     Parameters
@@ -115,7 +113,7 @@ def survey_log(
         or before, where its summary tells that every topic was seen: a usable log costs little, an unusable one is
         read to its end.
     camera
-        The picture topic that is wanted; empty: any.
+        The image topic that is wanted; empty: any.
     calibrated, spaced
         Whether calibration or spacing come from elsewhere, and need not be found.
 
@@ -124,7 +122,7 @@ def survey_log(
     InputError
         The file is no MCAP log or cannot be read.
     """
-    survey = Survey(path)
+    survey = LogSurvey(path)
     expected = set() if whole else _expected_topics(path)
     decoders = Decoders()
     for record in scan(path, survey.scan):
@@ -165,14 +163,14 @@ def _expected_topics(path: Path) -> set[tuple[str, str]]:
     }
 
 
-def _has_all(survey: Survey, expected: set[tuple[str, str]]) -> bool:
+def _has_all(survey: LogSurvey, expected: set[tuple[str, str]]) -> bool:
     """Whether each expected topic was seen, once being enough; of transforms, many come on one topic."""
     if not expected or survey.of_kind(Kind.TRANSFORM):
         return False
     return expected <= survey.topics.keys()
 
 
-def _take_message(survey: Survey, message: Message, decoders: Decoders) -> bool:
+def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> bool:
     """Count a message; True where it tells something new."""
     channel = message.channel
     key = topic_key(channel)
@@ -202,7 +200,7 @@ def _take_message(survey: Survey, message: Message, decoders: Decoders) -> bool:
     return True
 
 
-def _take_metadata(survey: Survey, record: Metadata) -> None:
+def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
     if record.name != METADATA_NAME:
         return
     try:
@@ -214,7 +212,7 @@ def _take_metadata(survey: Survey, record: Metadata) -> None:
         survey.by_number = record.values.get(BY_NUMBER_KEY) == "yes"
 
 
-def _take_attachment(survey: Survey, record: Attachment) -> None:
+def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
     is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
     if not is_yaml or survey.attached_camera is not None:
         return
@@ -226,13 +224,13 @@ def _take_attachment(survey: Survey, record: Attachment) -> None:
         return  # some other YAML file
 
 
-def _is_usable(survey: Survey, camera: str, calibrated: bool, spaced: bool) -> bool:
-    pictures = [
+def _is_usable(survey: LogSurvey, camera: str, calibrated: bool, spaced: bool) -> bool:
+    images = [
         t.first
         for t in survey.cameras
-        if isinstance(t.first, PictureContent) and camera in ("", t.name)
+        if isinstance(t.first, ImageContent) and camera in ("", t.name)
     ]
-    if not pictures:
+    if not images:
         return False
     calibrated = calibrated or survey.attached_camera is not None
     if not (calibrated or any(t.first is not None for t in survey.of_kind(Kind.CALIBRATION))):
@@ -241,4 +239,4 @@ def _is_usable(survey: Survey, camera: str, calibrated: bool, spaced: bool) -> b
         return True
     if any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX)):
         return True
-    return any(survey.tree.moves(picture.frame_id) for picture in pictures)
+    return any(survey.tree.moves(image.frame_id) for image in images)

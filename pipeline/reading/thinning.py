@@ -1,4 +1,4 @@
-"""Keeping pictures about a given distance apart."""
+"""Keeping images about a given distance apart."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Position = tuple[str, tuple[float, float, float]]
 
 
 def position_of(pose: PosePrior | None, fix: Fix | None) -> Position | None:
-    """Where a picture was taken: by its pose ("pose", x, y, z), else by its fix; None where neither is known."""
+    """Where an image was taken: by its pose ("pose", x, y, z), else by its fix; None where neither is known."""
     if pose is not None:
         x, y, z = pose.pose.centre.tolist()
         return "pose", (x, y, z)
@@ -36,11 +36,11 @@ def distance_m(first: Position | None, second: Position | None) -> float | None:
 
 
 class Thinning:
-    """Decides which pictures are used, so that used ones are about `thin_m` apart.
+    """Decides which images are used, so that used ones are about `thin_m` apart.
 
-    A picture is used where its distance from the last used one, plus half of the latest step, reaches `thin_m`: of two
+    An image is used where its distance from the last used one, plus half of the latest step, reaches `thin_m`: of two
     neighbours the one nearer to the wanted place. The distance is measured straight from the last used
-    picture and never summed up, so that jitter while standing still adds up to nothing.
+    image and never summed up, so that jitter while standing still adds up to nothing.
     """
 
     def __init__(self, thin_m: float, spacing_m: float) -> None:
@@ -49,7 +49,7 @@ class Thinning:
         self.latest: tuple[int, Position | None] | None = None
 
     def keeps(self, number: int, position: Position | None) -> bool:
-        """Whether the picture is used; `number` counts the pictures taken, `position` where it is known."""
+        """Whether the image is used; `number` counts the images taken, `position` where it is known."""
         here = number, position
         latest, self.latest = self.latest, here
         if self.used is not None and latest is not None and self.thin_m > 0:

@@ -153,7 +153,7 @@ class SimulatedDrive:
             yield PosedDetections(Detections(unsegmented(image), _table(seen)), motion)
 
     def visible(self, index: int) -> NDArray[np.int64]:
-        """Points that could be ties in a image, ascending."""
+        """Points that could be ties in an image, ascending."""
         if index in self._visible:
             return self._visible[index]
         station = self.station[index]
@@ -170,7 +170,7 @@ class SimulatedDrive:
         return np.sort(shared[order[: self.survey.ties]])
 
     def project(self, index: int, points: Array) -> Array:
-        """Pixels (n, 2) of points of the world in a image."""
+        """Pixels (n, 2) of points of the world in an image."""
         local = self.poses[index].to_camera(points)
         return np.asarray(local[:, :2] / local[:, 2:] * self.camera.fx + self._middle)
 
@@ -299,7 +299,7 @@ class SimulatedDrive:
         return pose if pose.inliers >= fewest else None
 
     def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
-        """Depth (n,) of points that could be ties in a image."""
+        """Depth (n,) of points that could be ties in an image."""
         return np.asarray(self.poses[index].to_camera(self._points[points])[:, 2])
 
     def _drift(self, uv: Array) -> Array:

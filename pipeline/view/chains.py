@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.inventory import Inventory
+from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
 from wayside.pipeline.view.landmarks import (
@@ -67,7 +67,7 @@ def ellipse(
 
 
 def closing(
-    inventory: Inventory,
+    inventory: WrittenTables,
     poses: Mapping[int, tuple[Pose, Camera]],
     times: Mapping[int, Times],
 ) -> Iterator[Batch | Columns]:
@@ -167,7 +167,7 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(Rotation.from_matrix(rotation).as_quat())
 
 
-def _table_and_map(inventory: Inventory) -> Iterator[Entity]:
+def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
     signs, landmarks = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
     document = rr.TextDocument(inventory_table(signs), media_type="text/markdown")
     yield Entity(at.INVENTORY, (document,))

@@ -40,9 +40,9 @@ def reprojected_box(
 
 def landmark_words(landmark: Landmark) -> str:
     """A landmark in a few words."""
-    look = "back" if landmark.back else landmark.color or "?"
+    kind = "back" if landmark.back else landmark.color or "?"
     return (
-        f"{look} {landmark.shape or '?'} {landmark.width_m:.2f} x {landmark.height_m:.2f} m, "
+        f"{kind} {landmark.shape or '?'} {landmark.width_m:.2f} x {landmark.height_m:.2f} m, "
         f"{landmark.verdict}, track {landmark.track_id}"
     )
 

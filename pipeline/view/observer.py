@@ -9,7 +9,7 @@ from typing import Any
 
 import rerun as rr
 
-from wayside.pipeline.inventory import Inventory
+from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.chains import closing, opening
 from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
@@ -59,7 +59,7 @@ class RerunObserver:
         """Take note of what a stage made of a frame."""
         self._guarded(lambda: self._see(stage, item.frame, item))
 
-    def finish(self, inventory: Inventory) -> None:
+    def finish(self, inventory: WrittenTables) -> None:
         """Send what is known at the end only."""
         self._guarded(
             lambda: self._send(Bundle(tuple(closing(inventory, self._state.poses, self._times))))

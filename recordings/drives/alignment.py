@@ -49,7 +49,7 @@ _TRAVEL_OFFSET_M = {"two_lane": 1.8, "forest": 1.75, "four_lane": 1.8, "street":
 
 
 @dataclass(frozen=True, slots=True)
-class Alignment:
+class RoadAlignment:
     """Sampled centre line, queried at stations and offsets; the arrays of one sample have shape (n,)."""
 
     station: Floats  # m
@@ -105,7 +105,7 @@ def _curvature(road: RoadSpec, station: Floats) -> Floats:
     return np.convolve(padded, window, mode="same")[len(window) : -len(window)]
 
 
-def build_alignment(road: RoadSpec, heading_deg: float) -> Alignment:
+def build_alignment(road: RoadSpec, heading_deg: float) -> RoadAlignment:
     """The road of a spec, with the travelled lane at station 0 in the world origin."""
     total = sum(length for length, _ in road.segments)
     station = np.arange(-BEHIND_M, total + STEP_M, STEP_M)
@@ -120,6 +120,6 @@ def build_alignment(road: RoadSpec, heading_deg: float) -> Alignment:
         z += amplitude * np.sin(2 * np.pi * station / wavelength + phase)
     section_t, section_dz = _SECTIONS[road.kind].T
     lane = _TRAVEL_OFFSET_M[road.kind]
-    raised = Alignment(station, x, y, heading, curvature, z, section_t, section_dz, lane)
+    raised = RoadAlignment(station, x, y, heading, curvature, z, section_t, section_dz, lane)
     origin = raised.surface(0.0, lane)
     return replace(raised, x=x - origin[0], y=y - origin[1], z=z - origin[2])

@@ -14,4 +14,4 @@ Singles: TypeAlias = NDArray[np.float32]
 """Light: linear RGB or premultiplied RGBA, row 0 at the top."""
 
 Bytes: TypeAlias = NDArray[np.uint8]
-"""Finished pictures (BGR), painted sign faces (RGB), coverage and labels."""
+"""Finished images (BGR), painted sign faces (RGB), coverage and labels."""

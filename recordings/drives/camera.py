@@ -1,4 +1,4 @@
-"""Camera model and the undistorted canvas that pictures are drawn on.
+"""Camera model and the undistorted canvas that images are drawn on.
 
 Camera frame: x right, y down, z forward. Pixel centres lie at integers.
 """
@@ -15,10 +15,10 @@ CANVAS_SCALE = 1.1
 _MARGIN_PX = 3.0
 
 
-class Camera:
-    """Intrinsics, distortion and the larger pinhole canvas (`canvas_*`) that pictures are drawn on.
+class CameraModel:
+    """Intrinsics, distortion and the larger pinhole canvas (`canvas_*`) that images are drawn on.
 
-    `map_x`, `map_y` (height, width) give the canvas position of every picture pixel.
+    `map_x`, `map_y` (height, width) give the canvas position of every image pixel.
     """
 
     def __init__(self, spec: CameraSpec) -> None:
@@ -74,7 +74,7 @@ class Camera:
         return np.column_stack([x * self.spec.fx + self.spec.cx, y * self.spec.fy + self.spec.cy])
 
     def in_field(self, points: Floats) -> NDArray[np.bool_]:
-        """Which camera-frame points (n, 3) lie where the distortion model holds, near the picture."""
+        """Which camera-frame points (n, 3) lie where the distortion model holds, near the image."""
         z = np.maximum(points[:, 2], 1e-6)
         reach_x = max(self.canvas_cx, self.canvas_width - self.canvas_cx) / self.canvas_focal
         reach_y = max(self.canvas_cy, self.canvas_height - self.canvas_cy) / self.canvas_focal
@@ -85,7 +85,7 @@ class Camera:
         )
 
     def unseen(self) -> NDArray[np.bool_]:
-        """Canvas pixels (canvas rows, canvas columns) that no picture pixel shows."""
+        """Canvas pixels (canvas rows, canvas columns) that no image pixel shows."""
         x, y = np.meshgrid(self.canvas_columns(), self.canvas_rows())
         xd, yd = self.distort(x, y)
         u, v = xd * self.spec.fx + self.spec.cx, yd * self.spec.fy + self.spec.cy

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from recordings.drives.arrays import Floats, Singles
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.geometry import clip_near, polygon_area
 from recordings.drives.parts import Quad
-from recordings.drives.poses import Pose
+from recordings.drives.poses import TimedPose
 
 NEAR_M = 0.4
 _BORDER = 2  # empty texels around a texture, so that its edges are blended
@@ -67,7 +67,7 @@ def _size(pixels: Floats, whole: bool) -> tuple[float, float]:
 
 
 def make_layer(
-    camera: Camera, pose: Pose, quad: Quad, light: Singles, air: Air, *, thin: bool
+    camera: CameraModel, pose: TimedPose, quad: Quad, light: Singles, air: Air, *, thin: bool
 ) -> Layer | None:
     """A quad warped to the canvas, lit and hazy; None where it is out of view."""
     local = pose.to_camera(quad.corners())
@@ -118,7 +118,7 @@ def _shaded(quad: Quad, sheet: _Sheet, light: Singles, haze: Singles) -> Singles
 
 
 def _texels_from_canvas(
-    camera: Camera, pose: Pose, sheet: _Sheet, texels: Singles
+    camera: CameraModel, pose: TimedPose, sheet: _Sheet, texels: Singles
 ) -> Floats | None:
     """Homography from canvas pixels to texels with border, None for a quad seen from its edge."""
     to_camera = pose.rotation.T

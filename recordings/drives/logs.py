@@ -13,9 +13,15 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from recordings.drives.arrays import Bytes, Floats
 from recordings.drives.geodesy import geodetic
-from recordings.drives.messages.content import Calibration, CameraPose, Dialect, Fix, Message
+from recordings.drives.messages.content import (
+    Calibration,
+    CameraPose,
+    Dialect,
+    EncodedMessage,
+    FixReading,
+)
 from recordings.drives.messages.dialects import DIALECTS, topics
-from recordings.drives.poses import Pose, quaternion_from_matrix
+from recordings.drives.poses import TimedPose, quaternion_from_matrix
 from recordings.drives.spec import DriveSpec
 
 _COMPRESSIONS = {
@@ -38,7 +44,7 @@ class _Channels:
     ids: dict[str, int] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
 
-    def write(self, topic: str, message: Message, header_ns: int, latency_ms: float) -> None:
+    def write(self, topic: str, message: EncodedMessage, header_ns: int, latency_ms: float) -> None:
         name, data = message
         if topic not in self.ids:
             encoding, schema = self.dialect.schema_encoding, self.dialect.schema(name)
@@ -57,7 +63,7 @@ class _Instruments:
         self.rng = np.random.default_rng([spec.seed, 6])
         self.wander = self.rng.normal(0, self.log.fix_sigma_m, 3) * (1, 1, _UP_FACTOR)
 
-    def pose(self, pose: Pose) -> CameraPose:
+    def pose(self, pose: TimedPose) -> CameraPose:
         """True pose with noise."""
         log, rng = self.log, self.rng
         position = pose.position + rng.normal(0, log.pose_sigma_m, 3)
@@ -65,14 +71,14 @@ class _Instruments:
         quaternion = quaternion_from_matrix(pose.rotation @ turn)
         return CameraPose(position, quaternion, log.pose_sigma_m, log.pose_sigma_deg)
 
-    def fix(self, pose: Pose) -> Fix:
+    def fix(self, pose: TimedPose) -> FixReading:
         """True position with an error that wanders slowly, and a little jitter."""
         sigma, rng = self.log.fix_sigma_m, self.rng
         step = rng.normal(0, sigma * np.sqrt(1 - _FIX_MEMORY**2), 3) * (1, 1, _UP_FACTOR)
         self.wander = _FIX_MEMORY * self.wander + step
         where = pose.position + self.wander + rng.normal(0, _FIX_JITTER * sigma, 3)
         sigmas = (sigma, sigma, _UP_FACTOR * sigma)
-        return Fix(*geodetic(self.log.origin, where), sigmas)
+        return FixReading(*geodetic(self.log.origin, where), sigmas)
 
 
 def _rotation(vector: Floats) -> Floats:
@@ -81,9 +87,9 @@ def _rotation(vector: Floats) -> Floats:
 
 
 def write_log(
-    path: Path, spec: DriveSpec, poses: list[Pose], pictures: Iterable[bytes | Bytes]
+    path: Path, spec: DriveSpec, poses: list[TimedPose], images: Iterable[bytes | Bytes]
 ) -> None:
-    """Write all messages of a drive; pictures are JPEG bytes or bgr8 arrays in frame order."""
+    """Write all messages of a drive; images are JPEG bytes or bgr8 arrays in frame order."""
     log, dialect = spec.log, DIALECTS[spec.log.dialect]()
     names, instruments = topics(log.dialect, log.raw), _Instruments(spec)
     calibration = Calibration(spec.camera)
@@ -101,7 +107,7 @@ def write_log(
         )
         writer.start(profile="ros2" if log.dialect == "ros2" else "", library="drives")
         channels = _Channels(writer, dialect)
-        for pose, picture in zip(poses, pictures, strict=True):
+        for pose, image in zip(poses, images, strict=True):
             ns, late = pose.time_ns, log.latency_ms
             channels.write(names.calibration, dialect.calibration(ns, calibration), ns, late * 0.1)
             if log.poses:
@@ -109,9 +115,9 @@ def write_log(
             if log.fixes:
                 channels.write(names.fix, dialect.fix(ns, instruments.fix(pose)), ns, late * 0.5)
             message = (
-                dialect.compressed(ns, picture)
-                if isinstance(picture, bytes)
-                else dialect.raw(ns, picture)
+                dialect.compressed(ns, image)
+                if isinstance(image, bytes)
+                else dialect.raw(ns, image)
             )
             channels.write(names.image, message, ns, late)
         writer.finish()  # type: ignore[no-untyped-call]

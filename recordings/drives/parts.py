@@ -28,7 +28,7 @@ class Quad:
     sign_id: int = 0  # 1-based on the front of a sign
     two_sided: bool = False
     casts_shadow: bool = False
-    fill: float = 1.0  # share of the parallelogram that the panel covers
+    fill: float = 1.0  # fraction of the parallelogram that the panel covers
 
     def normal(self) -> Floats:
         """Unit normal (3,) towards the visible side."""
@@ -43,7 +43,7 @@ class Quad:
 
 @dataclass(frozen=True, slots=True)
 class Sprite:
-    """Upright picture that always turns to the camera: base (world, m), axis from base to top, width."""
+    """Upright image that always turns to the camera: base (world, m), axis from base to top, width."""
 
     base: Floats
     axis: Floats
@@ -87,7 +87,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True)
-class Sign:
+class PlacedSign:
     """One placed panel."""
 
     sign_id: int  # 1-based

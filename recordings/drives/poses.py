@@ -1,4 +1,4 @@
-"""Where and when the pictures of a drive are taken.
+"""Where and when the images of a drive are taken.
 
 Camera frame: x right, y down, z forward. World: x east, y north, z up, metres.
 """
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
 from recordings.drives.spec import DriveSpec
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
-    """One picture: when and from where it was taken."""
+class TimedPose:
+    """One image: when and from where it was taken."""
 
     index: int
     trigger: int
@@ -99,12 +99,12 @@ def _motion(spec: DriveSpec, triggers: int) -> _Motion:
     return _Motion(pitch, roll, yaw, height, wander - wander[0], speed, step)
 
 
-def drive_poses(spec: DriveSpec, road: Alignment) -> list[Pose]:
-    """True poses of all pictures of a drive, in order."""
+def drive_poses(spec: DriveSpec, road: RoadAlignment) -> list[TimedPose]:
+    """True poses of all images of a drive, in order."""
     triggers = spec.frames + len(spec.path.dropped)
     motion, camera = _motion(spec, triggers), spec.camera
     mount = mount_rotation(camera.mount_yaw_deg, camera.mount_pitch_deg, camera.mount_roll_deg)
-    poses: list[Pose] = []
+    poses: list[TimedPose] = []
     station, travelled, time_s = 0.0, 0.0, 0.0
     after_dropped = False
     for trigger in range(triggers):
@@ -125,7 +125,7 @@ def drive_poses(spec: DriveSpec, road: Alignment) -> list[Pose]:
         )
         height = camera.mount_height_m + motion.height_m[trigger]
         poses.append(
-            Pose(
+            TimedPose(
                 index=len(poses),
                 trigger=trigger,
                 time_ns=spec.log.start_ns + round(time_s * 1e9),

@@ -16,7 +16,7 @@ import cv2
 
 from recordings.drives.alignment import build_alignment
 from recordings.drives.arrays import Bytes
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.layout.build import build_scene
 from recordings.drives.logs import write_log
 from recordings.drives.poses import drive_poses
@@ -27,8 +27,8 @@ from recordings.drives.stamps import Output, write_stamp
 from recordings.drives.truth import drive_truth
 from recordings.drives.views import FrameViews, frame_views
 
-Frame: TypeAlias = tuple[bytes | Bytes, FrameViews]
-"""A picture, as JPEG or bgr8 array, and what it shows."""
+RenderedFrame: TypeAlias = tuple[bytes | Bytes, FrameViews]
+"""An image, as JPEG or bgr8 array, and what it shows."""
 
 
 class RenderedDrive:
@@ -38,23 +38,23 @@ class RenderedDrive:
         self.spec = spec
         self.road = build_alignment(spec.road, spec.path.heading_deg)
         self.poses = drive_poses(spec, self.road)
-        self.camera = Camera(spec.camera)
+        self.camera = CameraModel(spec.camera)
         self.scene = build_scene(spec, self.road, self.poses)
         self.exposures = exposures(spec, len(self.poses))
         self.renderer = Renderer(spec, self.scene, self.camera)
 
-    def frame(self, index: int, masks: Path | None) -> Frame:
+    def frame(self, index: int, masks: Path | None) -> RenderedFrame:
         """One frame; its mask goes into the folder `masks`, if there is one."""
         pose = self.poses[index]
         seconds = (pose.time_ns - self.spec.log.start_ns) * 1e-9
-        picture = self.renderer.picture(pose, seconds, self.exposures[index])
-        views = frame_views(self.scene, pose, seconds, self.camera, picture.visible)
+        rendered = self.renderer.render(pose, seconds, self.exposures[index])
+        views = frame_views(self.scene, pose, seconds, self.camera, rendered.visible)
         if masks is not None:
-            labels = self.renderer.distorted_labels(picture.labels)
+            labels = self.renderer.distorted_labels(rendered.labels)
             cv2.imwrite(str(masks / f"{index:04d}.png"), labels)
         if self.spec.log.raw:
-            return picture.image, views
-        return _jpeg(picture.image, self.spec.sensor.jpeg_quality), views
+            return rendered.image, views
+        return _jpeg(rendered.image, self.spec.sensor.jpeg_quality), views
 
 
 def _jpeg(image: Bytes, quality: int) -> bytes:
@@ -78,14 +78,14 @@ def _one_thread() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _share(spec: DriveSpec, masks: Path | None, indices: Sequence[int]) -> list[Frame]:
+def _share(spec: DriveSpec, masks: Path | None, indices: Sequence[int]) -> list[RenderedFrame]:
     """Some frames of a drive, made in a process of their own."""
     with _one_thread():
         drive = RenderedDrive(spec)
         return [drive.frame(index, masks) for index in indices]
 
 
-def _frames(drive: RenderedDrive, masks: Path | None, jobs: int) -> list[Frame]:
+def _frames(drive: RenderedDrive, masks: Path | None, jobs: int) -> list[RenderedFrame]:
     """All frames of a drive in order, made by so many processes."""
     count = drive.spec.frames
     jobs = min(jobs, count)
@@ -114,31 +114,31 @@ def render(spec: DriveSpec, output: Output, jobs: int = 1) -> None:
             frames = _frames(drive, masks, jobs)
         _write(drive, frames, made)
         if output.pictures:
-            _write_pictures(frames, made.path(spec, "pictures"))
+            _write_images(frames, made.path(spec, "pictures"))
         output.path(spec, "stamp").unlink(missing_ok=True)
         for path in sorted(made.folder.iterdir()):
             _put(path, output.folder / path.name)
     write_stamp(spec, output)
 
 
-def _write(drive: RenderedDrive, frames: Sequence[Frame], output: Output) -> None:
+def _write(drive: RenderedDrive, frames: Sequence[RenderedFrame], output: Output) -> None:
     """Log and truth of a drive."""
     spec, views = drive.spec, [view for _, view in frames]
     log = output.path(spec, "mcap")
-    write_log(log, spec, drive.poses, (picture for picture, _ in frames))
+    write_log(log, spec, drive.poses, (pixels for pixels, _ in frames))
     truth = drive_truth(spec, drive.scene, drive.poses, drive.exposures, views)
     text = json.dumps(truth, separators=(",", ":")) + "\n"
     output.path(spec, "truth.json").write_text(text, encoding="utf-8", newline="\n")
 
 
-def _write_pictures(frames: Sequence[Frame], folder: Path) -> None:
-    """Pictures as files: JPEG as they stand in the log, raw ones as PNG."""
+def _write_images(frames: Sequence[RenderedFrame], folder: Path) -> None:
+    """Images as files: JPEG as they stand in the log, raw ones as PNG."""
     folder.mkdir()
-    for index, (picture, _) in enumerate(frames):
-        if isinstance(picture, bytes):
-            (folder / f"{index:04d}.jpg").write_bytes(picture)
+    for index, (pixels, _) in enumerate(frames):
+        if isinstance(pixels, bytes):
+            (folder / f"{index:04d}.jpg").write_bytes(pixels)
         else:
-            cv2.imwrite(str(folder / f"{index:04d}.png"), picture)
+            cv2.imwrite(str(folder / f"{index:04d}.png"), pixels)
 
 
 def _put(source: Path, target: Path) -> None:

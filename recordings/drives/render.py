@@ -1,4 +1,4 @@
-"""Draws one picture: backdrop, then textured quads from far to near, then lens and sensor."""
+"""Draws one image: backdrop, then textured quads from far to near, then lens and sensor."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from recordings.drives.arrays import Bytes, Floats, Singles
 from recordings.drives.backdrop.backdrop import Backdrop
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.layers import Air, make_layer
 from recordings.drives.parts import Group, Part, Quad, Sprite
-from recordings.drives.poses import Pose
+from recordings.drives.poses import TimedPose
 from recordings.drives.scene import Scene
 from recordings.drives.sensor import Exposure, Sensor
 from recordings.drives.spec import DriveSpec
@@ -26,17 +26,17 @@ _SHADOW_DARKNESS = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class RenderedImage:
     """One finished frame with what the truth needs."""
 
     image: Bytes  # (height, width, 3) BGR
     labels: Bytes  # (canvas rows, canvas columns), sign id where a front is seen, else 0
-    visible: dict[int, float]  # sign id -> visible share of its front
+    visible: dict[int, float]  # sign id -> visible fraction of its front
 
 
 @dataclass(frozen=True, slots=True)
 class _Canvas:
-    """A picture in the making."""
+    """An image in the making."""
 
     light: Singles  # (canvas rows, canvas columns, 3)
     depth: Singles  # of the ground, m
@@ -45,9 +45,9 @@ class _Canvas:
 
 
 class Renderer:
-    """Draws the pictures of one drive."""
+    """Draws the images of one drive."""
 
-    def __init__(self, spec: DriveSpec, scene: Scene, camera: Camera) -> None:
+    def __init__(self, spec: DriveSpec, scene: Scene, camera: CameraModel) -> None:
         self.spec, self.scene, self.camera = spec, scene, camera
         self.sunlight = sunlight(spec.light)
         self.air = Air(self.sunlight.haze, spec.light.haze_m)
@@ -55,8 +55,8 @@ class Renderer:
         self.sensor = Sensor(spec, camera)
         self.unseen = camera.unseen()
 
-    def picture(self, pose: Pose, seconds: float, exposure: Exposure) -> Picture:
-        """Picture at a pose, so many seconds after the first one."""
+    def render(self, pose: TimedPose, seconds: float, exposure: Exposure) -> RenderedImage:
+        """The image at a pose, so many seconds after the first one."""
         light, depth = self.backdrop.draw(pose)
         canvas = _Canvas(light, depth, np.zeros(depth.shape, np.uint8), {})
         groups = self._far_to_near(pose, seconds)
@@ -73,16 +73,16 @@ class Renderer:
             if area > 0
         }
         image = self.sensor.develop(canvas.light, pose.index, exposure)
-        return Picture(image, canvas.labels, visible)
+        return RenderedImage(image, canvas.labels, visible)
 
     def distorted_labels(self, labels: Bytes) -> Bytes:
-        """Canvas labels resampled to the picture, (height, width)."""
+        """Canvas labels resampled to the image, (height, width)."""
         camera = self.camera
         return np.asarray(
             cv2.remap(labels, camera.map_x, camera.map_y, cv2.INTER_NEAREST), np.uint8
         )
 
-    def _far_to_near(self, pose: Pose, seconds: float) -> list[tuple[float, Group]]:
+    def _far_to_near(self, pose: TimedPose, seconds: float) -> list[tuple[float, Group]]:
         """Groups within their reach with their depth, the farthest first."""
         axis = pose.rotation[:, 2]
         groups = []
@@ -92,7 +92,7 @@ class Renderer:
                 groups.append((depth, group))
         return sorted(groups, key=lambda item: -item[0])
 
-    def _light_on(self, part: Part, quad: Quad, pose: Pose) -> Singles:
+    def _light_on(self, part: Part, quad: Quad, pose: TimedPose) -> Singles:
         """Irradiance on a part, RGB; plants take more light when the sun is behind the camera."""
         sun = self.sunlight
         if isinstance(part, Sprite):
@@ -104,7 +104,7 @@ class Renderer:
             normal = -normal
         return sun.on_surface(max(0.0, float(normal @ sun.to_sun)))
 
-    def _cast_shadows(self, canvas: _Canvas, pose: Pose, groups: list[Group]) -> None:
+    def _cast_shadows(self, canvas: _Canvas, pose: TimedPose, groups: list[Group]) -> None:
         """Darken the ground along the sun direction; overlapping shadows count once."""
         to_sun = self.sunlight.to_sun
         direct = self.spec.light.sun * float(to_sun[2])
@@ -130,7 +130,7 @@ class Renderer:
         lit = 1 - np.float32(strength) * shade * np.isfinite(canvas.depth)
         np.multiply(canvas.light, lit[..., None], out=canvas.light)
 
-    def _paint(self, canvas: _Canvas, pose: Pose, part: Part, crest: float) -> None:
+    def _paint(self, canvas: _Canvas, pose: TimedPose, part: Part, crest: float) -> None:
         """Composite one part, but not behind ground nearer than `crest`, and keep the labels of sign fronts."""
         quad = part.quad(pose.position) if isinstance(part, Sprite) else part
         away = np.cross(quad.v, quad.u) @ (pose.position - quad.origin) <= 0

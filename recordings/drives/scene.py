@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Singles
 from recordings.drives.paint.vehicles import VehicleStyle
-from recordings.drives.parts import Group, Sign
+from recordings.drives.parts import Group, PlacedSign
 from recordings.drives.solids import Stand, vehicle_group
 
 
@@ -18,7 +18,7 @@ class Mover:
 
     name: str
     style: VehicleStyle
-    start: Stand  # at the time of the first picture
+    start: Stand  # at the time of the first image
     speed: float  # m/s along the stations
 
 
@@ -26,14 +26,14 @@ class Mover:
 class Scene:
     """Road, signs, standing groups and moving vehicles."""
 
-    road: Alignment
-    signs: list[Sign]
+    road: RoadAlignment
+    signs: list[PlacedSign]
     groups: list[Group]
     movers: list[Mover]
     dapple: Singles | None  # tile of light through leaves, 1 where it is full
 
     def groups_at(self, seconds: float) -> Iterator[Group]:
-        """All groups at a time after the first picture."""
+        """All groups at a time after the first image."""
         yield from self.groups
         for mover in self.movers:
             station = mover.start.station + mover.speed * seconds

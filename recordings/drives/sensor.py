@@ -1,4 +1,4 @@
-"""Lens and sensor: from light on the canvas to an 8-bit picture."""
+"""Lens and sensor: from light on the canvas to an 8-bit image."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import cv2
 import numpy as np
 
 from recordings.drives.arrays import Bytes, Singles
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.spec import DriveSpec
 
 _STEPS_PER_LIGHT = 2048
 _STEPS = 8192
-_MIDDLE_GREY = 0.25  # share of full light that contrast leaves
+_MIDDLE_GREY = 0.25  # fraction of full light that contrast leaves
 _MOSAIC_STEPS = 128  # steps a grey level
-_MEMORY = 0.93  # share of exposure and white balance that stays from picture to picture
+_MEMORY = 0.93  # fraction of exposure and white balance that stays from image to image
 
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Response of one picture: gain and per-channel white balance (RGB)."""
+    """Response of one image: gain and per-channel white balance (RGB)."""
 
     gain: float
     white_balance: tuple[float, float, float]
@@ -41,9 +41,9 @@ def exposures(spec: DriveSpec, count: int) -> list[Exposure]:
 
 
 class Sensor:
-    """Develops the pictures of one drive."""
+    """Develops the images of one drive."""
 
-    def __init__(self, spec: DriveSpec, camera: Camera) -> None:
+    def __init__(self, spec: DriveSpec, camera: CameraModel) -> None:
         self.spec, self.camera = spec, camera
         width, height = spec.camera.width, spec.camera.height
         columns = np.linspace(-1, 1, width, dtype=np.float32)[None, :]
@@ -53,7 +53,7 @@ class Sensor:
         self.curve = _response(spec.sensor.contrast)
 
     def develop(self, canvas: Singles, index: int, exposure: Exposure) -> Bytes:
-        """Lens distortion, blur, response curve, noise and sharpening of picture number `index`; BGR."""
+        """Lens distortion, blur, response curve, noise and sharpening of image number `index`; BGR."""
         sensor = self.spec.sensor
         rng = np.random.default_rng([self.spec.seed, 5, index])
         light = self._through_lens(canvas, rng)
@@ -89,7 +89,7 @@ class Sensor:
 
 
 def _through_mosaic(image: Singles) -> Singles:
-    """The picture (rows, columns, RGB) of a sensor that sees one colour a pixel, the rest filled in."""
+    """The image (rows, columns, RGB) of a sensor that sees one colour a pixel, the rest filled in."""
     levels = np.clip(np.rint(image * _MOSAIC_STEPS), 0, np.iinfo(np.uint16).max).astype(np.uint16)
     mosaic = levels[..., 1].copy()
     mosaic[::2, ::2] = levels[::2, ::2, 0]

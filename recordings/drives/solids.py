@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
 from recordings.drives.paint.roadside import contact_shadow
 from recordings.drives.paint.texture import Texture
@@ -13,7 +13,7 @@ from recordings.drives.paint.vehicles import CABIN_SLOPE, VehicleStyle
 from recordings.drives.parts import UP, Group, Part, Quad
 
 _BODY_FLOOR_M = 0.28
-_CABIN_WIDTH = 0.9  # share of the body's width
+_CABIN_WIDTH = 0.9  # fraction of the body's width
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def all_around(faces: Iterable[str], texture: Texture) -> dict[str, Texture]:
     return dict.fromkeys(faces, texture)
 
 
-def vehicle_group(road: Alignment, style: VehicleStyle, stand: Stand, name: str) -> Group:
+def vehicle_group(road: RoadAlignment, style: VehicleStyle, stand: Stand, name: str) -> Group:
     """A vehicle standing on the road, with the shadow below it."""
     forward, right, up = road.axes(stand.station)
     base = road.surface(stand.station, stand.offset)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 RoadKind: TypeAlias = Literal["two_lane", "four_lane", "street", "forest"]
-Dialect: TypeAlias = Literal["protobuf", "ros2", "json"]
+DialectName: TypeAlias = Literal["protobuf", "ros2", "json"]
 Compression: TypeAlias = Literal["zstd", "lz4", "none"]
 
 
@@ -16,7 +16,7 @@ class PathSpec:
 
     spacing_m: float = 8.04672  # 26.4 ft
     trigger_sigma_m: float = 0.01
-    dropped: tuple[int, ...] = ()  # trigger numbers that took no picture
+    dropped: tuple[int, ...] = ()  # trigger numbers that took no image
     speed_mps: float = 27.0
     heading_deg: float = 80.0  # compass heading at station 0
     wander_m: float = 0.12  # slow lateral drift inside the lane
@@ -123,7 +123,7 @@ class SignSpec:
 
 @dataclass(frozen=True, slots=True)
 class SensorSpec:
-    """Lens and sensor finish of a picture."""
+    """Lens and sensor finish of an image."""
 
     vignette: float = 0.25
     blur_px: float = 0.45
@@ -139,7 +139,7 @@ class SensorSpec:
 class LogSpec:
     """Dialect of the log and which side channels it carries."""
 
-    dialect: Dialect = "protobuf"
+    dialect: DialectName = "protobuf"
     raw: bool = False
     compression: Compression = "zstd"
     chunk_kib: int = 1024  # 0 writes no chunks

@@ -20,7 +20,7 @@ class Sunlight:
     haze: Singles
 
     def on_surface(self, share: float) -> Singles:
-        """Irradiance on a surface that sees a share of the sun."""
+        """Irradiance on a surface that sees a fraction of the sun."""
         return (self.sun * share + self.ambient).astype(np.float32)
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from recordings.drives import SCHEMA_VERSION
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
-from recordings.drives.parts import Sign
-from recordings.drives.poses import Pose
+from recordings.drives.parts import PlacedSign
+from recordings.drives.poses import TimedPose
 from recordings.drives.scene import Scene
 from recordings.drives.sensor import Exposure
 from recordings.drives.spec import CameraSpec, DriveSpec
@@ -30,7 +30,7 @@ CONVENTIONS = (
 
 
 @dataclass(frozen=True, slots=True)
-class TravelledPath:
+class ReferencePath:
     """Dense path of the vehicle: points (n, 2), distance from the first frame and road height (n,), m."""
 
     points: Floats
@@ -48,7 +48,7 @@ class OnPath:
     direction: Floats
 
 
-def travelled_path(road: Alignment, poses: list[Pose]) -> TravelledPath:
+def travelled_path(road: RoadAlignment, poses: list[TimedPose]) -> ReferencePath:
     """Path of the vehicle from 20 m before the first frame to 150 m beyond the last."""
     stations = np.arange(poses[0].station_m - 20, poses[-1].station_m + 150, 0.25)
     offsets = np.interp(stations, [p.station_m for p in poses], [p.offset_m for p in poses])
@@ -56,10 +56,10 @@ def travelled_path(road: Alignment, poses: list[Pose]) -> TravelledPath:
     steps = np.linalg.norm(np.diff(surface[:, :2], axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(steps)])
     distance -= np.interp(poses[0].station_m, stations, distance)
-    return TravelledPath(surface[:, :2], distance, surface[:, 2])
+    return ReferencePath(surface[:, :2], distance, surface[:, 2])
 
 
-def on_path(point: Floats, path: TravelledPath) -> OnPath:
+def on_path(point: Floats, path: ReferencePath) -> OnPath:
     """Place of a world point (3,) along the path."""
     gaps = ((path.points - point[:2]) ** 2).sum(axis=1)
     i = int(np.clip(np.argmin(gaps), 1, len(gaps) - 2))
@@ -74,7 +74,7 @@ def on_path(point: Floats, path: TravelledPath) -> OnPath:
 def drive_truth(
     spec: DriveSpec,
     scene: Scene,
-    poses: list[Pose],
+    poses: list[TimedPose],
     exposures: list[Exposure],
     views: list[FrameViews],
 ) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def _camera(camera: CameraSpec) -> dict[str, Any]:
     }
 
 
-def _frame(pose: Pose, exposure: Exposure, latency_ns: int) -> dict[str, Any]:
+def _frame(pose: TimedPose, exposure: Exposure, latency_ns: int) -> dict[str, Any]:
     return {
         "index": pose.index,
         "trigger": pose.trigger,
@@ -134,7 +134,7 @@ def _frame(pose: Pose, exposure: Exposure, latency_ns: int) -> dict[str, Any]:
     }
 
 
-def _road(spec: DriveSpec, road: Alignment, poses: list[Pose]) -> dict[str, Any]:
+def _road(spec: DriveSpec, road: RoadAlignment, poses: list[TimedPose]) -> dict[str, Any]:
     stations = np.arange(poses[0].station_m - 20, poses[-1].station_m + 200, 5.0)
     centre_line = road.surface(stations, 0.0)
     section = zip(road.section_t, road.section_dz, strict=True)
@@ -154,7 +154,7 @@ def _road(spec: DriveSpec, road: Alignment, poses: list[Pose]) -> dict[str, Any]
     }
 
 
-def _roll_deg(sign: Sign) -> float:
+def _roll_deg(sign: PlacedSign) -> float:
     """Turn of a panel in its own plane, clockwise as seen."""
     across, normal = sign.quad.u / np.linalg.norm(sign.quad.u), sign.quad.normal()
     level = np.cross(-normal, [0, 0, 1.0])
@@ -176,7 +176,7 @@ def _is_eligible(view: dict[str, Any]) -> bool:
     return bool(view["side"] == "front" and tall and view["visible_fraction"] >= ELIGIBLE_VISIBLE)
 
 
-def _sign(sign: Sign, path: TravelledPath, views: list[FrameViews]) -> dict[str, Any]:
+def _sign(sign: PlacedSign, path: ReferencePath, views: list[FrameViews]) -> dict[str, Any]:
     face, centre, normal = sign.face, sign.centre(), sign.quad.normal()
     place = on_path(centre, path)
     facing = _facing_deg(normal, place.direction)

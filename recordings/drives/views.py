@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from recordings.drives.arrays import Floats
-from recordings.drives.camera import Camera
-from recordings.drives.parts import Group, Sign
-from recordings.drives.poses import Pose
+from recordings.drives.camera import CameraModel
+from recordings.drives.parts import Group, PlacedSign
+from recordings.drives.poses import TimedPose
 from recordings.drives.scene import Scene
 
 VISIBLE_REACH_M = 220.0
@@ -44,7 +44,7 @@ def _dense(outline: Floats, longest: float) -> Floats:
 
 
 def sign_view(
-    sign: Sign, pose: Pose, camera: Camera, visible: dict[int, float]
+    sign: PlacedSign, pose: TimedPose, camera: CameraModel, visible: dict[int, float]
 ) -> dict[str, Any] | None:
     """Projected outline of a sign in one frame, None where it is out of view or tiny."""
     local = [pose.to_camera(_dense(outline, _LONGEST_EDGE_M)) for outline in sign.outline()]
@@ -69,8 +69,8 @@ def sign_view(
     }
 
 
-def group_box(group: Group, pose: Pose, camera: Camera) -> list[int] | None:
-    """Box of a group, clipped to the picture; None where it is out of view or tiny."""
+def group_box(group: Group, pose: TimedPose, camera: CameraModel) -> list[int] | None:
+    """Box of a group, clipped to the image; None where it is out of view or tiny."""
     local = pose.to_camera(group.corners())
     local = local[local[:, 2] > 0.5]
     if len(local) < 2 or local[:, 2].min() > DISTRACTOR_REACH_M:
@@ -92,9 +92,9 @@ def group_box(group: Group, pose: Pose, camera: Camera) -> list[int] | None:
 
 
 def frame_views(
-    scene: Scene, pose: Pose, seconds: float, camera: Camera, visible: dict[int, float]
+    scene: Scene, pose: TimedPose, seconds: float, camera: CameraModel, visible: dict[int, float]
 ) -> FrameViews:
-    """What one frame shows; `visible` is the visible share of the fronts of signs by id."""
+    """What one frame shows; `visible` is the visible fraction of the fronts of signs by id."""
     views = FrameViews({}, {}, {})
     for sign in scene.signs:
         view = sign_view(sign, pose, camera, visible)

@@ -136,7 +136,7 @@ class VerdictSettings:
         4.0, "sigmas", "or so many standard deviations", origin=SET, expert=True, low=0
     )
     same_cover: float = setting(
-        0.4, "", "share of either that the other must cover", origin=SET, expert=True
+        0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
     fewest_boxes: int = setting(
         3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
@@ -175,12 +175,12 @@ class LocateSettings:
     """Classification by location, and what is reported."""
 
     confidence: float = setting(
-        0.5, "", "places below this confidence get status uncertain", low=0, high=1
+        0.5, "", "signs below this confidence get status uncertain", low=0, high=1
     )
     beyond: float = setting(
         0.8,
         "log odds",
-        "a place farther than a model's threshold from all places of signs must be a sign by so much for each "
+        "a landmark farther than a model's threshold from all locations of signs must be a sign by so much for each "
         "unit of distance beyond; a large number: none may lie there",
         low=0,
     )

@@ -15,7 +15,7 @@ class TrackSettings:
     """Following candidates from frame to frame and measuring them."""
 
     longest: int = setting(14, "frames", "frames over which a sign is followed", low=2)
-    fewest_views: int = setting(2, "views", "places with fewer views are not reported", low=2)
+    fewest_views: int = setting(2, "views", "landmarks with fewer views are not reported", low=2)
     gap_px: float = setting(
         3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share", low=0
     )

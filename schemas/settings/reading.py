@@ -9,23 +9,21 @@ from wayside.schemas.settings.field import setting
 
 @dataclass(frozen=True, slots=True)
 class ReadSettings:
-    """Which pictures of the log take part."""
+    """Which images of the log take part."""
 
-    camera: str = setting("", "topic", "picture topic to use; empty: the only one there is")
+    camera: str = setting("", "topic", "image topic to use; empty: the only one there is")
     calibration: str = setting(
         "", "file", "ROS camera_info YAML that replaces the log's calibration"
     )
     spacing_m: float = setting(
-        0.0, "m", "distance between pictures where the log has no poses; 0: unknown", low=0
+        0.0, "m", "distance between images where the log has no poses; 0: unknown", low=0
     )
     thin_m: float = setting(
-        8.0, "m", "pictures are thinned to about this distance; 0: use every picture", low=0
+        8.0, "m", "images are thinned to about this distance; 0: use every image", low=0
     )
-    from_s: float = setting(0.0, "s", "start this long after the first picture", low=0)
-    until_s: float = setting(
-        0.0, "s", "stop this long after the first picture; 0: at the end", low=0
-    )
-    every: int = setting(1, "pictures", "use every n-th picture only", low=1)
+    from_s: float = setting(0.0, "s", "start this long after the first image", low=0)
+    until_s: float = setting(0.0, "s", "stop this long after the first image; 0: at the end", low=0)
+    every: int = setting(1, "images", "use every n-th image only", low=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,7 @@ class RunSettings:
 
 @dataclass(frozen=True, slots=True)
 class ModelSettings:
-    """Learned numbers: colours, shapes, places and judges."""
+    """Learned numbers: colours, shapes, locations and classifiers."""
 
     folder: str = setting(
         "", "folder", "model files here replace those that ship, each by its name; empty: none"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -24,15 +23,8 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def accept() -> ModuleType:
-    path = ROOT / "benchmarks" / "accept.py"
-    spec = importlib.util.spec_from_file_location("accept", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["accept"] = module
-    spec.loader.exec_module(module)
-    return module
+def accept(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("accept")
 
 
 def found(along: float) -> Match:
@@ -54,7 +46,7 @@ GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), (), (), Backs(3, 2, 5))
 POOR = RenderedEvaluation(2, (found(0.8),), (FALSE,), (MISSED,))
 
 
-def test_drives_together_are_judged_as_one() -> None:
+def test_drives_together_are_evaluated_as_one() -> None:
     total = together([GOOD, POOR])
     assert (total.recall, total.precision) == (3 / 4, 3 / 4)
     assert total.error_m["along"].median == 0.3
@@ -92,13 +84,13 @@ def test_a_total_below_the_floor_is_named(
     floor.write_text("[default]\nrecall = 0.8\nprecision = 0.7\n")
     monkeypatch.setattr(accept, "FLOOR", floor)
     drive = accept.BenchmarkDrive("d", Path(), Path(), "")
-    judged = [accept.Outcome(drive, GOOD), accept.Outcome(drive, POOR)]
-    assert list(accept.below_floor({"default": judged})) == [
+    outcomes = [accept.Outcome(drive, GOOD), accept.Outcome(drive, POOR)]
+    assert list(accept.below_floor({"default": outcomes})) == [
         "default: recall 0.7500 is below the floor of 0.8"
     ]
 
 
-def test_a_run_that_fails_is_told_and_not_judged(
+def test_a_run_that_fails_is_told_and_not_evaluated(
     accept: ModuleType,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -106,7 +98,7 @@ def test_a_run_that_fails_is_told_and_not_judged(
 ) -> None:
     monkeypatch.setattr(accept, "RESULTS", tmp_path)
     drive = accept.BenchmarkDrive("none", tmp_path / "none.mcap", tmp_path / "none.truth.json", "")
-    assert accept.judge(drive, "default").evaluation is None
+    assert accept.evaluate_drive(drive, "default").evaluation is None
     assert "status 3" in capsys.readouterr().out
 
 

@@ -1,9 +1,5 @@
 """The page of causes: what is said of a missed sign's views."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,13 +7,8 @@ BOX = np.array([10.0, 10.0, 30.0, 30.0])
 
 
 @pytest.fixture(scope="module")
-def causes():
-    path = Path(__file__).parents[2] / "benchmarks" / "causes.py"
-    spec = importlib.util.spec_from_file_location("causes", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["causes"] = module
-    spec.loader.exec_module(module)
-    return module
+def causes(load):
+    return load("causes")
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,25 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Pose
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
 
 @pytest.fixture(scope="module")
-def runs():
+def runs(load):
     return load("geometry_runs")
 
 
 @pytest.fixture(scope="module")
-def peer(runs):
+def peer(load, runs):
     return load("geometry_peer")
-
-
-def load(name):
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(BENCHMARKS))
 
 
 def path(count=8):

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pyproj import Geod
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = (38.5, -98.4, 500.0)
 
 
 @pytest.fixture(scope="module")
-def globe():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return importlib.import_module("geometry_globe")
-    finally:
-        sys.path.remove(str(BENCHMARKS))
+def globe(load):
+    return load("geometry_globe")
 
 
 class Exact:
@@ -38,15 +29,15 @@ class Exact:
         }
         self.signs = [stated(p, moved * k) for k, p in enumerate(panels)]
 
-    def judged(self):
+    def evaluation(self):
         class Match:
             def __init__(self, k):
                 self.sign_id, self.panel_id = k, k
 
-        class Judged:
+        class Evaluation:
             matches = tuple(Match(k) for k in range(5))
 
-        return Judged()
+        return Evaluation()
 
 
 def stated(panel, moved):

@@ -1,8 +1,6 @@
 """The pages on seeing: how far a face went, what is true of rows by confidence, other seeds, what is a false box."""
 
-import importlib
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,35 +8,26 @@ from scipy.stats import binomtest
 
 from wayside.schemas.detections import Candidates, Regions
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 FACE = [10.0, 10.0, 30.0, 30.0]
 
 
-def load(name):
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-
-
 @pytest.fixture(scope="module")
-def levels():
+def levels(load):
     return load("reached")
 
 
 @pytest.fixture(scope="module")
-def seeing():
+def seeing(load):
     return load("seeing")
 
 
 @pytest.fixture(scope="module")
-def confidence():
+def confidence(load):
     return load("confidence")
 
 
 @pytest.fixture(scope="module")
-def scenes():
+def scenes(load):
     return load("scenes")
 
 
@@ -48,7 +37,7 @@ def scenes():
         ([], [], "NOWHERE"),
         ([[100, 10, 120, 30]], ["sign"], "NOWHERE"),
         ([[10, 10, 30, 29]], ["glance"], "CANDIDATE"),
-        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["glance", "score"], "JUDGED"),
+        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["glance", "score"], "CLASSIFIED"),
         ([[10, 10, 30, 29], [11, 10, 30, 30]], ["overlap", "score"], "PASSED"),
         ([[10, 10, 30, 29]], ["unmatched"], "KEPT"),
         ([[10, 10, 30, 29], [11, 10, 30, 30]], ["sign", "overlap"], "SIGN"),
@@ -117,25 +106,25 @@ def test_a_row_vies_for_a_panel_only_with_rows_as_sure_as_it(confidence, result)
 
 
 def test_a_higher_setting_reports_fewer_rows(confidence, result):
-    low, high = (confidence.judged_at([result], at) for at in (0.3, 0.9))
+    low, high = (confidence.evaluated_at([result], at) for at in (0.3, 0.9))
     assert (low.found_count, high.found_count, low.wanted) == (2, 1, 2)
     assert confidence.cells(high) == ["1 of 2", "1", "0.500", "0.500"]
 
 
 def test_the_gap_is_that_of_each_bin_by_its_rows(confidence):
     bins = [confidence.Bin(0.4, 0.5, 3, 1, 0.4), confidence.Bin(0.9, 1.0, 1, 1, 0.9)]
-    assert confidence.gap_of(bins) == pytest.approx((abs(1.2 - 1) + 0.1) / 4)
+    assert confidence.calibration_error(bins) == pytest.approx((abs(1.2 - 1) + 0.1) / 4)
 
 
 @pytest.mark.parametrize(("right", "rows"), [(0, 1), (3, 4), (98, 99)])
-def test_the_interval_of_a_share_is_that_of_scipy(right, rows):
-    found = load("seeing_picture").wilson(right, rows)
+def test_the_interval_of_a_share_is_that_of_scipy(right, rows, load):
+    found = load("seeing_plot").wilson(right, rows)
     interval = binomtest(right, rows).proportion_ci(0.6826894921, "wilson")
     assert found == pytest.approx((interval.low, interval.high), abs=1e-6)
 
 
-def test_the_picture_has_room_for_bins_without_faces():
-    shown = load("seeing_picture").draw(["10-12 px", "12 px and more"], [[5, 0], []], [(0.9, 1, 2)])
+def test_the_image_has_room_for_bins_without_faces(load):
+    shown = load("seeing_plot").draw(["10-12 px", "12 px and more"], [[5, 0], []], [(0.9, 1, 2)])
     assert shown.dtype == np.uint8
     assert shown.std() > 0
 

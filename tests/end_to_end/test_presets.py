@@ -19,7 +19,7 @@ EXACT = ("assembly", "status", "color", "shape", "frames")
 OBSERVED = ("source", "color", "shape")
 """Columns of observations whose values are counted."""
 PLACE_M = 0.01
-"""How far a place may be from the pinned one, and beside it this share of its standard deviation."""
+"""How far a place may be from the pinned one, and beside it this fraction of its standard deviation."""
 PLACE_SIGMAS = 0.02
 DEGREES_EAST, DEGREES_NORTH = math.cos(math.radians(38.88)) * 111_320, 111_000
 """Metres in a degree at the place of the demo."""

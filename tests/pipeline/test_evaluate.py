@@ -1,4 +1,4 @@
-"""Judging a result by the truth, beside the reference scorer where it is at hand."""
+"""Evaluation of a result against the truth, beside the reference scorer where it is at hand."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wayside.pipeline.evaluation import (
     Backs,
     RealEvaluation,
     RenderedEvaluation,
-    share,
+    fraction,
     spread,
     together,
 )
@@ -100,7 +100,7 @@ def write_table(folder: Path, table: Table, rows: list[dict[str, Any]]) -> None:
     pq.write_table(pa.Table.from_pylist(filled, schema=table.schema), folder / table.file)
 
 
-def judged(
+def evaluated(
     tmp_path: Path, signs: list[dict[str, Any]], truth: dict[str, Any]
 ) -> RenderedEvaluation:
     write_table(tmp_path / "out", SIGNS, signs)
@@ -110,7 +110,7 @@ def judged(
     return evaluation
 
 
-def judged_real(
+def evaluated_on_labels(
     tmp_path: Path,
     signs: list[dict[str, Any]],
     observations: list[dict[str, Any]],
@@ -132,7 +132,7 @@ ON_IT = (4.0, -1.0, 30.0)
 
 
 def test_a_panel_at_its_true_place_is_found_without_error(tmp_path: Path) -> None:
-    evaluation = judged(tmp_path, [sign(1, ON_IT)], {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, [sign(1, ON_IT)], {"frames": FRAMES, "signs": [AT_30_M]})
     assert (evaluation.recall, evaluation.precision) == (1.0, 1.0)
     assert evaluation.found == (("drive-0001", 1),)
     assert evaluation.error_m["total"].median == pytest.approx(0, abs=1e-4)
@@ -141,7 +141,7 @@ def test_a_panel_at_its_true_place_is_found_without_error(tmp_path: Path) -> Non
 
 def test_errors_are_told_apart_by_axis_of_the_camera(tmp_path: Path) -> None:
     reported = sign(1, (4.3, -1.2, 31.0), sigma_lateral_m=0.2, sigma_up_m=0.4, sigma_along_m=0.3)
-    evaluation = judged(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
     medians = {name: value.median for name, value in evaluation.error_m.items()}
     assert medians == {
         "lateral": 0.3,
@@ -161,14 +161,14 @@ def test_a_match_reaches_as_far_as_said_and_no_farther(
     tmp_path: Path, right: float, ahead: float, found: bool
 ) -> None:
     truth = {"frames": FRAMES, "signs": [AT_30_M]}
-    evaluation = judged(tmp_path, [sign(1, (right, -1.0, ahead))], truth)
+    evaluation = evaluated(tmp_path, [sign(1, (right, -1.0, ahead))], truth)
     assert (evaluation.found_count == 1) is found
     assert len(evaluation.missed) == len(evaluation.false) == (0 if found else 1)
 
 
 def test_one_panel_is_found_once_and_by_the_nearest(tmp_path: Path) -> None:
     signs = [sign(1, (4.5, -1.0, 30.0)), sign(2, ON_IT)]
-    evaluation = judged(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
     assert evaluation.found == (("drive-0002", 1),)
     assert [false.sign_id for false in evaluation.false] == ["drive-0001"]
 
@@ -181,13 +181,13 @@ def test_one_panel_is_found_once_and_by_the_nearest(tmp_path: Path) -> None:
         {"frames": [view | {"box": [0, 0, 9, 9.9]} for view in AT_30_M["frames"]]},
         {"frames": [view | {"visible_fraction": 0.4} for view in AT_30_M["frames"]]},
     ],
-    ids=["turned away", "too few pictures", "too small", "hidden"],
+    ids=["turned away", "too few images", "too small", "hidden"],
 )
 def test_a_panel_that_need_not_be_found_counts_as_neither(
     tmp_path: Path, change: dict[str, Any]
 ) -> None:
     truth = {"frames": FRAMES, "signs": [AT_30_M | change]}
-    evaluation = judged(tmp_path, [sign(1, ON_IT)], truth)
+    evaluation = evaluated(tmp_path, [sign(1, ON_IT)], truth)
     assert (evaluation.wanted, evaluation.found_count, len(evaluation.false)) == (0, 0, 0)
     assert (evaluation.recall, evaluation.precision) == (1.0, 1.0)
 
@@ -195,13 +195,13 @@ def test_a_panel_that_need_not_be_found_counts_as_neither(
 def test_a_back_is_no_panel_to_match(tmp_path: Path) -> None:
     views = [view | {"side": "back", "visible_fraction": None} for view in AT_30_M["frames"]]
     truth = {"frames": FRAMES, "signs": [AT_30_M | {"frames": views}]}
-    evaluation = judged(tmp_path, [sign(1, ON_IT)], truth)
+    evaluation = evaluated(tmp_path, [sign(1, ON_IT)], truth)
     assert [false.cause for false in evaluation.false] == ["sign stop 1"]
 
 
-def test_backs_and_uncertain_rows_are_not_judged(tmp_path: Path) -> None:
+def test_backs_and_uncertain_rows_are_not_evaluated(tmp_path: Path) -> None:
     signs = [sign(1, (0, 0, 9), status="back"), sign(2, (0, 0, 9), status="uncertain")]
-    evaluation = judged(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
     assert not evaluation.false
     assert evaluation.recall == 0.0
 
@@ -211,7 +211,7 @@ def test_backs_are_counted_apart_right_where_a_panel_is_seen_from_behind(tmp_pat
     behind = AT_30_M | {"id": 4, "faces_travel": False, "frames": views}
     front = AT_30_M | {"id": 5, "centre": [40.0, 0.0, 2.0]}
     on_back, on_nothing = sign(1, ON_IT, status="back"), sign(2, (0, 0, 9), status="back")
-    evaluation = judged(
+    evaluation = evaluated(
         tmp_path, [on_back, on_nothing], {"frames": FRAMES, "signs": [behind, front]}
     )
     assert evaluation.backs == Backs(reported=2, right=1, in_view=1)
@@ -229,20 +229,20 @@ def test_a_false_sign_names_the_distractor_it_lies_on(tmp_path: Path) -> None:
     }
     truth = {"frames": FRAMES, "signs": [], "distractors": [billboard]}
     elsewhere = sign(2, (9, 0, 50), best_box=[500.0, 500.0, 520.0, 520.0])
-    evaluation = judged(tmp_path, [sign(1, (9, 0, 50)), elsewhere], truth)
+    evaluation = evaluated(tmp_path, [sign(1, (9, 0, 50)), elsewhere], truth)
     assert [false.cause for false in evaluation.false] == ["distractor billboard b-7", "unknown"]
-    assert evaluation.false[0].place == (9, 0, 50)
+    assert evaluation.false[0].position == (9, 0, 50)
 
 
 def test_a_sign_whose_best_frame_is_not_in_the_truth_is_false(tmp_path: Path) -> None:
     truth = {"frames": FRAMES, "signs": [AT_30_M]}
-    evaluation = judged(tmp_path, [sign(1, ON_IT, best_frame=77)], truth)
+    evaluation = evaluated(tmp_path, [sign(1, ON_IT, best_frame=77)], truth)
     assert len(evaluation.false) == 1
 
 
 def test_unknown_sizes_and_sigmas_are_left_out(tmp_path: Path) -> None:
     reported = sign(1, ON_IT, panel_width_m=None, bottom_m=None, sigma_up_m=None, sigma_along_m=0.0)
-    evaluation = judged(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
     assert (evaluation.width_error.n, evaluation.bottom_error_m.n) == (0, 0)
     assert (evaluation.sigma_share["up"].n, evaluation.sigma_share["along"].n) == (0, 0)
     assert evaluation.height_error.median == 0.0
@@ -266,26 +266,26 @@ LABEL = {"id": "R1", "wanted": True, "boxes": [{"i": 5, "box": [100, 100, 120, 1
 
 def test_a_label_is_found_by_an_observation_of_a_reported_sign(tmp_path: Path) -> None:
     seen = {"sign_id": "drive-0001", "frame": 5, "box": [101.0, 101.0, 121.0, 121.0]}
-    evaluation = judged_real(tmp_path, [sign(1, ON_IT)], [seen], labels(LABEL))
+    evaluation = evaluated_on_labels(tmp_path, [sign(1, ON_IT)], [seen], labels(LABEL))
     assert (evaluation.found, evaluation.missed, evaluation.false) == (("R1",), (), ())
 
 
 def test_observations_of_no_sign_find_nothing(tmp_path: Path) -> None:
     seen = {"sign_id": None, "frame": 5, "box": [100.0, 100.0, 120.0, 120.0]}
-    evaluation = judged_real(tmp_path, [], [seen], labels(LABEL))
+    evaluation = evaluated_on_labels(tmp_path, [], [seen], labels(LABEL))
     assert (evaluation.recall, evaluation.missed, evaluation.precision) == (0.0, ("R1",), 1.0)
 
 
 def test_a_label_that_need_not_be_found_saves_its_sign_from_being_false(tmp_path: Path) -> None:
     on_it = sign(1, ON_IT, best_frame=5)
-    evaluation = judged_real(tmp_path, [on_it], [], labels(LABEL | {"wanted": False}))
+    evaluation = evaluated_on_labels(tmp_path, [on_it], [], labels(LABEL | {"wanted": False}))
     assert (evaluation.wanted, evaluation.touching, evaluation.false) == (0, 1, ())
 
 
 def test_a_false_sign_on_a_boxed_distractor_says_which(tmp_path: Path) -> None:
     flag = {"what": "advertising flag", "source_frame": 32, "box": [100, 100, 120, 120]}
     on_it, off_it = sign(1, ON_IT, best_frame=8), sign(2, ON_IT, best_frame=9)
-    evaluation = judged_real(tmp_path, [on_it, off_it], [], labels(distractors=(flag,)))
+    evaluation = evaluated_on_labels(tmp_path, [on_it, off_it], [], labels(distractors=(flag,)))
     assert [false.cause for false in evaluation.false] == ["advertising flag", "unlabelled"]
 
 
@@ -295,7 +295,7 @@ def test_a_small_box_inside_a_large_one_is_the_same_thing_up_to_a_factor_of_five
     assert not same_thing([0, 0, 10, 10], [20, 20, 30, 30])
 
 
-# --- what cannot be judged -----------------------------------------------------------------------
+# --- what cannot be evaluated -----------------------------------------------------------------------
 
 
 def test_a_folder_without_tables_is_refused_with_the_command_that_fills_it(tmp_path: Path) -> None:
@@ -348,7 +348,7 @@ def test_figures_that_cannot_be_written_say_so(tmp_path: Path) -> None:
 def test_the_table_for_a_person_holds_every_part(tmp_path: Path) -> None:
     truth = {"frames": FRAMES, "signs": [AT_30_M, panel(2, (60.0, 5.0, 3.0), kind="yield")]}
     signs = [sign(1, ON_IT, color="orange"), sign(2, (0, 0, 9))]
-    text = format_evaluation(judged(tmp_path, signs, truth))
+    text = format_evaluation(evaluated(tmp_path, signs, truth))
     for part in (
         "recall     0.500   1 of 2 found",
         "precision  0.500   1 false",
@@ -376,7 +376,7 @@ def test_a_spread_lies_within_its_values(values: list[float]) -> None:
 
 
 def test_shares_of_nothing_are_unknown() -> None:
-    assert share([]) is None
+    assert fraction([]) is None
     assert spread([]).median is None
 
 
@@ -401,7 +401,7 @@ needs_reference = pytest.mark.skipif(
 @pytest.mark.parametrize("seed", range(3))
 def test_figures_of_rendered_drives_are_those_of_the_reference(tmp_path: Path, seed: int) -> None:
     signs, truth = random_rendered(np.random.default_rng(seed))
-    ours = judged(tmp_path, signs, truth)
+    ours = evaluated(tmp_path, signs, truth)
     theirs = reference(tmp_path, "--truth", "truth.json")
     assert ours.found_count > 2
     assert ours.false
@@ -415,7 +415,7 @@ def test_figures_of_rendered_drives_are_those_of_the_reference(tmp_path: Path, s
 @pytest.mark.parametrize("seed", range(3))
 def test_figures_of_real_drives_are_those_of_the_reference(tmp_path: Path, seed: int) -> None:
     signs, observations, marks = random_real(np.random.default_rng(seed))
-    ours = judged_real(tmp_path, signs, observations, marks)
+    ours = evaluated_on_labels(tmp_path, signs, observations, marks)
     theirs = reference(tmp_path, "--labels", "labels.json")
     assert ours.found
     assert ours.false

@@ -25,7 +25,7 @@ from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
 from wayside.pipeline.evidence.marks import COLOR_INK, OUTLINES
 from wayside.pipeline.evidence.sheet import BIG, MARGIN, PROPORTION, TILE, WIDTH, draw_crop
 from wayside.pipeline.evidence.write import write_evidence
-from wayside.pipeline.importing import import_pictures
+from wayside.pipeline.importing import import_images
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.run import run_log
@@ -40,21 +40,21 @@ camera_matrix: {rows: 3, cols: 3, data: [150, 0, 80, 0, 150, 60, 0, 0, 1]}
 distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
 """
-PICTURES, SPACING_M = 6, 8.0
+IMAGES, SPACING_M = 6, 8.0
 FACE = 200, 30, 40
 STEM = "d & r#1"
 NEAR, FAR, BARE = f"{STEM}-0001", f"{STEM}-0002", f"{STEM}-0003"
 
 
 def face_box(frame):
-    """Where every picture shows its one red face."""
+    """Where every image shows its one red face."""
     return [60.0 + 4 * frame, 40.0, 76.0 + 4 * frame, 54.0]
 
 
-def make_log(folder, name=f"{STEM}.mcap", pictures=PICTURES, broken=()):
-    source = folder / f"pictures of {name}"
+def make_log(folder, name=f"{STEM}.mcap", images=IMAGES, broken=()):
+    source = folder / f"images of {name}"
     source.mkdir(parents=True)
-    for frame in range(pictures):
+    for frame in range(images):
         pixels = np.full((120, 160, 3), (90, 120 + frame, 90), np.uint8)
         x0, y0, x1, y1 = (int(edge) for edge in face_box(frame))
         pixels[y0:y1, x0:x1] = FACE
@@ -63,7 +63,7 @@ def make_log(folder, name=f"{STEM}.mcap", pictures=PICTURES, broken=()):
         file.write_bytes(content[:60] if frame in broken else content)
     calibration = folder / "camera.yaml"
     calibration.write_text(CALIBRATION)
-    import_pictures([source], calibration, SPACING_M, folder / name)
+    import_images([source], calibration, SPACING_M, folder / name)
     return folder / name
 
 
@@ -271,9 +271,9 @@ def test_only_wanted_images_are_decoded(tmp_path):
     log = make_log(tmp_path, broken=(0, 2, 5))
     times = {frame.index: frame.log_time_ns for frame in read_all(log)}
     report = ReadReport()
-    pictures = read_images(log, ReadSettings(thin_m=0.0), {1, 3}, times, report)
-    assert [(p.frame.index, p.frame.status) for p in pictures] == [(1, "used"), (3, "used")]
-    assert report.statuses.total() < PICTURES  # reading ends with the last of them
+    images = read_images(log, ReadSettings(thin_m=0.0), {1, 3}, times, report)
+    assert [(p.frame.index, p.frame.status) for p in images] == [(1, "used"), (3, "used")]
+    assert report.statuses.total() < IMAGES  # reading ends with the last of them
 
 
 def test_an_image_that_does_not_decode_is_left_empty(out, tmp_path):
@@ -284,7 +284,7 @@ def test_an_image_that_does_not_decode_is_left_empty(out, tmp_path):
 
 
 def test_a_log_that_ends_early_still_gives_all_sheets(out, tmp_path):
-    log = make_log(tmp_path, pictures=4)
+    log = make_log(tmp_path, images=4)
     written = write_evidence(out, tmp_path / "sheets", log=log)
     assert written.lost_views == 2
     assert all(path.is_file() for path in written.sheets)
@@ -491,7 +491,7 @@ def test_long_words_are_cut_to_the_room_they_have(width):
 
 
 def test_the_command_ends_with_the_status_of_lost_parts(out, tmp_path):
-    log = make_log(tmp_path, pictures=4)
+    log = make_log(tmp_path, images=4)
     result = CliRunner().invoke(app, ["evidence", str(out), "--log", str(log)])
     assert result.exit_code == 4
     assert "2 views have no image" in result.stderr

@@ -7,7 +7,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 
-from wayside.pipeline.importing import count_pictures, import_pictures
+from wayside.pipeline.importing import count_images, import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -27,7 +27,7 @@ def calibration(tmp_path):
     return path
 
 
-def write_picture(path, width=32, height=24):
+def write_image(path, width=32, height=24):
     pixels = np.random.default_rng(len(path.name)).integers(0, 256, (height, width, 3), np.uint8)
     assert cv2.imwrite(str(path), pixels)
     return path
@@ -37,28 +37,28 @@ def frames_of(log, **settings):
     return list(read_frames(log, ReadSettings(**settings), ReadReport()))
 
 
-def test_pictures_become_a_log_that_needs_no_spacing(tmp_path, calibration):
-    folder = tmp_path / "pictures"
+def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
+    folder = tmp_path / "images"
     folder.mkdir()
-    files = [write_picture(folder / f"P{n}.jpg") for n in (9, 10, 11, 100)]
-    (folder / "notes.txt").write_text("no picture")
+    files = [write_image(folder / f"P{n}.jpg") for n in (9, 10, 11, 100)]
+    (folder / "notes.txt").write_text("no image")
     out = tmp_path / "drive.mcap"
-    assert import_pictures([folder], calibration, 8.04672, out) == 4
+    assert import_images([folder], calibration, 8.04672, out) == 4
     frames = frames_of(out)
     assert [bytes(f.data) for f in frames] == [f.read_bytes() for f in files]
     assert [f.spacing_m for f in frames] == [None, 8.04672, 8.04672, 8.04672]
     assert {f.camera.fy for f in frames} == {51.0}
     assert frames[0].camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.5)
     assert all(f.header_time_ns is None for f in frames)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "drive.mcap", "pictures"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "drive.mcap", "images"]
 
 
 def test_missing_numbers_are_missing_distances(tmp_path, calibration):
-    files = [write_picture(tmp_path / f"{n:04d}.png") for n in (3, 4, 6, 7)]
+    files = [write_image(tmp_path / f"{n:04d}.png") for n in (3, 4, 6, 7)]
     out = tmp_path / "drive.mcap"
-    import_pictures(files, calibration, 10.0, out)
+    import_images(files, calibration, 10.0, out)
     assert [f.spacing_m for f in frames_of(out)] == [None, 10.0, 20.0, 10.0]
-    given = frames_of(out, spacing_m=9.0)  # --spacing is the distance between pictures as they are
+    given = frames_of(out, spacing_m=9.0)  # --spacing is the distance between images as they are
     assert [f.spacing_m for f in given] == [None, 9.0, 9.0, 9.0]
 
 
@@ -74,20 +74,20 @@ def test_missing_numbers_are_missing_distances(tmp_path, calibration):
         (["a7"], [1]),
     ],
 )
-def test_pictures_are_counted_by_their_numbers_where_these_are_even(names, counts):
-    assert count_pictures([Path(f"{name}.jpg") for name in names]) == counts
+def test_images_are_counted_by_their_numbers_where_these_are_even(names, counts):
+    assert count_images([Path(f"{name}.jpg") for name in names]) == counts
 
 
 def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path, calibration):
     out = tmp_path / "drive.mcap"
-    file = write_picture(tmp_path / "1.jpg")
-    import_pictures([file], calibration, 8.0, out)
+    file = write_image(tmp_path / "1.jpg")
+    import_images([file], calibration, 8.0, out)
     with out.open("rb") as stream:
         reader = make_reader(stream)
         messages = {s.name: m.data for s, _, m in reader.iter_messages()}
         metadata = {m.name: m.metadata for m in reader.iter_metadata()}
-    picture = CompressedImage.FromString(messages["foxglove.CompressedImage"])
-    assert (picture.data, picture.format) == (file.read_bytes(), "jpeg")
+    image = CompressedImage.FromString(messages["foxglove.CompressedImage"])
+    assert (image.data, image.format) == (file.read_bytes(), "jpeg")
     camera = CameraCalibration.FromString(messages["foxglove.CameraCalibration"])
     assert (camera.width, camera.height, camera.distortion_model) == (32, 24, "plumb_bob")
     assert list(camera.K) == [50, 0, 16, 0, 51, 12, 0, 0, 1]
@@ -96,45 +96,45 @@ def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path
     assert metadata["wayside"]["spacing_m"] == "8.0"
 
 
-def test_the_same_pictures_give_the_same_bytes(tmp_path, calibration):
-    files = [write_picture(tmp_path / f"{n}.jpg") for n in range(3)]
+def test_the_same_images_give_the_same_bytes(tmp_path, calibration):
+    files = [write_image(tmp_path / f"{n}.jpg") for n in range(3)]
     logs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     for log in logs:
-        import_pictures(files, calibration, 8.0, log)
+        import_images(files, calibration, 8.0, log)
     assert logs[0].read_bytes() == logs[1].read_bytes()
 
 
-def test_a_picture_of_another_size_is_named_and_no_log_is_left(tmp_path, calibration):
-    files = [write_picture(tmp_path / "1.jpg"), write_picture(tmp_path / "2.jpg", width=40)]
+def test_an_image_of_another_size_is_named_and_no_log_is_left(tmp_path, calibration):
+    files = [write_image(tmp_path / "1.jpg"), write_image(tmp_path / "2.jpg", width=40)]
     with pytest.raises(InputError, match=r"2\.jpg: wanted 32 x 24 .* found 40 x 24"):
-        import_pictures(files, calibration, 8.0, tmp_path / "drive.mcap")
+        import_images(files, calibration, 8.0, tmp_path / "drive.mcap")
     assert not list(tmp_path.glob("drive*"))
 
 
-def test_what_is_no_picture_is_named(tmp_path, calibration):
-    (tmp_path / "1.jpg").write_text("no picture")
+def test_what_is_no_image_is_named(tmp_path, calibration):
+    (tmp_path / "1.jpg").write_text("no image")
     with pytest.raises(InputError, match=r"1\.jpg: wanted a JPEG or PNG"):
-        import_pictures([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
+        import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
 
 
-def test_a_missing_picture_is_named(tmp_path, calibration):
-    with pytest.raises(InputError, match=r"1\.jpg: wanted a picture, found no such file"):
-        import_pictures([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
+def test_a_missing_image_is_named(tmp_path, calibration):
+    with pytest.raises(InputError, match=r"1\.jpg: wanted an image, found no such file"):
+        import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
 
 
 def test_an_empty_folder_is_refused(tmp_path, calibration):
-    (tmp_path / "pictures").mkdir()
+    (tmp_path / "images").mkdir()
     with pytest.raises(UsageError, match="found none"):
-        import_pictures([tmp_path / "pictures"], calibration, 8.0, tmp_path / "drive.mcap")
+        import_images([tmp_path / "images"], calibration, 8.0, tmp_path / "drive.mcap")
 
 
 @pytest.mark.parametrize("spacing", [0.0, -1.0, float("nan")])
 def test_a_spacing_that_is_none_is_refused(tmp_path, calibration, spacing):
     with pytest.raises(UsageError, match="--spacing"):
-        import_pictures([tmp_path], calibration, spacing, tmp_path / "drive.mcap")
+        import_images([tmp_path], calibration, spacing, tmp_path / "drive.mcap")
 
 
 def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path, calibration):
-    file = write_picture(tmp_path / "1.jpg")
+    file = write_image(tmp_path / "1.jpg")
     with pytest.raises(OutputError, match="could not be written"):
-        import_pictures([file], calibration, 8.0, tmp_path / "none" / "drive.mcap")
+        import_images([file], calibration, 8.0, tmp_path / "none" / "drive.mcap")

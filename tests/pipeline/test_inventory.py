@@ -154,7 +154,7 @@ def test_every_region_is_listed_on_request(tmp_path):
     assert pq.read_metadata(tmp_path / OBSERVATIONS.file).num_rows == 4
 
 
-def test_candidates_that_were_left_out_are_counted_by_picture_and_in_all(tmp_path):
+def test_candidates_that_were_left_out_are_counted_by_image_and_in_all(tmp_path):
     room = zip(drive(), (5, 0, 6, 7), strict=True)
     frames = [dataclasses.replace(frame, left_out=count) for frame, count in room]
     inventory = write(tmp_path, frames)
@@ -163,7 +163,7 @@ def test_candidates_that_were_left_out_are_counted_by_picture_and_in_all(tmp_pat
     assert inventory.verdicts["left_out"] == 18
 
 
-def test_every_picture_has_a_row_used_or_not(tmp_path):
+def test_every_image_has_a_row_used_or_not(tmp_path):
     write(tmp_path, drive())
     rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
     assert [(r["frame"], r["status"]) for r in rows] == [
@@ -197,7 +197,7 @@ def test_fixes_add_wgs84_and_geoparquet_metadata(tmp_path):
 
 
 def test_signs_grow_with_the_lengths_that_the_whole_drive_gives(tmp_path):
-    steps, fixed_m = 30, 8.2  # the pictures were first taken for 8 m apart
+    steps, fixed_m = 30, 8.2  # the images were first taken for 8 m apart
     sigma = (0.02, 0.02, 0.03)
     frames = []
     for n in range(steps):
@@ -222,9 +222,9 @@ def test_signs_grow_with_the_lengths_that_the_whole_drive_gives(tmp_path):
     assert row["lateral_m"] == pytest.approx(4.0 * scale, rel=2e-3)
     assert row["up_m"] == pytest.approx((1.0 + 1.8) * scale, rel=2e-3)
     assert row["station_m"] == pytest.approx((160 + 12) * scale, rel=3e-3)
-    pictures = pq.read_table(tmp_path / FRAMES.file).to_pylist()
-    assert pictures[29]["station_m"] == pytest.approx(29 * fixed_m, abs=0.5)
-    assert pictures[10]["baseline_m"] == pytest.approx(fixed_m, abs=0.02)
+    images = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    assert images[29]["station_m"] == pytest.approx(29 * fixed_m, abs=0.5)
+    assert images[10]["baseline_m"] == pytest.approx(fixed_m, abs=0.02)
     assert found.path.camera_height_m == pytest.approx(1.8 * scale, rel=2e-3)
 
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.importing import import_pictures
+from wayside.pipeline.importing import import_images
 from wayside.pipeline.learn import gather, main
 from wayside.pipeline.learning import detector, prefilter
 from wayside.pipeline.learning.backs import learn_back_classifier
@@ -24,6 +24,7 @@ from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import TreeModel
+from wayside.schemas.settings import Settings
 from wayside.stages.detection import REGION_FEATURES
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
@@ -40,9 +41,9 @@ BEHIND = {"id": 9, "faces_travel": False, "lateral_m": -5.0, "eligible_frames": 
 
 
 def write_drive(folder, name, seed):
-    """Six pictures of three rectangles each, with masks and truth."""
+    """Six images of three rectangles each, with masks and truth."""
     rng = np.random.default_rng(seed)
-    images = folder / f"{name}_pictures"
+    images = folder / f"{name}_images"
     masks = folder / f"{name}.masks"
     images.mkdir()
     masks.mkdir()
@@ -101,7 +102,7 @@ def write_drive(folder, name, seed):
     (folder / f"{name}.truth.json").write_text(json.dumps(truth))
     calibration = folder / "camera.yaml"
     calibration.write_text(CALIBRATION)
-    import_pictures([images], calibration, 8.0, folder / f"{name}.mcap")
+    import_images([images], calibration, 8.0, folder / f"{name}.mcap")
     return truth
 
 
@@ -181,12 +182,12 @@ def test_drives_without_backs_teach_none(tmp_path):
     truth["signs"] = [sign for sign in truth["signs"] if sign["faces_travel"]]
     path = tmp_path / "learn_a.truth.json"
     path.write_text(json.dumps(truth))
-    drive = gather([tmp_path / "learn_a.mcap"], None, 1, print).drives[0]
+    drive = gather([tmp_path / "learn_a.mcap"], None, Settings(), 1, print).drives[0]
     one = detector.PrefilteredDrive(
         drive, drive.candidates, np.zeros((len(drive.candidates.label), 0), np.float32)
     )
     with pytest.raises(InputError, match="found 0; add drives"):
-        learn_back_classifier([one], 1, "")
+        learn_back_classifier([one], 1, "", 0.4)
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from wayside.pipeline.inventory import Inventory
+from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.run import RunResult
 from wayside.pipeline.summary import print_summary
@@ -17,7 +17,7 @@ LATE = "the fixes are 0.200 s behind the images (± 0.015 s), or their antenna 4
 
 def result(notes):
     path = DrivePath("enu", {}, {}, {}, np.zeros(0), None, None, {}, notes)
-    inventory = Inventory("a", (), path, {"signs.parquet": 0}, {})
+    inventory = WrittenTables("a", (), path, {"signs.parquet": 0}, {})
     report = ReadReport(notes=["header times are of different clocks"])
     return RunResult(Path("a.mcap"), Path("out"), inventory, report, {"used": 3}, {}, 1.0)
 

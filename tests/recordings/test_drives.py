@@ -204,10 +204,10 @@ def test_masks_show_the_signs_inside_their_boxes(truth: dict[str, Any], rendered
     assert seen >= 3
 
 
-def written(folder: Path, spec: DriveSpec, pictures: list[Any]) -> Path:
-    """Log of a drive with other pictures than the rendered ones."""
+def written(folder: Path, spec: DriveSpec, images: list[Any]) -> Path:
+    """Log of a drive with other images than the rendered ones."""
     poses = drive_poses(spec, build_alignment(spec.road, spec.path.heading_deg))
-    write_log(folder / "odd.mcap", spec, poses, pictures)
+    write_log(folder / "odd.mcap", spec, poses, images)
     return folder / "odd.mcap"
 
 
@@ -243,11 +243,11 @@ ROS2_TOPICS = {"/front/camera_info", "/odom", "/fix"}
 def test_every_dialect_says_the_same_in_a_way_that_others_can_read(
     tiny: DriveSpec, tmp_path: Path, dialect: Any, raw: bool
 ) -> None:
-    picture: Any = np.arange(240 * 320 * 3).astype(np.uint8).reshape(240, 320, 3)
+    content: Any = np.arange(240 * 320 * 3).astype(np.uint8).reshape(240, 320, 3)
     if not raw:
-        picture = cv2.imencode(".jpg", picture)[1].tobytes()
+        content = cv2.imencode(".jpg", content)[1].tobytes()
     spec = replace(tiny, log=replace(tiny.log, dialect=dialect, raw=raw))
-    log = written(tmp_path, spec, [picture] * 3)
+    log = written(tmp_path, spec, [content] * 3)
     with log.open("rb") as stream:
         messages = list(make_reader(stream).iter_messages())
     ros2_image = "/front/image_raw" if raw else "/front/image_raw/compressed"
@@ -258,7 +258,7 @@ def test_every_dialect_says_the_same_in_a_way_that_others_can_read(
         assert schema is not None
         found |= {channel.topic: READERS[dialect](channel, schema, message.data)}
     (image,) = (fields for topic, fields in found.items() if "image" in topic)
-    assert bytes(image["data"]) == (picture.tobytes() if raw else picture)
+    assert bytes(image["data"]) == (content.tobytes() if raw else content)
     (info,) = (fields for fields in found.values() if "K" in fields)
     assert list(info["K"]) == [280, 0, 160, 0, 282, 119, 0, 0, 1]
     assert list(info["D"]) == [-0.1, 0.05, 0.001, -0.002, 0]
@@ -276,11 +276,11 @@ def test_messages_are_logged_later_than_they_were_stamped(
     assert messages[0].log_time - messages[0].publish_time == tiny.log.latency_ms * 1e6
 
 
-def test_a_log_may_hold_pictures_and_calibration_alone_and_no_index(
+def test_a_log_may_hold_images_and_calibration_alone_and_no_index(
     tiny: DriveSpec, tmp_path: Path
 ) -> None:
     bare = replace(tiny.log, poses=False, fixes=False, index=False, compression="lz4")
-    log = written(tmp_path, replace(tiny, log=bare), [b"picture"] * 3)
+    log = written(tmp_path, replace(tiny, log=bare), [b"image"] * 3)
     with log.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is None or not summary.chunk_indexes

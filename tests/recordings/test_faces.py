@@ -11,7 +11,7 @@ pytest.importorskip(
     "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
 )
 
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.sensor import Exposure, Sensor
 from recordings.drives.signs.catalogue import GROUPS
 from recordings.drives.signs.face import COLORS, Face
@@ -52,7 +52,7 @@ def developed(sensor: SensorSpec, light: float | np.ndarray) -> np.ndarray:
     camera = CameraSpec(width=32, height=24, fx=30.0, fy=30.0, cx=15.5, cy=11.5)
     bare = replace(sensor, vignette=0.0, blur_px=0.0, motion_blur_px=0.0, noise=0.0, sharpen=0.0)
     spec = DriveSpec("plain", 1, 1, camera=camera, sensor=bare)
-    lens = Camera(camera)
+    lens = CameraModel(camera)
     canvas = np.empty((lens.canvas_height, lens.canvas_width, 3), np.float32)
     canvas[:] = light
     return Sensor(spec, lens).develop(canvas, 0, Exposure(1.0, (1.0, 1.0, 1.0)))

@@ -1,4 +1,7 @@
-"""A made-up drive past flat panels, with exact truth: boxes, motion and candidates without pictures."""
+"""Made-up input of the stages.
+
+A drive past flat panels with exact truth (boxes, motion and candidates without images), and images of random texture.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, SHAPES, Candidates, Detections, Features, Regions
+from wayside.schemas.detections import (
+    COLORS,
+    SHAPES,
+    Candidates,
+    Detections,
+    Features,
+    Regions,
+    Segmentation,
+    verdict_code,
+)
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import LinearModel
@@ -24,6 +38,7 @@ from wayside.stages.panel import PanelMethod
 from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+DISTORTED = Camera(640, 480, 560.0, 560.0, 320.0, 240.0, (-0.15, 0.08, 0.0, 0.0005, -0.02))
 SPACING = 8.0
 
 
@@ -44,7 +59,7 @@ class Panel:
 
 
 def boxes_of(panels: Sequence[Panel], frame: int) -> list[tuple[Panel, list[float]]]:
-    """Panels that lie in the picture of a frame and are at least 6 px tall, with their boxes."""
+    """Panels that lie in the image of a frame and are at least 6 px tall, with their boxes."""
     found = []
     for panel in panels:
         z = panel.along + (panel.speed + panel.change * frame / 2 - SPACING) * frame
@@ -150,5 +165,48 @@ def drive() -> Callable[..., list[PosedDetections]]:
         return [
             moved_frame(i, panels, used=i not in unused, step=int(steps[i])) for i in range(frames)
         ]
+
+    return make
+
+
+@pytest.fixture
+def texture() -> Callable[..., NDArray[np.uint8]]:
+    """Makes a grey image of blurred noise: `texture(height=480, width=640, seed=0, contrast=60.0)`."""
+
+    def make(
+        height: int = 480, width: int = 640, seed: int = 0, contrast: float = 60.0
+    ) -> NDArray[np.uint8]:
+        noise = np.random.default_rng(seed).normal(0, 1, (height, width)).astype(np.float32)
+        blurred = cv2.GaussianBlur(noise, (0, 0), 2.5)
+        return np.clip(128 + contrast * blurred / blurred.std(), 0, 255).astype(np.uint8)
+
+    return make
+
+
+@pytest.fixture
+def detections_of() -> Callable[..., Detections]:
+    """Makes the detections of a grey image (480, 640) or of a frame without one: `detections_of(grey, boxes)`."""
+
+    def make(
+        grey: NDArray[np.uint8] | None,
+        boxes: Sequence[tuple[float, ...]] = (),
+        verdicts: Sequence[str] = (),
+        status: str = USED,
+    ) -> Detections:
+        box = np.array(boxes, np.float32).reshape(-1, 4)
+        n = len(box)
+        area = ((box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])).astype(np.int32)
+        candidates = Candidates.of(
+            Regions(box, area, np.zeros((n, 3), np.float32), np.zeros(n, np.uint8))
+        )
+        if len(verdicts):
+            candidates.verdict[:] = [verdict_code(name) for name in verdicts]
+        frame = Frame(3, 0, None, status, "jpeg", b"", DISTORTED, 640, 480)
+        image = Image(frame, None if grey is None else np.dstack([grey] * 3), grey)
+        empty = np.zeros((0, 3), np.float32)
+        segmentation = Segmentation(
+            image, candidates.regions, n, empty, np.zeros(0, np.float32), (100, 300)
+        )
+        return Detections(segmentation, candidates)
 
     return make

@@ -1,1 +1,1 @@
-"""Sky and ground of one picture on the undistorted canvas, linear light, RGB."""
+"""Sky and ground of one image on the undistorted canvas, linear light, RGB."""

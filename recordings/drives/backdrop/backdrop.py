@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Singles
 from recordings.drives.backdrop.ground import Ground
 from recordings.drives.backdrop.mesh import SKY, make_facets
 from recordings.drives.backdrop.sky import Sky
 from recordings.drives.backdrop.tiles import BAND_ROWS, make_tiles
-from recordings.drives.camera import Camera
-from recordings.drives.poses import Pose
+from recordings.drives.camera import CameraModel
+from recordings.drives.poses import TimedPose
 from recordings.drives.spec import DriveSpec
 from recordings.drives.sunlight import Sunlight
 
@@ -22,8 +22,8 @@ class Backdrop:
     def __init__(
         self,
         spec: DriveSpec,
-        road: Alignment,
-        camera: Camera,
+        road: RoadAlignment,
+        camera: CameraModel,
         sun: Sunlight,
         dapple: Singles | None,
     ) -> None:
@@ -32,7 +32,7 @@ class Backdrop:
         self.sky = Sky(spec.light, sun, tiles, camera)
         self.ground = Ground(spec, sun, tiles, camera, dapple)
 
-    def draw(self, pose: Pose) -> tuple[Singles, Singles]:
+    def draw(self, pose: TimedPose) -> tuple[Singles, Singles]:
         """Canvas (rows, columns, 3) with sky and ground, and the depth of the ground (m, infinite for sky)."""
         canvas = np.empty((self.camera.canvas_height, self.camera.canvas_width, 3), np.float32)
         facets = make_facets(self.road, pose, self.camera)

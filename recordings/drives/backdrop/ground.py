@@ -19,7 +19,7 @@ from recordings.drives.backdrop.cover import (
 )
 from recordings.drives.backdrop.mesh import Facets
 from recordings.drives.backdrop.tiles import Tiles
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.paint.noise import sample_tile
 from recordings.drives.spec import DriveSpec
 from recordings.drives.sunlight import Sunlight
@@ -52,7 +52,12 @@ class Ground:
     """Shades the ground of one drive."""
 
     def __init__(
-        self, spec: DriveSpec, sun: Sunlight, tiles: Tiles, camera: Camera, dapple: Singles | None
+        self,
+        spec: DriveSpec,
+        sun: Sunlight,
+        tiles: Tiles,
+        camera: CameraModel,
+        dapple: Singles | None,
     ) -> None:
         self.spec, self.sunlight, self.tiles, self.dapple = spec, sun, tiles, dapple
         covers = materials(spec.scene.season)

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats, Singles
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.geometry import clip_near
-from recordings.drives.poses import Pose
+from recordings.drives.poses import TimedPose
 
 SKY = -1
 _NEAR_M = 0.6
@@ -44,7 +44,7 @@ class _Patch:
     curvature: Floats
 
 
-def _patches(road: Alignment, station: float) -> _Patch:
+def _patches(road: RoadAlignment, station: float) -> _Patch:
     """Facets around a station, the farthest first; they reach sideways as far as the road's curve allows."""
     last = float(road.station[-1]) - 5
     steps = ((-2, 40, 2), (40, 160, 4), (160, 480, 10), (480, 1300, 40))
@@ -84,7 +84,7 @@ def _equations(patch: _Patch, local: Floats) -> Floats:
     return table
 
 
-def _plain(road: Alignment, pose: Pose) -> Floats:
+def _plain(road: RoadAlignment, pose: TimedPose) -> Floats:
     """Row of the table for a plain below everything that the facets do not reach."""
     forward, right, _ = road.axes(pose.station_m)
     level = min(0.0, float(road.at(road.z, pose.station_m))) - _FALL_BELOW_ROAD_M
@@ -94,7 +94,7 @@ def _plain(road: Alignment, pose: Pose) -> Floats:
     return row
 
 
-def make_facets(road: Alignment, pose: Pose, camera: Camera) -> Facets:
+def make_facets(road: RoadAlignment, pose: TimedPose, camera: CameraModel) -> Facets:
     """The ground as one camera sees it, near facets over far ones."""
     patch = _patches(road, pose.station_m)
     edges = (

@@ -6,10 +6,10 @@ import numpy as np
 
 from recordings.drives.arrays import Singles
 from recordings.drives.backdrop.tiles import TILE, Tiles
-from recordings.drives.camera import Camera
+from recordings.drives.camera import CameraModel
 from recordings.drives.paint.noise import sample_tile
 from recordings.drives.paint.texture import linear
-from recordings.drives.poses import Pose
+from recordings.drives.poses import TimedPose
 from recordings.drives.spec import LightSpec
 from recordings.drives.sunlight import Sunlight
 
@@ -21,13 +21,13 @@ _OVERCAST = 0.8  # cloud cover from which clouds reach the horizon
 class Sky:
     """Draws the sky of one drive."""
 
-    def __init__(self, light: LightSpec, sun: Sunlight, tiles: Tiles, camera: Camera) -> None:
+    def __init__(self, light: LightSpec, sun: Sunlight, tiles: Tiles, camera: CameraModel) -> None:
         self.light, self.sunlight, self.tiles = light, sun, tiles
         self.focal = camera.canvas_focal
         self.ray_x = camera.canvas_columns().astype(np.float32)
         self.ray_y = camera.canvas_rows().astype(np.float32)
 
-    def draw(self, pose: Pose, rows: slice) -> Singles:
+    def draw(self, pose: TimedPose, rows: slice) -> Singles:
         """Radiance (rows, canvas columns, 3) of some canvas rows as if there were no ground."""
         east, north, up = self._directions(pose, rows)
         sky = self._clear(east, north, up)
@@ -37,7 +37,7 @@ class Sky:
             sky = self._with_skyline(sky, east, north, up)
         return sky
 
-    def _directions(self, pose: Pose, rows: slice) -> tuple[Singles, Singles, Singles]:
+    def _directions(self, pose: TimedPose, rows: slice) -> tuple[Singles, Singles, Singles]:
         """Unit direction of every pixel, east, north and up."""
         x, y = np.broadcast_arrays(self.ray_x[None, :], self.ray_y[rows, None])
         r = pose.rotation.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Noise that every picture of a drive shares."""
+"""Noise that every image of a drive shares."""
 
 from __future__ import annotations
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from recordings.drives.arrays import Floats, Singles
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.layout.vegetation import Foliage
 from recordings.drives.paint.roadside import rod
 from recordings.drives.paint.texture import Texture, linear, rgba
-from recordings.drives.parts import UP, Part, Quad, Sign, Sprite
+from recordings.drives.parts import UP, Part, PlacedSign, Quad, Sprite
 from recordings.drives.signs.ageing import aged
 from recordings.drives.signs.catalogue import Assembly
 from recordings.drives.spec import SignSpec
@@ -138,7 +138,7 @@ def _bare_back(front: Quad, rng: np.random.Generator) -> Quad:
 class Assembler:
     """Puts up assemblies; `dapple` is the tile of light that falls through leaves, if there is any."""
 
-    plan: Plan
+    plan: LayoutPlan
     foliage: Foliage
     dapple: Singles | None
 
@@ -190,7 +190,7 @@ class Assembler:
             fronts.append(front)
             backs.append(_bare_back(front, rng))
             plan.signs.append(
-                Sign(
+                PlacedSign(
                     sign_id=front.sign_id,
                     assembly_id=plan.assemblies,
                     face=face,

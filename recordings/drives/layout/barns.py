@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
 from recordings.drives.paint.buildings import gable, wall
 from recordings.drives.paint.texture import Rgb
@@ -45,7 +45,7 @@ _STYLES = {
 
 
 def build(
-    road: Alignment, rng: np.random.Generator, station: float, offset: float
+    road: RoadAlignment, rng: np.random.Generator, station: float, offset: float
 ) -> tuple[str, Floats, list[Part]]:
     """A building of some kind along the road or across it: its kind, base (world, m) and parts."""
     _, right, _ = road.axes(station)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Singles
 from recordings.drives.layout.assembly import Assembler
 from recordings.drives.layout.lines import place_lines
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.layout.signs import place_signs
 from recordings.drives.layout.structures import place_structures
 from recordings.drives.layout.traffic import place_traffic
 from recordings.drives.layout.vegetation import Foliage, plant_vegetation
 from recordings.drives.paint.noise import noise_tile
-from recordings.drives.poses import Pose
+from recordings.drives.poses import TimedPose
 from recordings.drives.scene import Scene
 from recordings.drives.spec import DriveSpec
 
 
-def build_scene(spec: DriveSpec, road: Alignment, poses: list[Pose]) -> Scene:
-    """Everything that stands or drives along a road, as far as the pictures of a drive reach."""
-    plan = Plan(spec, road, end=poses[-1].station_m)
+def build_scene(spec: DriveSpec, road: RoadAlignment, poses: list[TimedPose]) -> Scene:
+    """Everything that stands or drives along a road, as far as the images of a drive reach."""
+    plan = LayoutPlan(spec, road, end=poses[-1].station_m)
     foliage, dapple = Foliage(plan.rng(20), spec.scene.season), _dapple(spec)
     place_signs(plan, Assembler(plan, foliage, dapple))
     plant_vegetation(plan, foliage)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.paint.roadside import fence, guardrail, plain, rod
 from recordings.drives.parts import UP, Quad, Sprite
 
@@ -18,7 +18,7 @@ _WIRE_SAG_M = 0.9
 _WOOD = (98, 82, 66)
 
 
-def place_lines(plan: Plan) -> None:
+def place_lines(plan: LayoutPlan) -> None:
     """Place all linear features."""
     rng = plan.rng(22)
     if plan.spec.scene.fences:
@@ -29,7 +29,7 @@ def place_lines(plan: Plan) -> None:
     _delineators(plan, rng)
 
 
-def _fences(plan: Plan, rng: np.random.Generator) -> None:
+def _fences(plan: LayoutPlan, rng: np.random.Generator) -> None:
     """Wire fences on both sides, with gaps at side roads."""
     road, texture = plan.road, fence(rng)
     for t in (-38.0, 17.0) if plan.spec.road.kind == "four_lane" else (-15.0, 14.5):
@@ -40,7 +40,7 @@ def _fences(plan: Plan, rng: np.random.Generator) -> None:
                 plan.add_unlisted("fence", (a + b) / 2, [panel], 160.0)
 
 
-def _utility_line(plan: Plan, rng: np.random.Generator) -> None:
+def _utility_line(plan: LayoutPlan, rng: np.random.Generator) -> None:
     """Poles with a cross-arm and three sagging wires between them."""
     road = plan.road
     away = 26.0 if plan.spec.road.kind == "four_lane" else 12.5
@@ -64,7 +64,7 @@ def _utility_line(plan: Plan, rng: np.random.Generator) -> None:
                 plan.add_unlisted("wire", piece.origin, [piece], 200.0)
 
 
-def _guardrails(plan: Plan) -> None:
+def _guardrails(plan: LayoutPlan) -> None:
     """W-beams where the specification asks for them."""
     road, rail = plan.road, guardrail()
     for start, stop, side in plan.spec.road.guardrails:
@@ -75,7 +75,7 @@ def _guardrails(plan: Plan) -> None:
             plan.add("guardrail", (a + b) / 2, [beam])
 
 
-def _delineators(plan: Plan, rng: np.random.Generator) -> None:
+def _delineators(plan: LayoutPlan, rng: np.random.Generator) -> None:
     """White posts with a reflector."""
     post, reflector = rod((226, 226, 220)), plain((240, 240, 240))
     edge = {"four_lane": 7.0, "street": 6.5}.get(plan.spec.road.kind, 5.6)

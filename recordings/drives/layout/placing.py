@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from recordings.drives.alignment import Alignment
+from recordings.drives.alignment import RoadAlignment
 from recordings.drives.arrays import Floats
-from recordings.drives.parts import Group, Part, Sign
+from recordings.drives.parts import Group, Part, PlacedSign
 from recordings.drives.scene import Mover
 from recordings.drives.spec import DriveSpec
 
@@ -18,16 +18,16 @@ LISTED_REACH_M = 500.0
 
 
 @dataclass
-class Plan:
+class LayoutPlan:
     """A layout in the making.
 
     Every concern draws from a random stream of its own, so that densities do not move the signs.
     """
 
     spec: DriveSpec
-    road: Alignment
-    end: float  # station of the last picture, m
-    signs: list[Sign] = field(default_factory=list)
+    road: RoadAlignment
+    end: float  # station of the last image, m
+    signs: list[PlacedSign] = field(default_factory=list)
     groups: list[Group] = field(default_factory=list)
     movers: list[Mover] = field(default_factory=list)
     assemblies: int = 0
@@ -57,7 +57,7 @@ class Plan:
     def spread(
         self, rng: np.random.Generator, per_100m: float, beyond: float = VIEW_BEYOND_M
     ) -> Floats:
-        """Random stations at a density, in order, up to a distance beyond the last picture."""
+        """Random stations at a density, in order, up to a distance beyond the last image."""
         length = self.end + beyond
         return np.sort(rng.uniform(-10, length, round(per_100m * length / 100)))
 

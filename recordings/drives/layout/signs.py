@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from recordings.drives.layout.assembly import Assembler, Place, widest
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.paint.roadside import rod, truss
 from recordings.drives.parts import UP, Part, Quad, Sprite
 from recordings.drives.signs.catalogue import GROUPS, Assembly
@@ -42,7 +42,7 @@ class _Deck:
         return GROUPS[name](rng)
 
 
-def place_signs(plan: Plan, assembler: Assembler) -> None:
+def place_signs(plan: LayoutPlan, assembler: Assembler) -> None:
     """Place every sign of a drive."""
     rng, road = plan.rng(0), plan.spec.road
     _along_the_road(plan, assembler, rng)
@@ -57,7 +57,7 @@ def place_signs(plan: Plan, assembler: Assembler) -> None:
         _gantry(plan, assembler, where)
 
 
-def _along_the_road(plan: Plan, assembler: Assembler, rng: np.random.Generator) -> None:
+def _along_the_road(plan: LayoutPlan, assembler: Assembler, rng: np.random.Generator) -> None:
     """Signs for the travelled direction on the right, some on the left, and the backs of the other direction."""
     mix, kind = plan.spec.signs, plan.spec.road.kind
     forward_deck, backward_deck = _Deck(mix.groups), _Deck(mix.groups)
@@ -84,7 +84,7 @@ def _along_the_road(plan: Plan, assembler: Assembler, rng: np.random.Generator) 
         station += mix.spacing_m * rng.uniform(0.65, 1.35)
 
 
-def _chevrons(plan: Plan, assembler: Assembler) -> None:
+def _chevrons(plan: LayoutPlan, assembler: Assembler) -> None:
     """Chevrons on the outside of sharp curves."""
     road, rng = plan.road, plan.rng(11)
     for station in np.arange(30.0, plan.end + 40, _CHEVRON_SPACING_M):
@@ -96,7 +96,7 @@ def _chevrons(plan: Plan, assembler: Assembler) -> None:
             assembler.put_up(rng, [(chevron(turns_right), 0.0)], place)
 
 
-def _gantry(plan: Plan, assembler: Assembler, station: float) -> None:
+def _gantry(plan: LayoutPlan, assembler: Assembler, station: float) -> None:
     """Overhead truss with one or two panels."""
     rng, road = plan.rng(int(station) + 1000), plan.road
     left, right = (-8.5, 9.0) if plan.spec.road.kind == "four_lane" else (-8.0, 8.0)

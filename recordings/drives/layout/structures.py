@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from recordings.drives.layout.barns import build
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.paint.buildings import billboard, shop_front, silo, wall
 from recordings.drives.paint.roadside import bale, barrel, grainy, plain, rod
 from recordings.drives.parts import UP, Part, Quad, Sprite
@@ -18,7 +18,7 @@ _DISTANT_REACH_M = 900.0
 _FAR_REACH_M = 700.0
 
 
-def place_structures(plan: Plan) -> None:
+def place_structures(plan: LayoutPlan) -> None:
     """Place everything that was built, and bales and barrels."""
     rng = plan.rng(23)
     _buildings(plan, rng)
@@ -37,12 +37,12 @@ def _side(rng: np.random.Generator) -> int:
     return 1 if rng.random() < 0.5 else -1
 
 
-def _near_m(plan: Plan) -> float:
+def _near_m(plan: LayoutPlan) -> float:
     """Distance of the nearest buildings from the centre line."""
     return {"four_lane": 34.0, "street": 16.0}.get(plan.spec.road.kind, 26.0)
 
 
-def _buildings(plan: Plan, rng: np.random.Generator) -> None:
+def _buildings(plan: LayoutPlan, rng: np.random.Generator) -> None:
     other_carriageway = 14.0 if plan.spec.road.kind == "four_lane" else 0.0
     for s in plan.spread(rng, plan.spec.scene.buildings):
         side = _side(rng)
@@ -51,7 +51,7 @@ def _buildings(plan: Plan, rng: np.random.Generator) -> None:
         plan.add(kind, base, parts, _DISTANT_REACH_M)
 
 
-def _silos(plan: Plan, rng: np.random.Generator) -> None:
+def _silos(plan: LayoutPlan, rng: np.random.Generator) -> None:
     for s in plan.spread(rng, plan.spec.scene.silos):
         offset = _side(rng) * (_near_m(plan) + 14 + rng.gamma(1.5, 25.0))
         base = plan.road.surface(s, offset)
@@ -64,7 +64,7 @@ def _silos(plan: Plan, rng: np.random.Generator) -> None:
         plan.add("silo", base, row, _DISTANT_REACH_M)
 
 
-def _shops(plan: Plan, rng: np.random.Generator) -> None:
+def _shops(plan: LayoutPlan, rng: np.random.Generator) -> None:
     for s in plan.spread(rng, plan.spec.scene.shops, 120.0):
         side = _side(rng)
         forward, right, _ = plan.road.axes(s)
@@ -76,7 +76,7 @@ def _shops(plan: Plan, rng: np.random.Generator) -> None:
         plan.add("shop", base, box(Footing(base, forward, right), (14, 12), rise, faces))
 
 
-def _billboards(plan: Plan, rng: np.random.Generator) -> None:
+def _billboards(plan: LayoutPlan, rng: np.random.Generator) -> None:
     road, kind = plan.road, plan.spec.road.kind
     for s in plan.spread(rng, plan.spec.scene.billboards, 250.0):
         side = _side(rng)
@@ -100,7 +100,7 @@ def _billboards(plan: Plan, rng: np.random.Generator) -> None:
         plan.add("billboard", base, parts, _FAR_REACH_M)
 
 
-def _mailboxes(plan: Plan, rng: np.random.Generator) -> None:
+def _mailboxes(plan: LayoutPlan, rng: np.random.Generator) -> None:
     away = {"street": 6.6, "four_lane": 9.4}.get(plan.spec.road.kind, 5.4)
     for s in plan.spread(rng, plan.spec.scene.mailboxes, 80.0):
         forward, right, _ = plan.road.axes(s)
@@ -112,13 +112,13 @@ def _mailboxes(plan: Plan, rng: np.random.Generator) -> None:
         plan.add("mailbox", base, [post, *box(tray, (0.5, 0.22), (0, 0.26), faces)])
 
 
-def _bales(plan: Plan, rng: np.random.Generator) -> None:
+def _bales(plan: LayoutPlan, rng: np.random.Generator) -> None:
     for s in plan.spread(rng, plan.spec.scene.bales, 150.0):
         base = plan.road.surface(s, _side(rng) * rng.uniform(18, 60))
         plan.add("hay_bale", base, [Sprite(base, UP * 1.5, 1.5, bale(rng), casts_shadow=True)])
 
 
-def _barrels(plan: Plan, rng: np.random.Generator) -> None:
+def _barrels(plan: LayoutPlan, rng: np.random.Generator) -> None:
     drum = barrel()
     edge = 4.4 if plan.spec.road.kind == "four_lane" else 4.3
     for s in plan.spread(rng, plan.spec.scene.barrels, 60.0):
@@ -126,7 +126,7 @@ def _barrels(plan: Plan, rng: np.random.Generator) -> None:
         plan.add("barrel", base, [Sprite(base, UP * 1.0, 0.55, drum, casts_shadow=True)])
 
 
-def _overpass(plan: Plan, station: float) -> None:
+def _overpass(plan: LayoutPlan, station: float) -> None:
     """Concrete bridge over the road."""
     road, rng = plan.road, plan.rng(24)
     forward, (_, right, _) = road.level_forward(station), road.axes(station)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.paint.vehicles import VehicleStyle, vehicle
 from recordings.drives.scene import Mover
 from recordings.drives.solids import Stand, vehicle_group
@@ -25,7 +25,7 @@ _LEFT_LANE_M = -1.8
 class _Fleet:
     """Vehicles to choose from, and the stream that chooses."""
 
-    plan: Plan
+    plan: LayoutPlan
     rng: np.random.Generator
     styles: list[VehicleStyle]
 
@@ -38,7 +38,7 @@ class _Fleet:
         self.plan.movers.append(Mover(self.plan.name(style.kind), style, start, speed))
 
 
-def place_traffic(plan: Plan) -> None:
+def place_traffic(plan: LayoutPlan) -> None:
     """Place all vehicles."""
     rng = plan.rng(25)
     fleet = _Fleet(plan, rng, [vehicle(rng, kind) for kind in _KINDS])

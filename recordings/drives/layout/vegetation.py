@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from recordings.drives.layout.placing import Plan
+from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.paint.foliage import Plant, foliage
 from recordings.drives.paint.texture import Texture
 from recordings.drives.parts import UP, Sprite
@@ -44,7 +44,7 @@ class Foliage:
 class _Planter:
     """Plants one thing after the other from one random stream."""
 
-    plan: Plan
+    plan: LayoutPlan
     rng: np.random.Generator
     pool: Foliage
 
@@ -68,11 +68,11 @@ class _Planter:
         return 1 if self.rng.random() < share_right else -1
 
     def tree(self, share_broad: float) -> Plant:
-        """A broad-leaved tree in a share of the cases, else a conifer."""
+        """A broad-leaved tree in a fraction of the cases, else a conifer."""
         return "broad" if self.rng.random() < share_broad else "conifer"
 
 
-def plant_vegetation(plan: Plan, pool: Foliage) -> None:
+def plant_vegetation(plan: LayoutPlan, pool: Foliage) -> None:
     """Plant everything that grows."""
     scene, kind, rng = plan.spec.scene, plan.spec.road.kind, plan.rng(21)
     planter = _Planter(plan, rng, pool)

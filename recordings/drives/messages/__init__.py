@@ -1,1 +1,1 @@
-"""Messages of one picture in three dialects, and the schemas that describe them."""
+"""Messages of one image in three dialects, and the schemas that describe them."""

@@ -18,13 +18,13 @@ IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 DIAGONAL_KNOWN = 2
 """Position covariance type, the same number in all dialects."""
 
-Message: TypeAlias = tuple[str, bytes]
+EncodedMessage: TypeAlias = tuple[str, bytes]
 """Name of the schema and serialised content."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Pinhole matrix and Brown coefficients (k1, k2, p1, p2, k3) of a picture."""
+    """Pinhole matrix and Brown coefficients (k1, k2, p1, p2, k3) of an image."""
 
     camera: CameraSpec
 
@@ -57,7 +57,7 @@ class CameraPose:
 
 
 @dataclass(frozen=True, slots=True)
-class Fix:
+class FixReading:
     """Position fix: WGS 84 degrees and metres, standard deviations east, north, up (m)."""
 
     latitude: float
@@ -80,22 +80,22 @@ class Dialect(Protocol):
         """Schema of a message type."""
         ...
 
-    def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+    def compressed(self, time_ns: int, jpeg: bytes) -> EncodedMessage:
+        """A JPEG image."""
         ...
 
-    def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+    def raw(self, time_ns: int, image: Bytes) -> EncodedMessage:
+        """A bgr8 image (height, width, 3)."""
         ...
 
-    def calibration(self, time_ns: int, calibration: Calibration) -> Message:
+    def calibration(self, time_ns: int, calibration: Calibration) -> EncodedMessage:
         """Camera calibration."""
         ...
 
-    def pose(self, time_ns: int, pose: CameraPose) -> Message:
+    def pose(self, time_ns: int, pose: CameraPose) -> EncodedMessage:
         """Camera pose in the world."""
         ...
 
-    def fix(self, time_ns: int, fix: Fix) -> Message:
+    def fix(self, time_ns: int, fix: FixReading) -> EncodedMessage:
         """Position fix."""
         ...

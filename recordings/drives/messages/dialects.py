@@ -11,7 +11,7 @@ from recordings.drives.messages.json_dialect import JsonMessages
 from recordings.drives.messages.protobuf_dialect import ProtobufMessages
 from recordings.drives.messages.ros2_dialect import Ros2Messages
 
-DIALECTS: dict[spec.Dialect, Callable[[], Dialect]] = {
+DIALECTS: dict[spec.DialectName, Callable[[], Dialect]] = {
     "protobuf": ProtobufMessages,
     "ros2": Ros2Messages,
     "json": JsonMessages,
@@ -28,7 +28,7 @@ class Topics:
     fix: str
 
 
-def topics(dialect: spec.Dialect, raw: bool) -> Topics:
+def topics(dialect: spec.DialectName, raw: bool) -> Topics:
     """Topics as users of a dialect name them."""
     if dialect == "ros2":
         image = "/front/image_raw" if raw else "/front/image_raw/compressed"

@@ -21,8 +21,8 @@ from recordings.drives.messages.content import (
     WORLD,
     Calibration,
     CameraPose,
-    Fix,
-    Message,
+    EncodedMessage,
+    FixReading,
 )
 
 _TYPES: dict[str, type[ProtobufMessage]] = {
@@ -45,18 +45,20 @@ class ProtobufMessages:
         descriptors = build_file_descriptor_set(_TYPES[name])
         return bytes(descriptors.SerializeToString(deterministic=True))
 
-    def _message(self, name: str, time_ns: int, frame: str, fields: dict[str, Any]) -> Message:
+    def _message(
+        self, name: str, time_ns: int, frame: str, fields: dict[str, Any]
+    ) -> EncodedMessage:
         message: Any = _TYPES[name](frame_id=frame, **fields)
         message.timestamp.FromNanoseconds(time_ns)
         return name, message.SerializeToString(deterministic=True)
 
-    def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+    def compressed(self, time_ns: int, jpeg: bytes) -> EncodedMessage:
+        """A JPEG image."""
         fields = {"data": jpeg, "format": "jpeg"}
         return self._message("foxglove.CompressedImage", time_ns, CAMERA, fields)
 
-    def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+    def raw(self, time_ns: int, image: Bytes) -> EncodedMessage:
+        """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
             "width": width,
@@ -67,7 +69,7 @@ class ProtobufMessages:
         }
         return self._message("foxglove.RawImage", time_ns, CAMERA, fields)
 
-    def calibration(self, time_ns: int, calibration: Calibration) -> Message:
+    def calibration(self, time_ns: int, calibration: Calibration) -> EncodedMessage:
         """Camera calibration."""
         fields = {
             "width": calibration.camera.width,
@@ -80,14 +82,14 @@ class ProtobufMessages:
         }
         return self._message("foxglove.CameraCalibration", time_ns, CAMERA, fields)
 
-    def pose(self, time_ns: int, pose: CameraPose) -> Message:
+    def pose(self, time_ns: int, pose: CameraPose) -> EncodedMessage:
         """Camera pose in the world."""
         position = dict(zip("xyz", map(float, pose.position), strict=True))
         orientation = dict(zip("xyzw", map(float, pose.quaternion), strict=True))
         fields = {"pose": {"position": position, "orientation": orientation}}
         return self._message("foxglove.PoseInFrame", time_ns, WORLD, fields)
 
-    def fix(self, time_ns: int, fix: Fix) -> Message:
+    def fix(self, time_ns: int, fix: FixReading) -> EncodedMessage:
         """Position fix."""
         fields = {
             "latitude": fix.latitude,

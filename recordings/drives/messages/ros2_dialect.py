@@ -16,8 +16,8 @@ from recordings.drives.messages.content import (
     WORLD,
     Calibration,
     CameraPose,
-    Fix,
-    Message,
+    EncodedMessage,
+    FixReading,
 )
 from recordings.drives.messages.ros2_definitions import definition
 
@@ -45,7 +45,9 @@ class Ros2Messages:
         x, y, z = map(float, values)
         return self._make(name, x=x, y=y, z=z)
 
-    def _message(self, name: str, time_ns: int, frame: str, fields: dict[str, Any]) -> Message:
+    def _message(
+        self, name: str, time_ns: int, frame: str, fields: dict[str, Any]
+    ) -> EncodedMessage:
         stamp = self._make(
             "builtin_interfaces/msg/Time", sec=time_ns // 10**9, nanosec=time_ns % 10**9
         )
@@ -53,14 +55,14 @@ class Ros2Messages:
         message = self._make(name, header=header, **fields)
         return name, bytes(self._types.serialize_cdr(message, name))
 
-    def compressed(self, time_ns: int, jpeg: bytes) -> Message:
-        """A JPEG picture."""
+    def compressed(self, time_ns: int, jpeg: bytes) -> EncodedMessage:
+        """A JPEG image."""
         data = np.frombuffer(jpeg, np.uint8)
         fields = {"format": "bgr8; jpeg compressed bgr8", "data": data}
         return self._message("sensor_msgs/msg/CompressedImage", time_ns, CAMERA, fields)
 
-    def raw(self, time_ns: int, image: Bytes) -> Message:
-        """A bgr8 picture (height, width, 3)."""
+    def raw(self, time_ns: int, image: Bytes) -> EncodedMessage:
+        """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
             "height": height,
@@ -72,7 +74,7 @@ class Ros2Messages:
         }
         return self._message("sensor_msgs/msg/Image", time_ns, CAMERA, fields)
 
-    def calibration(self, time_ns: int, calibration: Calibration) -> Message:
+    def calibration(self, time_ns: int, calibration: Calibration) -> EncodedMessage:
         """Camera calibration."""
         whole = self._make(
             "sensor_msgs/msg/RegionOfInterest",
@@ -96,7 +98,7 @@ class Ros2Messages:
         }
         return self._message("sensor_msgs/msg/CameraInfo", time_ns, CAMERA, fields)
 
-    def pose(self, time_ns: int, pose: CameraPose) -> Message:
+    def pose(self, time_ns: int, pose: CameraPose) -> EncodedMessage:
         """Odometry of the camera in the world; twist unknown."""
         x, y, z, w = map(float, pose.quaternion)
         orientation = self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
@@ -120,7 +122,7 @@ class Ros2Messages:
         }
         return self._message("nav_msgs/msg/Odometry", time_ns, WORLD, fields)
 
-    def fix(self, time_ns: int, fix: Fix) -> Message:
+    def fix(self, time_ns: int, fix: FixReading) -> EncodedMessage:
         """Position fix."""
         fields = {
             "status": self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),

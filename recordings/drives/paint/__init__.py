@@ -1,1 +1,1 @@
-"""Procedural pictures of everything beside the road, in linear light."""
+"""Procedural images of everything beside the road, in linear light."""

@@ -21,7 +21,7 @@ _WEED_SIZE = 160
 
 @dataclass(frozen=True, slots=True)
 class _Clump:
-    """One ball of leaves; positions and radius as shares of the picture."""
+    """One ball of leaves; positions and radius as fractions of the image."""
 
     u: float
     v: float
@@ -73,7 +73,7 @@ def _crown(
 
 
 def _displaced(image: Singles, map_x: Singles, map_y: Singles) -> Singles:
-    """A picture with every pixel fetched from elsewhere, empty outside."""
+    """An image with every pixel fetched from elsewhere, empty outside."""
     moved = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(moved, np.float32)
 

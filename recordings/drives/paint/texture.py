@@ -14,7 +14,7 @@ Rgb: TypeAlias = tuple[float, float, float]
 """An sRGB colour in 0..255."""
 
 FractionalBox: TypeAlias = tuple[float, float, float, float]
-"""Left, top, right, bottom as shares of a picture."""
+"""Left, top, right, bottom as fractions of an image."""
 
 
 def linear(red: float, green: float, blue: float) -> Singles:
@@ -33,7 +33,7 @@ def rgba(color: Singles, alpha: Singles) -> Singles:
 
 
 def shrink(image: Singles | Bytes, columns: int, rows: int) -> Singles:
-    """A picture reduced by averaging areas, with the same range of values."""
+    """An image reduced by averaging areas, with the same range of values."""
     return np.asarray(cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
 
 
@@ -63,21 +63,21 @@ def opaque(color: Singles) -> Texture:
 
 
 def sheet(color: Rgb, columns: int, rows: int) -> Singles:
-    """Picture (rows, columns, 3) of one colour."""
+    """Image (rows, columns, 3) of one colour."""
     image = np.empty((rows, columns, 3), np.float32)
     image[:] = linear(*color)
     return image
 
 
 def fill_box(image: Singles, box: FractionalBox, color: Singles) -> None:
-    """Fill a box of a picture."""
+    """Fill a box of an image."""
     rows, columns = image.shape[:2]
     top, bottom = round(box[1] * rows), round(box[3] * rows)
     image[top:bottom, round(box[0] * columns) : round(box[2] * columns)] = color
 
 
 def write_text(image: Singles, text: str, box: FractionalBox, color: Singles) -> None:
-    """Write text that fills a box of a linear RGB picture."""
+    """Write text that fills a box of a linear RGB image."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 3.0, 1)
     plate: Bytes = np.zeros((height + 30, width + 20), np.uint8)
     cv2.putText(plate, text, (10, height + 10), cv2.FONT_HERSHEY_SIMPLEX, 3.0, 255, 10, cv2.LINE_AA)

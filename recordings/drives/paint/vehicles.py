@@ -21,7 +21,7 @@ from recordings.drives.paint.texture import (
 )
 
 CABIN_SLOPE = 0.32
-"""Share of half the cabin length that the windscreen leans in."""
+"""Fraction of half the cabin length that the windscreen leans in."""
 
 _PX_PER_M = 64
 _CLEARANCE_M = 0.28
@@ -33,7 +33,7 @@ _PAINTS = (
 
 @dataclass(frozen=True, slots=True)
 class _Build:
-    """Size of a kind of vehicle, metres; cabin from and to as a share of the length, from the front."""
+    """Size of a kind of vehicle, metres; cabin from and to as a fraction of the length, from the front."""
 
     length: float
     width: float
@@ -55,7 +55,7 @@ _AXLES_M = {"truck": (1.2, 4.4, 11.6, 12.8), "school_bus": (1.6, 8.2), "tractor"
 
 @dataclass(frozen=True, slots=True)
 class VehicleStyle:
-    """Size (m) and textures of a vehicle; the cabin reaches from and to a share of the length."""
+    """Size (m) and textures of a vehicle; the cabin reaches from and to a fraction of the length."""
 
     kind: str
     length: float

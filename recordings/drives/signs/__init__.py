@@ -1,1 +1,1 @@
-"""Catalogue of sign faces: shape, colours, legend and a painted picture of each panel."""
+"""Catalogue of sign faces: shape, colours, legend and a painted image of each panel."""

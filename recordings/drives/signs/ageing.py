@@ -13,7 +13,7 @@ from recordings.drives.signs.face import Face
 def aged(face: Face, rng: np.random.Generator, faded: bool, dapple: Singles | None) -> Singles:
     """Premultiplied linear RGBA (rows, columns, 4) of a panel after ageing, at half the painted size.
 
-    `dapple` is a small picture of the light that falls through leaves, 1 where it is full.
+    `dapple` is a small image of the light that falls through leaves, 1 where it is full.
     """
     rows, columns = (max(3, round(n * 0.5)) for n in face.image.shape[:2])
     color = shrink(face.image, columns, rows) / 255.0

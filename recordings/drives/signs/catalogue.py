@@ -82,7 +82,7 @@ def _stack(*makers: _Maker, gap: float = 0.0) -> _Group:
 
 
 def _either(share: float, first: _Group, second: _Group) -> _Group:
-    """The first group in a share of the cases, else the second."""
+    """The first group in a fraction of the cases, else the second."""
     return lambda rng: first(rng) if rng.random() < share else second(rng)
 
 

@@ -1,4 +1,4 @@
-"""Symbols of warning signs, drawn on a square panel in shares of its width."""
+"""Symbols of warning signs, drawn on a square panel in fractions of its width."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _THICK = 0.085
 
 @dataclass(frozen=True, slots=True)
 class _Pen:
-    """Strokes on a face, measured in shares of its width."""
+    """Strokes on a face, measured in fractions of its width."""
 
     face: Face
     ink: str

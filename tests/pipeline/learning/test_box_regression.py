@@ -41,11 +41,11 @@ def drive():
 def test_the_sides_lead_from_the_box_to_the_face():
     box = np.array([[10, 10, 30, 20]], np.float32)
     face = np.array([[5, 12, 40, 20]])
-    assert side_offsets(box, face) == pytest.approx(np.array([[-0.25, 0.2, 0.5, 0.0]]))
+    assert side_offsets(box, face, 1.0) == pytest.approx(np.array([[-0.25, 0.2, 0.5, 0.0]]))
 
 
 def test_boxes_are_jittered_around_every_example_face_in_order_of_images():
-    jittered = jittered_boxes(drive(), 3)
+    jittered = jittered_boxes(drive(), 3, 8)
     assert set(jittered.face) == {0, 2}
     assert np.bincount(jittered.face)[[0, 2]].tolist() == [JITTERED, JITTERED]
     assert (np.diff(jittered.frame) >= 0).all()
@@ -100,6 +100,11 @@ def test_a_drive_without_faces_gives_no_examples():
     )
     seen = np.zeros((1, len(box_feature_names())), np.float32)
     found = regression_samples(
-        bare, candidates, seen, lambda _, asked: read_box_features([], asked), 1
+        bare,
+        candidates,
+        seen,
+        lambda _, asked: read_box_features([], asked),
+        1,
+        CandidateSettings(),
     )
     assert len(found.values) == len(found.offset) == len(found.weight) == 0

@@ -22,14 +22,14 @@ def images(rgb, count=40):
         yield Image(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
 
 
-def test_some_pictures_are_altered_and_the_others_stay_as_they_are(scene):
+def test_some_images_are_altered_and_the_others_stay_as_they_are(scene):
     shown = list(through_other_cameras(images(scene), seed=1, fraction=0.5))
     same = [np.array_equal(image.rgb, scene) for image in shown]
     assert 8 <= sum(same) <= 32
     assert [image.frame.index for image in shown] == list(range(40))
 
 
-def test_the_same_seed_shows_the_same_pictures_a_second_time(scene):
+def test_the_same_seed_shows_the_same_images_a_second_time(scene):
     first = [p.rgb for p in through_other_cameras(images(scene), seed=3)]
     reread = [p.rgb for p in through_other_cameras(images(scene), seed=3)]
     other = [p.rgb for p in through_other_cameras(images(scene), seed=4)]
@@ -37,7 +37,7 @@ def test_the_same_seed_shows_the_same_pictures_a_second_time(scene):
     assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
 
 
-def test_grey_is_that_of_the_altered_picture(scene):
+def test_grey_is_that_of_the_altered_image(scene):
     for image in through_other_cameras(images(scene, 8), seed=2, fraction=1.0):
         assert np.array_equal(image.grey, cv2.cvtColor(image.rgb, cv2.COLOR_RGB2GRAY))
 
@@ -51,7 +51,7 @@ def test_things_stay_where_they_are_and_a_red_face_stays_the_reddest(scene, seed
     assert inner > outer + 15
 
 
-def test_pictures_that_are_not_used_pass_untouched(scene):
+def test_images_that_are_not_used_pass_untouched(scene):
     unused = [
         replace(p, rgb=None, grey=None, frame=replace(p.frame, status=THINNED))
         for p in images(scene, 2)

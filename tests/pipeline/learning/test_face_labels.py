@@ -1,4 +1,4 @@
-"""What boxes on and about faces teach the judge."""
+"""What boxes on and about faces teach the classifier."""
 
 import numpy as np
 

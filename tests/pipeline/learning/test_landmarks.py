@@ -78,7 +78,7 @@ def examples(count=400, seed=4):
     return LandmarkSamples(values, label, np.arange(count) % 4, np.zeros(count, bool)), probability
 
 
-def test_the_judge_states_odds_that_hold():
+def test_the_classifier_states_odds_that_hold():
     learned, _ = examples()
     model = learn_landmark_classifier(learned, "test")
     fresh, probability = examples(seed=5)

@@ -56,7 +56,7 @@ def test_a_face_of_few_boxes_is_shown_more_often_than_they_are():
     assert others.tolist() == pytest.approx([0, 0.25] * 4)
 
 
-def test_boxes_of_real_pictures_have_their_share_and_what_is_neither_has_none():
+def test_boxes_of_real_images_have_their_share_and_what_is_neither_has_none():
     rendered, real = samples(40), samples(8, real=True)
     real.label[1] = NEITHER
     for probability in sampling_probabilities([rendered, real]):
@@ -111,7 +111,7 @@ def test_what_is_kept_says_what_pytorch_says():
 
 
 @needs_torch
-def test_patches_are_shown_to_pytorch_as_they_are_to_the_judge():
+def test_patches_are_shown_to_pytorch_as_they_are_to_the_classifier():
     import torch
 
     patches = samples(6).patches

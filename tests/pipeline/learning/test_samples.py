@@ -27,7 +27,7 @@ def candidates(frames):
     return labelled(regions, np.zeros((n, 0), np.float32), np.array(frames, np.int32), true_faces)
 
 
-def test_what_boxes_show_comes_in_the_order_of_the_boxes_not_of_the_pictures():
+def test_what_boxes_show_comes_in_the_order_of_the_boxes_not_of_the_images():
     images, asked = [plain(0, 30), plain(1, 200)], candidates([1, 0, 1, 0])
     assert read_patches(images, asked)[:, 16, 16, 0].tolist() == [200, 30, 200, 30]
     bright = read_box_features(images, asked)[
@@ -36,5 +36,5 @@ def test_what_boxes_show_comes_in_the_order_of_the_boxes_not_of_the_pictures():
     assert bright[0] == bright[2] > bright[1] == bright[3]
 
 
-def test_boxes_of_pictures_that_are_missing_show_nothing():
+def test_boxes_of_images_that_are_missing_show_nothing():
     assert not read_patches([plain(0, 30)], candidates([1])).any()

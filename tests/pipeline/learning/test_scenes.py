@@ -14,6 +14,7 @@ from wayside.pipeline.learning.scenes import (
     scene_sources,
 )
 from wayside.schemas.errors import InputError
+from wayside.schemas.settings import Settings
 
 BOX = [300, 215, 330, 245]
 
@@ -50,7 +51,7 @@ def test_scenes_are_grouped_by_source_in_order_of_names(folder):
     ]
 
 
-def test_pictures_are_read_as_rgb_with_a_camera_of_their_size(folder):
+def test_images_are_read_as_rgb_with_a_camera_of_their_size(folder):
     image = next(scene_images(folder, read_scenes(folder)))
     assert image.rgb[230, 315].tolist() == [180, 30, 40]
     assert (image.frame.camera.width, image.frame.camera.height) == (640, 480)
@@ -58,7 +59,7 @@ def test_pictures_are_read_as_rgb_with_a_camera_of_their_size(folder):
 
 def test_boxed_signs_are_faces_and_only_complete_scenes_show_what_is_none(folder):
     scenes = scene_sources(read_scenes(folder))["two"]
-    drive = scene_drive(scene_images(folder, scenes), "two", scenes)
+    drive = scene_drive(scene_images(folder, scenes), "two", scenes, Settings())
     labels = [set(drive.candidates.label[drive.candidates.frame == k].tolist()) for k in (0, 1)]
     assert labels[0] == {ON, NEITHER}
     assert {ON, OFF} <= labels[1]
@@ -71,7 +72,7 @@ def test_a_folder_without_scenes_is_refused(tmp_path):
         read_scenes(tmp_path)
 
 
-def test_a_missing_picture_is_named(folder):
+def test_a_missing_image_is_named(folder):
     (folder / "scenes" / "c.png").unlink()
     with pytest.raises(InputError, match=r"c\.png"):
         list(scene_images(folder, read_scenes(folder)))

@@ -43,7 +43,7 @@ TYPES = {
 }
 
 
-def picture(index, width=WIDTH, height=HEIGHT):
+def image(index, width=WIDTH, height=HEIGHT):
     pixels = np.random.default_rng(index).integers(0, 256, (height, width, 3), np.uint8)
     return cv2.imencode(".jpg", pixels)[1].tobytes()
 
@@ -55,7 +55,7 @@ def ray(position):
 class Protobuf:
     encoding, schema_encoding = "protobuf", "protobuf"
     names: ClassVar = {
-        "picture": "foxglove.CompressedImage",
+        "image": "foxglove.CompressedImage",
         "raw": "foxglove.RawImage",
         "calibration": "foxglove.CameraCalibration",
         "pose": "foxglove.PoseInFrame",
@@ -89,7 +89,7 @@ class Protobuf:
 
     def make(self, kind, t, c):
         base = {} if t is None else {"timestamp": t}
-        if kind in ("picture", "raw"):
+        if kind in ("image", "raw"):
             return base | {"frame_id": c.pop("frame", CAMERA)} | c
         if kind == "calibration":
             size = {"width": c.get("width", WIDTH), "height": c.get("height", HEIGHT)}
@@ -144,7 +144,7 @@ class Json(Protobuf):
 class Ros2:
     encoding, schema_encoding = "cdr", "ros2msg"
     names: ClassVar = {
-        "picture": "sensor_msgs/msg/CompressedImage",
+        "image": "sensor_msgs/msg/CompressedImage",
         "raw": "sensor_msgs/msg/Image",
         "calibration": "sensor_msgs/msg/CameraInfo",
         "pose": "geometry_msgs/msg/PoseStamped",
@@ -177,7 +177,7 @@ class Ros2:
 
     def make(self, kind, t, c):
         name = self.names[kind]
-        if kind == "picture":
+        if kind == "image":
             pixels = np.frombuffer(c["data"], np.uint8)
             return self.new(name, self.header(t, c.get("frame", CAMERA)), c["format"], pixels)
         if kind == "raw":
@@ -261,11 +261,11 @@ class Log:
         number = self.counts[topic] if sequence is None else sequence
         self.writer.add_message(self.channels[topic], log_time, data, log_time, number)
 
-    def add_picture(
+    def add_image(
         self, index, time=None, topic="/camera/image", width=WIDTH, height=HEIGHT, **more
     ):
-        more = {"format": "jpeg", "data": picture(index, width, height)} | more
-        self.add(topic, "picture", index * STEP if time is None else time, **more)
+        more = {"format": "jpeg", "data": image(index, width, height)} | more
+        self.add(topic, "image", index * STEP if time is None else time, **more)
 
     def finish(self):
         self.writer.finish()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.reading.encodings import cut_out_field, unpack_json
-from wayside.pipeline.reading.picture_headers import format_word, read_picture_header
+from wayside.pipeline.reading.image_headers import format_word, read_image_header
 
 
 @given(st.binary(max_size=300), st.text(max_size=40), st.integers(0, 2**62))
@@ -41,7 +41,7 @@ def test_bytes_that_are_no_protobuf_raise_value_errors_only(content):
         '{"data": [255, 239, 0, 1], "frame_id":"a","format":"jpeg"}',
     ],
 )
-def test_json_pictures_are_unpacked_however_they_are_written(text):
+def test_json_images_are_unpacked_however_they_are_written(text):
     message, data = unpack_json(memoryview(text.encode()))
     assert bytes(data) == b"\xff\xef\x00\x01"
     assert (message.frame_id, message.format) == ("a", "jpeg")
@@ -62,14 +62,14 @@ def test_json_without_data_has_no_bytes():
         (".png", [], "png"),
     ],
 )
-def test_the_size_of_a_picture_is_read_from_its_header(shape, suffix, options, name):
+def test_the_size_of_an_image_is_read_from_its_header(shape, suffix, options, name):
     data = cv2.imencode(suffix, np.zeros((*shape, 3), np.uint8), options)[1].tobytes()
-    assert read_picture_header(memoryview(data)) == (name, shape[1], shape[0])
+    assert read_image_header(memoryview(data)) == (name, shape[1], shape[0])
 
 
 @given(st.binary(max_size=80), st.sampled_from([b"", b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"]))
 def test_no_bytes_make_the_header_reader_fail(content, begin):
-    header = read_picture_header(begin + content)
+    header = read_image_header(begin + content)
     assert header is None or (header.width > 0 and header.height > 0)
 
 

@@ -45,13 +45,13 @@ def read(path, **settings):
     return list(read_frames(path, ReadSettings(**settings), report)), report
 
 
-def picture(index, width=WIDTH, height=HEIGHT):
+def image(index, width=WIDTH, height=HEIGHT):
     pixels = np.random.default_rng(index).integers(0, 256, (height, width, 3), np.uint8)
     return cv2.imencode(".jpg", pixels)[1].tobytes()
 
 
 def fill(log, count=8, motion="pose", fixes=True):
-    """Pictures every quarter of a second, eight metres apart, with all that belongs to them at the same time."""
+    """Images every quarter of a second, eight metres apart, with all that belongs to them at the same time."""
     for index in range(count):
         time = index * STEP
         log.add("/camera/calibration", "calibration", time, late=1_000_000)
@@ -59,7 +59,7 @@ def fill(log, count=8, motion="pose", fixes=True):
             log.add("/motion", motion, time, late=2_000_000, **pose_content(time))
         if fixes:
             log.add("/gps", "fix", time, late=3_000_000, **place_at(time))
-        log.add_picture(index)
+        log.add_image(index)
     return log.finish()
 
 
@@ -79,7 +79,7 @@ def test_every_dialect_and_packing_gives_the_same_frames(new_log, dialect, packi
         assert frame.header_time_ns == START + time
         assert frame.log_time_ns == START + time + LATENCY
         assert (frame.encoding, frame.width, frame.height) == ("jpeg", WIDTH, HEIGHT)
-        assert bytes(frame.data) == picture(index)
+        assert bytes(frame.data) == image(index)
         assert (frame.camera.fx, frame.camera.fy) == (40.0, 41.0)
         assert (frame.camera.cx, frame.camera.cy) == (15.5, 11.5)
         assert frame.camera.distortion == (-0.1, 0.01, 0.001, -0.002, 0.003)
@@ -100,7 +100,7 @@ def test_every_dialect_and_packing_gives_the_same_frames(new_log, dialect, packi
     assert report.bytes_read == report.bytes_total > 0
 
 
-def test_raw_pictures_keep_their_rows(new_log, dialect):
+def test_raw_images_keep_their_rows(new_log, dialect):
     log = new_log(dialect)
     rows = np.arange(HEIGHT * 100, dtype=np.uint8).tobytes()
     shape = {"width": WIDTH, "height": HEIGHT, "step": 100, "encoding": "bgr8"}
@@ -111,12 +111,12 @@ def test_raw_pictures_keep_their_rows(new_log, dialect):
     assert bytes(frame.data) == rows
 
 
-def test_free_text_formats_of_ros_pictures_are_understood(new_log):
+def test_free_text_formats_of_ros_images_are_understood(new_log):
     log = new_log("cdr")
     log.add("/camera/calibration", "calibration", 0)
-    log.add_picture(0, format="bgr8; jpeg compressed bgr8")
+    log.add_image(0, format="bgr8; jpeg compressed bgr8")
     png = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))[1].tobytes()
-    log.add_picture(1, format="rgb8; png compressed", data=png)
+    log.add_image(1, format="rgb8; png compressed", data=png)
     frames, _ = read(log.finish(), spacing_m=8.0)
     assert [f.encoding for f in frames] == ["jpeg", "png"]
     assert [(f.width, f.height) for f in frames] == [(WIDTH, HEIGHT)] * 2
@@ -136,7 +136,7 @@ def test_odometry_with_unset_covariance_has_no_sigmas(new_log):
     log = new_log("cdr")
     log.add("/camera/calibration", "calibration", 0)
     log.add("/odom", "odometry", 0, variances=[0.0] * 6, **pose_content(0))
-    log.add_picture(0)
+    log.add_image(0)
     (frame,), _ = read(log.finish())
     assert (frame.pose.sigma_m, frame.pose.sigma_rad) == (None, None)
 
@@ -147,7 +147,7 @@ def test_odometry_of_a_vehicle_without_mount_looks_straight_ahead_and_says_so(ne
         log.add("/camera/calibration", "calibration", index * STEP)
         content = pose_content(index * STEP, np.eye(3))
         log.add("/odom", "odometry", index * STEP, child="base_link", **content)
-        log.add_picture(index)
+        log.add_image(index)
     frames, report = read(log.finish())
     for index, frame in enumerate(frames):
         assert_pose(frame, index * STEP)
@@ -190,8 +190,8 @@ def test_a_mount_given_by_transforms_is_composed(new_log, dialect_name, source):
         names = {"parent": "world", "child": "base_link"} if source != "pose" else {}
         content = pose_content(time, np.eye(3)) | names
         log.add("/body", source, time, late=0, **content)
-        log.add_picture(index)
-        if index == 1:  # later than the first picture
+        log.add_image(index)
+        if index == 1:  # later than the first image
             add_mount(log, time)
     frames, report = read(log.finish())
     assert report.motion_source == {"pose": "poses"}.get(source, source)
@@ -209,7 +209,7 @@ def test_transforms_that_carry_the_camera_come_before_odometry(new_log):
         content = {"parent": "odom", "child": "base_link"} | pose_content(time, np.eye(3))
         log.add("/tf", "transforms", time, **content)
         log.add("/odom", "odometry", time, position=[0, 0, 0], rotation=[0, 0, 0, 1])
-        log.add_picture(index)
+        log.add_image(index)
     frames, report = read(log.finish())
     assert report.motion_source == "transforms"
     for index, frame in enumerate(frames):
@@ -222,25 +222,25 @@ def test_poses_between_are_linear_and_slerp(new_log):
     log.add("/camera/calibration", "calibration", 0)
     for time in times:
         log.add("/pose", "pose", time, **pose_content(time))
-    pictures = [100_000_000, 395_000_000, 400_000_000, 1_000_000_000]
-    for index, time in enumerate(pictures):
-        log.add_picture(index, time)
+    images = [100_000_000, 395_000_000, 400_000_000, 1_000_000_000]
+    for index, time in enumerate(images):
+        log.add_image(index, time)
     frames, _ = read(log.finish(), thin_m=0.0)
     turns = Rotation.concatenate([path_at(t)[1] * Rotation.from_matrix(FORWARD) for t in times])
     slerp = Slerp(times, turns)
     positions = np.array([path_at(t)[0] for t in times])
-    for frame, time in zip(frames, pictures, strict=True):
+    for frame, time in zip(frames, images, strict=True):
         expected = [np.interp(time, times, positions[:, k]) for k in range(3)]
         assert frame.pose.pose.centre == pytest.approx(expected, abs=1e-9)
         assert frame.pose.pose.rotation == pytest.approx(slerp(time).as_matrix(), abs=1e-9)
 
 
-def test_poses_logged_after_their_picture_are_paired_by_time(new_log):
+def test_poses_logged_after_their_image_are_paired_by_time(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
     waiting = []
     for index in range(20):
-        log.add_picture(index)
+        log.add_image(index)
         waiting.append(index * STEP)
         while len(waiting) > 4:  # a second late
             time = waiting.pop(0)
@@ -258,7 +258,7 @@ def test_fixes_once_a_second_are_interpolated(new_log):
     for index in range(13):
         if index % 4 == 0:
             log.add("/gps", "fix", index * STEP, late=20_000_000, **place_at(index * STEP))
-        log.add_picture(index)
+        log.add_image(index)
     frames, report = read(log.finish())
     assert report.motion_source == ""
     assert report.with_fix == 13
@@ -274,8 +274,8 @@ def test_fixes_without_position_are_left_out(new_log):
     log.add("/gps", "fix", 0, place=(math.nan, math.nan, math.nan))
     log.add("/gps", "fix", 1, status=-1, place=(1.0, 2.0, 3.0))
     log.add("/gps", "fix", STEP, place=(48.0, 11.0, 500.0))
-    log.add_picture(0)
-    log.add_picture(1)
+    log.add_image(0)
+    log.add_image(1)
     frames, report = read(log.finish(), thin_m=0.0)
     assert [f.fix is not None for f in frames] == [False, True]
     assert not report.lost
@@ -288,7 +288,7 @@ def test_a_silence_of_the_poses_is_not_bridged(new_log):
     for index, time in enumerate(times):
         if not 8 < index < 50:
             log.add("/pose", "pose", time, **pose_content(time))
-        log.add_picture(index)
+        log.add_image(index)
     frames, _ = read(log.finish())
     assert [f.index for f in frames if f.pose is None] == list(range(9, 50))
 
@@ -299,7 +299,7 @@ def test_frames_without_header_times_go_by_log_time(new_log):
         time = index * STEP
         log.add("/camera/calibration", "calibration", time, late=0, header=False)
         log.add("/pose", "pose", time, late=0, header=False, **pose_content(time))
-        log.add_picture(index, late=0, header=False)
+        log.add_image(index, late=0, header=False)
     frames, _ = read(log.finish())
     for index, frame in enumerate(frames):
         assert frame.header_time_ns is None
@@ -313,37 +313,35 @@ def test_header_times_of_another_clock_are_not_mixed(new_log):
     for index in range(4):
         time = index * STEP
         log.add("/pose", "pose", time, late=0, **pose_content(time))
-        log.add_picture(
-            index, time - START + 77, late=START - 77
-        )  # since the camera was switched on
+        log.add_image(index, time - START + 77, late=START - 77)  # since the camera was switched on
     frames, report = read(log.finish())
     for index, frame in enumerate(frames):
         assert_pose(frame, index * STEP)
     assert any("clocks" in note for note in report.notes)
 
 
-def test_a_calibration_that_comes_late_serves_the_first_pictures_too(new_log):
+def test_a_calibration_that_comes_late_serves_the_first_images_too(new_log):
     log = new_log()
     for index in range(5):
-        log.add_picture(index)
+        log.add_image(index)
     log.add("/camera/calibration", "calibration", 5 * STEP)
     frames, _ = read(log.finish(), spacing_m=8.0)
     assert [f.status for f in frames] == ["used"] * 5
 
 
 @pytest.mark.parametrize("late", [1_000_000, 20_000_000])
-def test_each_picture_gets_the_calibration_of_its_own_time(new_log, late):
+def test_each_image_gets_the_calibration_of_its_own_time(new_log, late):
     log = new_log()
     for index in range(6):
         k = [40.0 + index, 0.0, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
         if late < LATENCY:
             log.add("/camera/calibration", "calibration", index * STEP, late=late, k=k)
-        log.add_picture(index)
+        log.add_image(index)
         if late > LATENCY:
             log.add("/camera/calibration", "calibration", index * STEP, late=late, k=k)
     frames, _ = read(log.finish(), spacing_m=8.0)
     focal = [f.camera.fx for f in frames]
-    # the second calibration comes before it is known that they come with each picture
+    # the second calibration comes before it is known that they come with each image
     assert focal == [40 + i for i in range(6)] or (late > LATENCY and focal[2:] == [42, 43, 44, 45])
 
 
@@ -352,9 +350,9 @@ def test_the_calibration_of_the_camera_is_told_by_frame_then_by_topic(new_log):
     other = [99.0, 0.0, 15.5, 0.0, 99.0, 11.5, 0.0, 0.0, 1.0]
     log.add("/rear/calibration", "calibration", 0, k=other, frame="rear_optical")
     log.add("/front/calibration", "calibration", 0, frame="camera_optical")
-    log.add_picture(0, topic="/front/image")
-    log.add_picture(0, topic="/rear/image", frame="rear_optical")
-    log.add_picture(0, topic="/rear/other", frame="")
+    log.add_image(0, topic="/front/image")
+    log.add_image(0, topic="/rear/image", frame="rear_optical")
+    log.add_image(0, topic="/rear/other", frame="")
     path = log.finish()
     for topic, focal in (("/front/image", 40.0), ("/rear/image", 99.0), ("/rear/other", 99.0)):
         (frame,), _ = read(path, spacing_m=8.0, camera=topic)
@@ -365,7 +363,7 @@ def test_a_binned_part_of_the_sensor_has_its_own_matrix(new_log):
     log = new_log("cdr")
     more = {"width": 80, "height": 60, "roi": (8, 6, 48, 64), "binning": (2, 2)}
     log.add("/camera/camera_info", "calibration", 0, **more)
-    log.add_picture(0)
+    log.add_image(0)
     (frame,), _ = read(log.finish(), spacing_m=8.0)
     assert (frame.camera.width, frame.camera.height) == (32, 24)
     assert (frame.camera.fx, frame.camera.cx) == (20.0, (15.5 - 8) / 2)
@@ -382,7 +380,7 @@ def test_a_calibration_file_replaces_that_of_the_log(new_log, tmp_path):
 
 def test_a_calibration_attached_to_the_log_is_used(new_log):
     log = new_log()
-    log.add_picture(0)
+    log.add_image(0)
     log.writer.add_attachment(0, 0, "notes.yaml", "", b"weather: fine")
     log.writer.add_attachment(0, 0, "camera.yaml", "application/yaml", YAML.encode())
     (frame,), report = read(log.finish(), spacing_m=8.0)
@@ -403,7 +401,7 @@ def test_spacing_comes_with_each_used_frame_where_there_are_no_poses(new_log):
     ("spacing", "thin", "apart"),
     [(8.04672, 8.0, 1), (6.1, 8.0, 1), (5.0, 8.0, 2), (1.0, 8.0, 8), (3.0, 0.0, 1), (2.0, 8.5, 4)],
 )
-def test_thinning_takes_the_picture_nearest_to_the_wanted_distance(new_log, spacing, thin, apart):
+def test_thinning_takes_the_image_nearest_to_the_wanted_distance(new_log, spacing, thin, apart):
     path = fill(new_log(), 20, motion="", fixes=False)
     frames, _ = read(path, spacing_m=spacing, thin_m=thin)
     assert [f.index for f in frames if f.used] == list(range(0, 20, apart))
@@ -424,7 +422,7 @@ def test_thinning_goes_by_the_way_travelled(new_log, source):
         else:
             degrees = (way + jitter[0]) / 6_371_000 * 180 / np.pi
             log.add("/gps", "fix", time, place=(degrees, 11.0, 500.0 + 10 * jitter[1]))
-        log.add_picture(index)
+        log.add_image(index)
     frames, _ = read(log.finish())
     used = [f.index for f in frames if f.used]
     assert used[:6] == [0, 4, 8, 12, 16, 20]
@@ -432,7 +430,7 @@ def test_thinning_goes_by_the_way_travelled(new_log, source):
     assert len(used) == 8
 
 
-def test_a_part_and_every_nth_picture_are_taken_and_the_rest_is_accounted_for(new_log):
+def test_a_part_and_every_nth_image_are_taken_and_the_rest_is_accounted_for(new_log):
     path = fill(new_log(), 20)
     frames, report = read(path, from_s=1.0, until_s=3.0, every=3)
     assert [f.index for f in frames] == list(range(20))
@@ -441,32 +439,32 @@ def test_a_part_and_every_nth_picture_are_taken_and_the_rest_is_accounted_for(ne
     assert set(report.statuses) <= set(FRAME_STATUSES)
 
 
-def test_pictures_of_another_size_are_marked_and_the_others_used(new_log):
+def test_images_of_another_size_are_marked_and_the_others_used(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
     for index in range(6):
-        log.add_picture(index, width=WIDTH + (8 if index == 2 else 0))
+        log.add_image(index, width=WIDTH + (8 if index == 2 else 0))
     frames, _ = read(log.finish(), spacing_m=8.0)
     assert [f.status for f in frames] == ["used", "used", "wrong_size", "used", "used", "used"]
     assert frames[3].spacing_m == 16.0
 
 
-def test_a_log_whose_pictures_all_differ_from_the_calibration_is_refused(new_log):
+def test_a_log_whose_images_all_differ_from_the_calibration_is_refused(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
-    log.add_picture(0, width=40, height=30)
+    log.add_image(0, width=40, height=30)
     with pytest.raises(InputError, match=r"32 x 24 .* found 40 x 30 .*--calibration"):
         read(log.finish(), spacing_m=8.0)
 
 
-def test_a_picture_message_that_cannot_be_decoded_keeps_its_place(new_log, dialect):
+def test_an_image_message_that_cannot_be_decoded_keeps_its_place(new_log, dialect):
     log = new_log(dialect)
     log.add("/camera/calibration", "calibration", 0)
     for index in range(4):
         if index == 2:
             log.add_bytes("/camera/image", START + 2 * STEP, b"\xff\xff\xff")
         else:
-            log.add_picture(index)
+            log.add_image(index)
     frames, _ = read(log.finish(), spacing_m=8.0)
     assert [f.status for f in frames] == ["used", "used", "undecodable", "used"]
     assert [f.index for f in frames] == [0, 1, 2, 3]
@@ -477,7 +475,7 @@ def test_other_messages_that_cannot_be_decoded_are_counted_as_lost(new_log, dial
     log.add("/camera/calibration", "calibration", 0)
     for index in range(4):
         log.add("/pose", "pose", index * STEP, **pose_content(index * STEP))
-        log.add_picture(index)
+        log.add_image(index)
     log.add_bytes("/pose", START + 3 * STEP, b"\xff\xff\xff")
     log.add("/pose", "pose", 4 * STEP, position=[math.nan, 0, 0], rotation=[0, 0, 0, 1])
     log.add("/pose", "pose", 4 * STEP, position=[0, 0, 0], rotation=[0, 0, 0, 0])
@@ -490,14 +488,14 @@ def test_other_messages_that_cannot_be_decoded_are_counted_as_lost(new_log, dial
 def test_a_cut_log_gives_the_frames_before_the_cut_and_says_so(new_log):
     path = fill(new_log(use_chunking=False))
     content = path.read_bytes()
-    path.write_bytes(content[: content.index(picture(5)) + 100])
+    path.write_bytes(content[: content.index(image(5)) + 100])
     frames, report = read(path)
     assert [f.index for f in frames] == [0, 1, 2, 3, 4]
     assert report.lost
     assert "cut off" in str(report.problems[0]) or "end mark" in str(report.problems[0])
 
 
-def test_a_broken_chunk_costs_its_pictures_only(new_log):
+def test_a_broken_chunk_costs_its_images_only(new_log):
     path = fill(new_log(chunk_size=3000), 12)
     content = bytearray(path.read_bytes())
     position, chunks = 8, []
@@ -518,28 +516,28 @@ def test_several_cameras_ask_for_a_choice_and_list_what_there_is(new_log):
     log = new_log(chunk_size=1000)
     for index in range(20):
         log.add("/front/info", "calibration", index * STEP)
-        log.add_picture(index, topic="/front/image")
+        log.add_image(index, topic="/front/image")
         if index % 2:
-            log.add_picture(index, topic="/rear/image", width=40)
+            log.add_image(index, topic="/rear/image", width=40)
     path = log.finish()
     with pytest.raises(UsageError) as error:
         read(path, spacing_m=8.0)
     for words in (
         "--camera /front/image",
-        "/front/image (20 pictures, 32 x 24)",
-        "(10 pictures, 40 x 24)",
+        "/front/image (20 images, 32 x 24)",
+        "(10 images, 40 x 24)",
     ):
         assert words in str(error.value)
     frames, _ = read(path, spacing_m=8.0, camera="/front/image")
     assert len(frames) == 20
 
 
-def test_depth_pictures_are_no_camera(new_log):
+def test_depth_images_are_no_camera(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
     shape = {"width": WIDTH, "height": HEIGHT, "step": 2 * WIDTH, "encoding": "16UC1"}
     log.add("/depth", "raw", 0, data=bytes(2 * WIDTH * HEIGHT), **shape)
-    log.add_picture(0)
+    log.add_image(0)
     frames, report = read(log.finish(), spacing_m=8.0)
     assert len(frames) == 1
     assert report.camera_topic == "/camera/image"
@@ -551,16 +549,16 @@ def test_an_unknown_camera_names_the_nearest(new_log):
         read(path, camera="/camera/imag")
 
 
-def test_a_log_without_pictures_is_refused(new_log):
+def test_a_log_without_images_is_refused(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
-    with pytest.raises(InputError, match="wanted pictures, found /camera/calibration"):
+    with pytest.raises(InputError, match="wanted images, found /camera/calibration"):
         read(log.finish(), spacing_m=8.0)
 
 
 def test_a_log_without_calibration_is_refused_with_the_option(new_log):
     log = new_log()
-    log.add_picture(0)
+    log.add_image(0)
     with pytest.raises(InputError, match=r"wanted the calibration .*--calibration camera\.yaml"):
         read(log.finish(), spacing_m=8.0)
 
@@ -576,7 +574,7 @@ def test_a_log_without_calibration_is_refused_with_the_option(new_log):
 def test_a_calibration_that_cannot_be_used_says_why(new_log, dialect, content, reason):
     log = new_log(dialect)
     log.add("/camera/calibration", "calibration", 0, **content)
-    log.add_picture(0)
+    log.add_image(0)
     with pytest.raises(InputError, match=reason):
         read(log.finish(), spacing_m=8.0)
 
@@ -604,31 +602,31 @@ def test_settings_that_make_no_sense_are_refused_before_anything_is_read(
         read_frames(tmp_path / "none.mcap", ReadSettings(**settings), ReadReport())
 
 
-def test_pictures_are_not_copied_from_protobuf_and_cdr(new_log):
+def test_images_are_not_copied_from_protobuf_and_cdr(new_log):
     for dialect in ("protobuf", "cdr"):
         log = new_log(dialect, name=f"{dialect}.mcap", use_chunking=False)
         (frame, *_), _ = read(fill(log))
         assert isinstance(frame.data, memoryview)
-        assert memoryview(frame.data).nbytes == len(picture(0))
+        assert memoryview(frame.data).nbytes == len(image(0))
         assert memoryview(frame.data).readonly
 
 
-def test_reading_keeps_no_pictures(new_log):
+def test_reading_keeps_no_images(new_log):
     import tracemalloc
 
     log = new_log(chunk_size=100_000)
     log.add("/camera/calibration", "calibration", 0)
-    data = picture(0) + bytes(100_000)
+    data = image(0) + bytes(100_000)
     for index in range(200):
         log.add("/pose", "pose", index * STEP, **pose_content(index * STEP))
-        log.add_picture(index, data=data)
+        log.add_image(index, data=data)
     path = log.finish()
     tracemalloc.start()
     count = sum(1 for _ in read_frames(path, ReadSettings(), ReadReport()))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert count == 200
-    assert peak < 4_000_000  # of twenty million bytes of pictures
+    assert peak < 4_000_000  # of twenty million bytes of images
 
 
 def test_another_way_of_naming_ros_types_is_understood(new_log):

@@ -16,7 +16,7 @@ def fill(log, *, calibration=True, poses=True, topics=("/camera/image",)):
             )
             log.add("/gps", "fix", index * STEP, place=(48.0, 11.0 + index * 1e-4, 500.0))
         for topic in topics:
-            log.add_picture(index, topic=topic)
+            log.add_image(index, topic=topic)
     return log.finish()
 
 
@@ -56,24 +56,24 @@ def test_a_calibration_of_another_size_is_told(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0, width=640, height=480)
     log.add("/pose", "pose", 0, position=[0, 0, 0], rotation=[0, 0, 0, 1])
-    log.add_picture(0)
+    log.add_image(0)
     text = format_information(describe_log(log.finish()))
     assert "640 x 480" in text
     assert "--calibration camera.yaml" in text
 
 
-def test_a_log_without_pictures_says_what_is_needed(new_log):
+def test_a_log_without_images_says_what_is_needed(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
     text = format_information(describe_log(log.finish()))
-    assert "cannot be used: wanted pictures" in text
+    assert "cannot be used: wanted images" in text
 
 
 def test_an_unusable_calibration_says_why(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0, model="equidistant")
     log.add("/pose", "pose", 0, position=[0, 0, 0], rotation=[0, 0, 0, 1])
-    log.add_picture(0)
+    log.add_image(0)
     text = format_information(describe_log(log.finish()))
     assert "lens model equidistant is not understood" in text
 

@@ -117,7 +117,7 @@ def test_a_truncated_log_with_chunks_yields_all_complete_chunks(tmp_path, kind):
     cut, whole = tmp_path / "cut.mcap", {0: 0}
     for n, end in enumerate(ends, 1):
         cut.write_bytes(content[:end])
-        with cut.open("rb") as stream:  # the stock reader as the judge of what a chunk holds
+        with cut.open("rb") as stream:  # the stock reader as the reference for what a chunk holds
             reader, count = NonSeekingReader(stream), 0
             try:
                 for _ in reader.iter_messages(log_time_order=False):

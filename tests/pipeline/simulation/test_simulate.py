@@ -139,7 +139,7 @@ def test_what_cannot_be_driven_is_refused_by_its_option(wrong):
         check(replace(SMALL, **wrong))
 
 
-def test_signs_that_no_picture_shows_thrice_are_an_error_with_advice():
+def test_signs_that_no_image_shows_thrice_are_an_error_with_advice():
     with pytest.raises(WaysideError, match="shorten --spacing"):
         simulate(replace(SMALL, spacing_m=90.0, panel_m=0.3))
 

@@ -187,7 +187,7 @@ def test_a_network_of_unknown_features_or_names_is_refused(strange):
 
 
 def grown(by):
-    """A network that lowers the bottom of every box by a share of its height."""
+    """A network that lowers the bottom of every box by a fraction of its height."""
     names = box_feature_names()
     n = len(names)
     return NetworkModel(

@@ -68,7 +68,7 @@ def test_a_mirrored_image_has_mirrored_cells():
             assert one[mine] == pytest.approx(other[theirs], abs=0.03)
 
 
-def test_a_image_of_twice_the_size_looks_the_same():
+def test_an_image_of_twice_the_size_looks_the_same():
     rgb = scene(SHAPES["diamond"])
     large = cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
     one = patch_features(pyramid(rgb), BOX)[0]

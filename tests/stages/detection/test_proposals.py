@@ -139,12 +139,12 @@ def test_the_same_image_gives_the_same_regions():
     assert one.regions.rgb.tobytes() == other.regions.rgb.tobytes()
 
 
-def test_a_image_that_is_not_used_travels_untouched():
+def test_an_image_that_is_not_used_travels_untouched():
     item = segmented(road(), status=THINNED)
     assert next(propose(iter([item]), settings=SETTINGS)) is item
 
 
-def test_a_image_without_rows_near_the_horizon_keeps_its_segments():
+def test_an_image_without_rows_near_the_horizon_keeps_its_segments():
     looking_up = Camera(800, 600, 700.0, 700.0, 399.5, 5000.0)
     (found,) = propose(iter([segmented(road(), camera=looking_up)]), settings=SETTINGS)
     assert len(found.regions) == 0

@@ -102,7 +102,7 @@ def test_poses_and_fixes_together_place_the_log_world_on_the_earth():
     assert geod.inv(lonlat[0], lonlat[1], east, north)[2] < 0.05
 
 
-def test_no_used_picture_is_an_empty_world():
+def test_no_used_image_is_an_empty_world():
     assert path_through([]).poses == {}
 
 
@@ -140,7 +140,7 @@ def fixes_on(poses, heading_deg=0.0, sigma=None, turn=None):
 
 
 def bend(n):
-    """A drive round bends to the left and to the right, a picture every 8 m."""
+    """A drive round bends to the left and to the right, an image every 8 m."""
     heading = 0.9 * np.sin(np.arange(n) / 6)
     x, y = np.cumsum(8 * np.cos(heading)), np.cumsum(8 * np.sin(heading))
     return [
@@ -219,7 +219,7 @@ def test_outliers_and_gaps_of_fixes_are_noted():
 def test_a_time_offset_of_the_fixes_is_noted_and_undone():
     late = bend(60)
     poses = [late[0], *late]
-    shifted = fixes_on(poses[:60], 10.0, (0.05, 0.05, 0.08))  # each fix is of the picture before
+    shifted = fixes_on(poses[:60], 10.0, (0.05, 0.05, 0.08))  # each fix is of the image before
     half = [
         Fix(
             (a.latitude_deg + b.latitude_deg) / 2,

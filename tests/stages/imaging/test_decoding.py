@@ -1,4 +1,4 @@
-"""Real picture bytes in, pixels out; bad ones are counted, never guessed."""
+"""Real image bytes in, pixels out; bad ones are counted, never guessed."""
 
 import io
 from dataclasses import replace
@@ -40,18 +40,18 @@ def png(rgb):
 
 
 def decode_one(one):
-    (picture,) = decode(iter([one]))
-    return picture
+    (image,) = decode(iter([one]))
+    return image
 
 
 def test_a_jpeg_comes_out_as_rgb_and_grey():
-    picture = decode_one(frame(jpeg(pixels())))
-    assert picture.frame.status == "used"
-    assert picture.rgb.flags.c_contiguous
-    assert (picture.rgb.dtype, picture.grey.dtype) == (np.uint8, np.uint8)
-    np.testing.assert_allclose(picture.rgb.astype(int), pixels().astype(int), atol=8)
-    luma = picture.rgb @ np.array([0.299, 0.587, 0.114])
-    np.testing.assert_allclose(picture.grey, luma, atol=1)
+    image = decode_one(frame(jpeg(pixels())))
+    assert image.frame.status == "used"
+    assert image.rgb.flags.c_contiguous
+    assert (image.rgb.dtype, image.grey.dtype) == (np.uint8, np.uint8)
+    np.testing.assert_allclose(image.rgb.astype(int), pixels().astype(int), atol=8)
+    luma = image.rgb @ np.array([0.299, 0.587, 0.114])
+    np.testing.assert_allclose(image.grey, luma, atol=1)
 
 
 def test_a_png_comes_out_exactly():
@@ -75,8 +75,8 @@ def test_the_orientation_tag_is_ignored():
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.97])
 def test_a_jpeg_cut_short_is_undecodable(share):
     data = jpeg(pixels())
-    picture = decode_one(frame(data[: int(share * len(data))]))
-    assert (picture.frame.status, picture.rgb, picture.grey) == ("undecodable", None, None)
+    image = decode_one(frame(data[: int(share * len(data))]))
+    assert (image.frame.status, image.rgb, image.grey) == ("undecodable", None, None)
 
 
 def test_a_jpeg_cut_after_its_thumbnail_is_undecodable():
@@ -92,21 +92,21 @@ def test_padding_after_a_jpeg_does_no_harm():
     assert decode_one(frame(jpeg(pixels()) + bytes(64))).frame.status == "used"
 
 
-def test_bytes_that_are_no_picture_are_undecodable():
-    assert decode_one(frame(b"not a picture at all")).frame.status == "undecodable"
+def test_bytes_that_are_no_image_are_undecodable():
+    assert decode_one(frame(b"not an image at all")).frame.status == "undecodable"
     assert decode_one(frame(bytes(500), "32FC1")).frame.status == "undecodable"
 
 
-def test_a_picture_of_another_size_than_the_cameras_is_counted_as_such():
-    picture = decode_one(frame(jpeg(pixels()[:-2])))
-    assert (picture.frame.status, picture.rgb) == ("wrong_size", None)
+def test_an_image_of_another_size_than_the_cameras_is_counted_as_such():
+    image = decode_one(frame(jpeg(pixels()[:-2])))
+    assert (image.frame.status, image.rgb) == ("wrong_size", None)
 
 
 def test_frames_out_of_use_pass_untouched():
     unused = frame(b"", status="thinned")
-    picture = decode_one(unused)
-    assert picture.frame is unused
-    assert picture.rgb is None
+    image = decode_one(unused)
+    assert image.frame is unused
+    assert image.rgb is None
 
 
 def test_every_frame_comes_out_once_and_in_order():
@@ -139,9 +139,9 @@ def test_raw_rows_come_out_exactly_with_or_without_padding(encoding, conversion,
 @pytest.mark.parametrize("encoding", ["mono8", "8UC1"])
 def test_grey_rows_come_out_in_all_three_channels(encoding):
     grey = pixels()[..., 1].copy()
-    picture = decode_one(frame(grey.tobytes(), encoding))
-    np.testing.assert_array_equal(picture.rgb, np.repeat(grey[..., None], 3, axis=2))
-    np.testing.assert_array_equal(picture.grey, grey)
+    image = decode_one(frame(grey.tobytes(), encoding))
+    np.testing.assert_array_equal(image.rgb, np.repeat(grey[..., None], 3, axis=2))
+    np.testing.assert_array_equal(image.grey, grey)
 
 
 @pytest.mark.parametrize(

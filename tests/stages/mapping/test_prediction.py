@@ -41,20 +41,20 @@ def reddish():
 
 @pytest.fixture
 def shown(drive):
-    """Frames of a drive with pictures: panels red on grey; regions know that they are red."""
+    """Frames of a drive with images: panels red on grey; regions know that they are red."""
 
     def make(panels, frames):
         made = []
         for moved in drive(panels, frames):
-            look = moved.detections
+            before = moved.detections
             rgb = np.full((1200, 1600, 3), 110, np.uint8)
-            regions = look.candidates.regions
+            regions = before.candidates.regions
             red = np.tile(np.array([200, 40, 40], np.float32), (len(regions), 1))
-            table = replace(look.candidates, regions=replace(regions, rgb=red))
+            table = replace(before.candidates, regions=replace(regions, rgb=red))
             table = replace(table, ideal=table.center)
-            image = replace(look.image, rgb=rgb, grey=rgb[..., 0])
-            segmentation = replace(look.segmentation, image=image)
-            made.append(replace(moved, detections=Detections(segmentation, table, look.features)))
+            image = replace(before.image, rgb=rgb, grey=rgb[..., 0])
+            segmentation = replace(before.segmentation, image=image)
+            made.append(replace(moved, detections=Detections(segmentation, table, before.features)))
         return made
 
     return make

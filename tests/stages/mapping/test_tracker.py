@@ -62,6 +62,22 @@ def test_a_plaque_under_a_sign_is_kept(panel, drive):
     assert heights == pytest.approx([0.3 * BORDER, 0.75 * BORDER], rel=0.02)
 
 
+@pytest.mark.parametrize("union_score", [2.0, 5.0])
+def test_a_sign_and_its_plaque_that_far_images_show_as_one_box_are_both_found(
+    panel, drive, union_score
+):
+    far, near = tuple(range(7)), tuple(range(7, 20))  # frames 7 to 14 show both boxes
+    sign = panel(3.5, 2.0, 120.0, only_in=near)
+    plaque = panel(3.5, 1.44, 120.0, wide=0.6, tall=0.3, only_in=near)
+    union = panel(3.5, 1.8325, 120.0, tall=1.085, score=union_score, only_in=far)
+    landmarks = landmarks_of(run(drive([sign, plaque, union], 20)))
+    found = sorted((p for p in landmarks if p.verdict == "sign"), key=lambda p: p.height_m)
+    assert [p.height_m for p in found] == pytest.approx([0.3 * BORDER, 0.75 * BORDER], rel=0.02)
+    centres = [p.best_pose.to_world(p.position) for p in found]
+    np.testing.assert_allclose(centres, [[3.5, -1.44, 120.0], [3.5, -2.0, 120.0]], atol=0.02)
+    assert [p.verdict for p in landmarks if p.verdict != "sign"] == ["duplicate"]
+
+
 def test_the_inner_field_of_a_panel_is_no_second_panel(panel, drive):
     frames = drive(
         [panel(3.5, 2.0, 120.0), panel(3.5, 2.0, 120.0, wide=0.6, tall=0.6, score=1)], 20

@@ -63,7 +63,7 @@ def test_nothing_outside_a_band_is_matched():
         assert len(match(bands, descriptors, np.array([place]), descriptors)) == expected
 
 
-def test_a_band_far_outside_the_picture_matches_nothing():
+def test_a_band_far_outside_the_image_matches_nothing():
     points, descriptors = corners(50, 5)
     for shift in ((-5000.0, 0.0), (5000.0, 0.0), (0.0, -5000.0), (0.0, 5000.0)):
         assert len(match(bands_round(points + shift), descriptors, points, descriptors)) == 0

@@ -19,7 +19,7 @@ START = (np.eye(3), AHEAD)
 
 
 def pair(noise_px=0.1, count=150, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.02, -0.01)):
-    """Rotation, direction, and the rays of random roadside points in both pictures."""
+    """Rotation, direction, and the rays of random roadside points in both images."""
     generator = np.random.default_rng(seed)
     rotation = Rotation.from_rotvec(turn).as_matrix()
     direction = np.array([*slope, 1.0]) / np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)

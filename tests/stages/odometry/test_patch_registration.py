@@ -63,7 +63,7 @@ def test_a_road_seen_nearer_is_placed_better_by_its_own_warp_than_by_that_of_a_p
     assert off_upright > 4 * off
 
 
-def test_a_picture_registers_on_itself_without_moving(far):
+def test_an_image_registers_on_itself_without_moving(far):
     corners = somewhere()
     found = register(far, far, corners, corners.astype(float), plates(len(corners)))
     np.testing.assert_allclose(found.point, corners, atol=1e-3)
@@ -92,7 +92,7 @@ def test_another_scene_is_not_taken_for_the_patch(far):
     assert (found.zncc < 0.85).all()
 
 
-def test_colour_pictures_are_refused(far):
+def test_colour_images_are_refused(far):
     with pytest.raises(ValueError, match="far"):
         register(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), plates(1))
 
@@ -111,13 +111,13 @@ def test_sigma_is_the_scatter_of_corners_under_noise(far):
 
 
 def test_a_patch_on_an_edge_may_slide_and_one_on_a_corner_may_not(far):
-    picture = np.full((120, 200), 60, np.float64)
-    picture[:, 50:60] = 180.0  # a marking
-    picture[80:, 140:] = 180.0  # a corner
-    picture += np.random.default_rng(0).normal(0, 2.0, picture.shape)
-    other = picture + np.random.default_rng(1).normal(0, 2.0, picture.shape)
+    image = np.full((120, 200), 60, np.float64)
+    image[:, 50:60] = 180.0  # a marking
+    image[80:, 140:] = 180.0  # a corner
+    image += np.random.default_rng(0).normal(0, 2.0, image.shape)
+    other = image + np.random.default_rng(1).normal(0, 2.0, image.shape)
     both = [
-        np.clip(cv2.GaussianBlur(p, (0, 0), 1.0), 0, 255).astype(np.uint8) for p in (picture, other)
+        np.clip(cv2.GaussianBlur(p, (0, 0), 1.0), 0, 255).astype(np.uint8) for p in (image, other)
     ]
     corners = np.array([[50, 60], [140, 80]])
     found = register(*both, corners, corners.astype(float), plates(2))

@@ -24,7 +24,7 @@ TIES = TieSettings()
 HEIGHT, BASELINE = 1.6, 6.0
 
 
-def ground_picture(rotation, centre):
+def ground_image(rotation, centre):
     """A road of random blocks under a sky of random blocks, seen by a camera 1.6 m above it."""
     v, u = np.mgrid[0:700, 0:900].astype(float)
     rays = np.stack([(u - 449.5) / 800, (v - 349.5) / 800, np.ones_like(u)], axis=-1) @ rotation.T
@@ -65,8 +65,8 @@ def view(grey):
 def pair():
     rotation = Rotation.from_euler("yx", [0.8, 0.2], degrees=True).as_matrix()
     direction = np.array([0.01, 0.0, 1.0]) / np.linalg.norm([0.01, 0.0, 1.0])
-    before = view(ground_picture(np.eye(3), np.zeros(3)))
-    now = view(ground_picture(rotation, BASELINE * direction))
+    before = view(ground_image(np.eye(3), np.zeros(3)))
+    now = view(ground_image(rotation, BASELINE * direction))
     return before, now, rotation, direction
 
 
@@ -104,7 +104,7 @@ def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
     assert (more.rows[len(warped.rows) :] == -1).all()
     off_plain, off_warped = (off_px(t, rotation, direction) for t in (plain, warped))
     assert np.median(off_warped) <= np.median(off_plain)
-    # the picture is painted without smoothing far texture, which costs some of the exactness
+    # the image is painted without smoothing far texture, which costs some of the exactness
     assert np.median(off_px(more, rotation, direction)) < 0.4
 
 

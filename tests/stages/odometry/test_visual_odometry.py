@@ -67,7 +67,7 @@ class Scene:
         self.size = generator.uniform(1.5, 2.4, plates)
         self.sky = texture((1400, 2200), 7, 40, spread=20.0)
 
-    def picture(self, pose, movers=()):
+    def image(self, pose, movers=()):
         k = CAMERA.matrix
         sky = np.array([[1050.0, 0, 1100], [0, 1050.0, 700], [0, 0, 1]])
         view = cv2.warpPerspective(self.sky, k @ pose.rotation.T @ np.linalg.inv(sky), (1200, 900))
@@ -98,24 +98,24 @@ class Scene:
         part[:] = part * (1 - cover[:h, :w]) + patch[:h, :w] * cover[:h, :w]
 
 
-def looks(pictures, **known):
-    """Looks of pictures; `known` are Frame fields, one a picture."""
+def detections_of(images, **known):
+    """Detections of images; `known` are Frame fields, one per image."""
 
-    def judged():
-        for i, grey in enumerate(pictures):
+    def classified():
+        for i, grey in enumerate(images):
             frame = Frame(i, i * 10**8, None, USED, "jpeg", b"", CAMERA, 1200, 900)
             frame = replace(frame, **{key: values[i] for key, values in known.items()})
-            picture = Image(frame, None, grey if frame.used else None)
+            image = Image(frame, None, grey if frame.used else None)
             none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32), (0, 900)
-            segmented = Segmentation(picture, Regions.empty(), 0, *none)
+            segmented = Segmentation(image, Regions.empty(), 0, *none)
             yield Detections(segmented, Candidates.of(Regions.empty()))
 
-    return extract_features(judged(), FeatureSettings())
+    return extract_features(classified(), FeatureSettings())
 
 
-def motions(pictures, settings=None, **known):
+def motions(images, settings=None, **known):
     settings = settings or MotionSettings()
-    given = looks(pictures, **known), settings, TieSettings(), AdjustmentSettings()
+    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings()
     return [m.motion for m in estimate_motion(*given)]
 
 
@@ -131,7 +131,7 @@ def painted(frames=7, yaw_deg=0.0, missing=(), mover_speed=None):
         places = [(x, y, along) for x in (-2.2, 0.5, 2.6) for y in (-0.6, 0.9)]
         return tuple(poses[0].centre + np.array(place) for place in places)
 
-    return poses, [scene.picture(pose, movers(i)) for i, pose in enumerate(poses)]
+    return poses, [scene.image(pose, movers(i)) for i, pose in enumerate(poses)]
 
 
 def errors(found, poses):
@@ -148,9 +148,9 @@ def errors(found, poses):
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 2.0], ids=["straight", "curve"])
-def test_pictures_and_spacing_alone_give_the_motion(yaw_deg):
-    poses, pictures = painted(7, yaw_deg)
-    found = motions(pictures, spacing_m=[SPACING] * 7)
+def test_images_and_spacing_alone_give_the_motion(yaw_deg):
+    poses, images = painted(7, yaw_deg)
+    found = motions(images, spacing_m=[SPACING] * 7)
     error = errors(found, poses)
     assert np.median(error[:, 0]) < 0.02
     assert np.median(error[:, 1]) < 0.08
@@ -162,8 +162,8 @@ def test_pictures_and_spacing_alone_give_the_motion(yaw_deg):
 
 
 def test_errors_stay_within_the_stated_covariance():
-    poses, pictures = painted(7, 2.0)
-    found = motions(pictures, spacing_m=[SPACING] * 7)
+    poses, images = painted(7, 2.0)
+    found = motions(images, spacing_m=[SPACING] * 7)
     pulls = []
     for i in range(1, 7):
         true, step = poses[i].relative_to(poses[i - 1]), found[i].step
@@ -174,8 +174,8 @@ def test_errors_stay_within_the_stated_covariance():
 
 
 def test_poses_and_stations_are_chained_from_the_first_camera():
-    poses, pictures = painted(7, 2.0)
-    found = motions(pictures, spacing_m=[SPACING] * 7)
+    poses, images = painted(7, 2.0)
+    found = motions(images, spacing_m=[SPACING] * 7)
     np.testing.assert_array_equal(found[0].pose.rotation, np.eye(3))
     assert found[0].source == "start"
     assert found[0].step is None
@@ -187,8 +187,8 @@ def test_poses_and_stations_are_chained_from_the_first_camera():
 
 
 def test_tie_points_are_where_the_plates_stand():
-    poses, pictures = painted(7, 0.0)
-    ties = motions(pictures, spacing_m=[SPACING] * 7)[3].ties
+    poses, images = painted(7, 0.0)
+    ties = motions(images, spacing_m=[SPACING] * 7)[3].ties
     solid = ties.inlier & np.isfinite(ties.point[:, 2]) & (ties.point[:, 2] < 40)
     assert solid.sum() > 20
     local = poses[3].to_camera(Scene(poses).middle)
@@ -204,28 +204,28 @@ def test_tie_points_are_where_the_plates_stand():
 
 
 def test_a_dropped_trigger_doubles_the_step():
-    _, pictures = painted(6, 0.0, missing=(3,))
-    found = motions(pictures, spacing_m=[SPACING] * 6)
+    _, images = painted(6, 0.0, missing=(3,))
+    found = motions(images, spacing_m=[SPACING] * 6)
     assert [m.baseline_m / SPACING for m in found] == [0, 1, 1, 2, 1, 1]
     assert found[5].station_m == pytest.approx(6 * SPACING)
 
 
 def test_things_that_move_with_the_traffic_do_not_bend_the_motion():
-    poses, pictures = painted(6, 0.0, mover_speed=-2.0)
-    error = errors(motions(pictures, spacing_m=[SPACING] * 6), poses)
+    poses, images = painted(6, 0.0, mover_speed=-2.0)
+    error = errors(motions(images, spacing_m=[SPACING] * 6), poses)
     assert np.median(error[:, 0]) < 0.02
     assert np.median(error[:, 1]) < 0.1
 
 
 def test_noisy_poses_are_made_better():
-    poses, pictures = painted(7, 2.0)
+    poses, images = painted(7, 2.0)
     generator = np.random.default_rng(9)
     noisy = []
     for pose in poses:
         turn = Rotation.from_rotvec(generator.normal(0, np.radians(0.1), 3)).as_matrix()
         pose = Pose(pose.rotation @ turn, pose.centre + generator.normal(0, 0.02, 3))
         noisy.append(PosePrior(pose, 0.02, float(np.radians(0.1)), "odometry"))
-    found = motions(pictures, pose=noisy)
+    found = motions(images, pose=noisy)
     given = [noisy[i].pose.relative_to(noisy[i - 1].pose) for i in range(1, 7)]
     before = [
         Rotation.from_matrix(g.rotation @ poses[i + 1].relative_to(poses[i]).rotation.T).magnitude()
@@ -238,22 +238,22 @@ def test_noisy_poses_are_made_better():
 
 
 def test_fixes_give_the_distance_where_nothing_else_does():
-    poses, pictures = painted(5, 0.0)
+    poses, images = painted(5, 0.0)
     degrees = 1 / 111_194.9
     fixes = [Fix(38 + pose.centre[2] * degrees, -97.0, 500.0, (0.1, 0.1, 0.1)) for pose in poses]
-    found = motions(pictures, fix=fixes)
+    found = motions(images, fix=fixes)
     assert all(m.source == "fixes" for m in found[1:])
     np.testing.assert_allclose(errors(found, poses)[:, 3], 1.0, atol=0.01)
 
 
 def test_the_report_adjusts_only_where_the_straight_line_does_not_fit():
-    _, pictures = painted(4, 2.0)
+    _, images = painted(4, 2.0)
     report = MotionSettings(always_adjust=False)
-    found = motions(pictures, report, spacing_m=[SPACING] * 4)
+    found = motions(images, report, spacing_m=[SPACING] * 4)
     assert all(m.adjusted for m in found[1:])
     assert all(m.residual_straight_px > 0.5 > m.residual_px for m in found[1:])
     found = motions(
-        pictures, MotionSettings(always_adjust=False, residual_px=1e6), spacing_m=[SPACING] * 4
+        images, MotionSettings(always_adjust=False, residual_px=1e6), spacing_m=[SPACING] * 4
     )
     assert not any(m.adjusted for m in found)
     np.testing.assert_array_equal(found[2].step.rotation, np.eye(3))
@@ -262,9 +262,9 @@ def test_the_report_adjusts_only_where_the_straight_line_does_not_fit():
 
 
 def test_with_too_few_ties_the_expectation_is_kept_and_said_so():
-    _, pictures = painted(4, 0.0)
-    pictures = [*pictures[:2], np.full_like(pictures[0], 90), *pictures[2:]]
-    found = motions(pictures, spacing_m=[SPACING] * 5)
+    _, images = painted(4, 0.0)
+    images = [*images[:2], np.full_like(images[0], 90), *images[2:]]
+    found = motions(images, spacing_m=[SPACING] * 5)
     assert [m.adjusted for m in found] == [False, True, False, False, True]
     assert found[2].ties is None
     np.testing.assert_array_equal(found[2].step.rotation, found[1].step.rotation)
@@ -273,9 +273,9 @@ def test_with_too_few_ties_the_expectation_is_kept_and_said_so():
 
 
 def test_a_curve_goes_on_where_ties_are_too_few_but_not_for_ever():
-    poses, pictures = painted(4, 2.0)
-    blank = np.full_like(pictures[0], 90)
-    found = motions([*pictures[:3], blank, blank, blank, blank], spacing_m=[SPACING] * 7)
+    poses, images = painted(4, 2.0)
+    blank = np.full_like(images[0], 90)
+    found = motions([*images[:3], blank, blank, blank, blank], spacing_m=[SPACING] * 7)
     turn = poses[1].relative_to(poses[0]).rotation
     assert [m.ties is None for m in found] == [True, False, False, True, True, True, True]
     for motion in found[3:5]:
@@ -288,23 +288,23 @@ def test_a_curve_goes_on_where_ties_are_too_few_but_not_for_ever():
 
 
 def test_a_frame_that_is_not_used_passes_and_is_stepped_over():
-    _, pictures = painted(5, 0.0)
+    _, images = painted(5, 0.0)
     status = [USED, USED, SKIPPED, USED, USED]
-    found = motions(pictures, status=status, spacing_m=[8.0, 8.0, None, 16.0, 8.0])
+    found = motions(images, status=status, spacing_m=[8.0, 8.0, None, 16.0, 8.0])
     assert found[2] is None
     assert found[3].baseline_m == 16.0
     assert found[4].station_m == pytest.approx(32.0)
 
 
 def test_a_drive_without_any_distance_is_refused_with_the_way_out():
-    _, pictures = painted(4, 0.0)
+    _, images = painted(4, 0.0)
     with pytest.raises(InputError, match="--spacing"):
-        motions(pictures)
+        motions(images)
 
 
-def test_the_same_pictures_give_the_same_bytes():
-    _, pictures = painted(4, 0.0)
-    first, second = (motions(pictures, spacing_m=[SPACING] * 4) for _ in range(2))
+def test_the_same_images_give_the_same_bytes():
+    _, images = painted(4, 0.0)
+    first, second = (motions(images, spacing_m=[SPACING] * 4) for _ in range(2))
     for a, b in zip(first, second, strict=True):
         assert a.pose.centre.tobytes() == b.pose.centre.tobytes()
         assert a.pose.rotation.tobytes() == b.pose.rotation.tobytes()
@@ -327,8 +327,8 @@ def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
 
 def test_ties_keep_what_a_window_adjusts_them_by():
     """Corners that steps have in common, the map of each patch, how far it may slide, and what was known before."""
-    _, pictures = painted(4, 0.0)
-    found = motions(pictures, spacing_m=[SPACING] * 4)[1:]
+    _, images = painted(4, 0.0)
+    found = motions(images, spacing_m=[SPACING] * 4)[1:]
     for motion in found:
         ties, count = motion.ties, len(motion.ties.current)
         assert ties.rows.shape == (count, 2)

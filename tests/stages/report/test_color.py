@@ -29,9 +29,9 @@ def segmented(rgb):
         np.array(rgb, np.float32).reshape(n, 3),
         np.arange(n, dtype=np.uint8) % 4,
     )
-    picture = Image(Frame(0, 0, None, "used", "jpeg", b"", None), None, None)
+    image = Image(Frame(0, 0, None, "used", "jpeg", b"", None), None, None)
     empty = np.zeros((0, 3), np.float32)
-    return Segmentation(picture, regions, n, empty, empty[:, 0], (0, 0))
+    return Segmentation(image, regions, n, empty, empty[:, 0], (0, 0))
 
 
 def classify(rgb, **how):

@@ -58,10 +58,10 @@ def drawn(names, radius=24):
     return Image(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
 
 
-def candidates_of(picture):
+def candidates_of(image):
     """The faces as candidates of pass one, from left to right."""
     settings = SegmentSettings(clusters=2, difference_clusters=2, whole_picture=True)
-    (one,) = segment(iter([picture]), settings, GateSettings())
+    (one,) = segment(iter([image]), settings, GateSettings())
     yellow = np.abs(one.regions.rgb - YELLOW).max(axis=1) < 20
     regions = one.regions.select(yellow & (one.regions.source == 0))
     return Detections(one, Candidates.of(regions.select(np.argsort(regions.box[:, 0]))))
@@ -105,8 +105,8 @@ def test_a_box_that_no_region_fills_has_no_shape():
 
 
 def test_frames_without_pixels_or_regions_pass():
-    picture = drawn(["diamond"])
-    empty = Image(replace(picture.frame, status="thinned"), None, None)
+    image = drawn(["diamond"])
+    empty = Image(replace(image.frame, status="thinned"), None, None)
     assert len(classify(candidates_of(empty))) == 0
 
 

@@ -110,7 +110,7 @@ def test_regions_come_in_reading_order():
     assert found.box.tolist() == [[5, 0, 6, 1], [2, 1, 3, 2], [8, 4, 9, 5]]
 
 
-def test_kept_arrays_serve_smaller_pictures_and_change_nothing(textured):
+def test_kept_arrays_serve_smaller_images_and_change_nothing(textured):
     labels, rgb = textured
     work = RegionWork.of(*labels.shape)
     first = ours(labels, rgb, 5, 500, work)
@@ -119,12 +119,12 @@ def test_kept_arrays_serve_smaller_pictures_and_change_nothing(textured):
     assert ours(labels, rgb, 5, 500, work) == first
 
 
-def test_a_picture_without_pixels_has_no_regions():
+def test_an_image_without_pixels_has_no_regions():
     found = connected_regions(np.zeros((0, 5), np.uint8), np.zeros((0, 5, 3), np.uint8), 1, 10)
     assert (len(found.area), found.total) == (0, 0)
 
 
-def test_rows_of_a_larger_picture_are_taken_as_they_are(textured):
+def test_rows_of_a_larger_image_are_taken_as_they_are(textured):
     labels, rgb = textured
     part = np.ascontiguousarray(labels[50:90]), np.ascontiguousarray(rgb[50:90])
     assert ours(labels[50:90], rgb[50:90], 5, 500) == ours(*part, 5, 500)

@@ -29,13 +29,13 @@ def plain(rgb, centers):
 
 
 colors = st.integers(0, 255)
-pictures = st.tuples(st.integers(1, 7), st.integers(1, 19)).flatmap(
+images = st.tuples(st.integers(1, 7), st.integers(1, 19)).flatmap(
     lambda size: arrays(np.uint8, (*size, 3), elements=colors)
 )
 palettes = st.integers(1, 16).flatmap(lambda k: arrays(np.uint8, (k, 3), elements=colors))
 
 
-@given(pictures, palettes)
+@given(images, palettes)
 def test_labels_and_differences_are_those_of_a_plain_argmin(rgb, centers):
     labels, differences = label_colors(rgb, centers)
     wanted_labels, wanted_differences = plain(rgb, centers)
@@ -59,7 +59,7 @@ def test_a_tie_goes_to_the_lower_label():
     assert (label_colors(rgb, centers[[3, 3, 1]])[0] == 0).all()
 
 
-@given(pictures, palettes)
+@given(images, palettes)
 def test_the_sweep_of_both_passes_looks_differences_up_in_the_class_table(rgb, centers):
     table = (np.arange(DIFFERENCES) * 7 % 11).astype(np.uint8)
     first, second = label_both_passes(rgb, centers, table)
@@ -96,7 +96,7 @@ def test_a_centre_without_colours_stays_where_it_is():
         (np.zeros((4, 8), np.uint8), "any x any x 3"),
     ],
 )
-def test_pictures_of_another_layout_type_or_shape_are_refused(rgb, message):
+def test_images_of_another_layout_type_or_shape_are_refused(rgb, message):
     with pytest.raises(ValueError, match=message):
         label_colors(rgb, np.zeros((2, 3)))
 

@@ -35,7 +35,7 @@ def inertia(rgb, centers):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_palette_explains_a_picture_nearly_as_well_as_full_kmeans(seed):
+def test_the_palette_explains_an_image_nearly_as_well_as_full_kmeans(seed):
     rgb = scene(seed=seed)
     cv2.setRNGSeed(seed)
     criteria = (cv2.TERM_CRITERIA_MAX_ITER + cv2.TERM_CRITERIA_EPS, 50, 0.1)
@@ -46,7 +46,7 @@ def test_the_palette_explains_a_picture_nearly_as_well_as_full_kmeans(seed):
     assert inertia(rgb, ours) <= 1.2 * inertia(rgb, np.clip(np.rint(reference), 0, 255))
 
 
-def test_a_picture_of_few_colours_gets_exactly_these():
+def test_an_image_of_few_colours_gets_exactly_these():
     wanted = np.array([[10, 10, 10], [200, 30, 40], [30, 160, 60], [250, 250, 250]], np.uint8)
     rgb = wanted[np.random.default_rng(2).integers(0, 4, (90, 130))]
     np.testing.assert_array_equal(
@@ -67,7 +67,7 @@ def test_more_clusters_leave_less_unexplained():
     assert inertia(rgb, palette(sample, k(16))) < inertia(rgb, palette(sample, k(4)))
 
 
-def test_kept_arrays_do_not_carry_anything_from_one_picture_to_the_next():
+def test_kept_arrays_do_not_carry_anything_from_one_image_to_the_next():
     work = PaletteWork()
     alone = palette(sample_colors(scene(seed=5), SAMPLE), k(16))
     sample_colors(scene(seed=6), SAMPLE, work)
@@ -86,12 +86,12 @@ def test_bins_stand_at_the_mean_of_the_sample():
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 1), (3, 5)])
-def test_tiny_pictures_have_a_palette(size):
+def test_tiny_images_have_a_palette(size):
     rgb = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
     assert palette(sample_colors(rgb, SAMPLE), k(16)).shape == (16, 3)
 
 
-def test_an_empty_picture_or_a_k_out_of_range_is_refused():
+def test_an_empty_image_or_a_k_out_of_range_is_refused():
     with pytest.raises(ValueError, match="at least one pixel"):
         sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE)
     sample = sample_colors(scene(), SAMPLE)

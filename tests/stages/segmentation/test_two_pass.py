@@ -18,7 +18,7 @@ WHOLE = SegmentSettings(whole_picture=True)
 GATE = GateSettings(smallest_px=20, largest_px=20_000)
 
 
-def picture(height=150, width=200, seed=0, signs=True, camera=None):
+def image(height=150, width=200, seed=0, signs=True, camera=None):
     rng = np.random.default_rng(seed)
     rgb = np.empty((height, width, 3))
     rgb[: height // 2], rgb[height // 2 :] = (150, 180, 220), (80, 85, 90)
@@ -41,7 +41,7 @@ def rows_of(result, source):
 
 
 def test_both_passes_agree_with_scipy_on_their_own_label_images():
-    given = picture()
+    given = image()
     result = one(given)
     total = 0
     for source, labels in zip(("pass1", "pass2"), result.labels, strict=True):
@@ -63,7 +63,7 @@ def test_both_passes_agree_with_scipy_on_their_own_label_images():
 
 
 def test_labels_are_nearest_colours_and_classes_of_the_distance_to_them():
-    given = picture()
+    given = image()
     result = one(given)
     gap = given.rgb[:, :, None].astype(int) - result.palette.astype(int)
     squared = (gap**2).sum(axis=-1)
@@ -76,14 +76,14 @@ def test_labels_are_nearest_colours_and_classes_of_the_distance_to_them():
 
 
 def test_a_bright_sign_is_a_region_of_its_own():
-    found = rows_of(one(picture()), "pass1")
+    found = rows_of(one(image()), "pass1")
     middle = (found.box[:, :2] + found.box[:, 2:]) / 2
     at = np.flatnonzero(np.abs(middle - [100, 70]).max(axis=1) < 2)
     assert any(np.abs(found.rgb[i] - [230, 190, 30]).max() < 6 for i in at)
 
 
 def test_the_size_gate_bounds_every_region():
-    areas = one(picture(), gate=GateSettings(smallest_px=40, largest_px=900)).regions.area_px
+    areas = one(image(), gate=GateSettings(smallest_px=40, largest_px=900)).regions.area_px
     assert areas.min() >= 40
     assert areas.max() <= 900
 
@@ -91,7 +91,7 @@ def test_the_size_gate_bounds_every_region():
 @pytest.mark.parametrize("clusters", [2, 3, 7, 16])
 def test_k_of_both_passes_is_as_set(clusters):
     settings = replace(WHOLE, clusters=clusters, difference_clusters=18 - clusters)
-    result = one(picture(), settings)
+    result = one(image(), settings)
     assert len(result.palette) == clusters
     assert len(result.difference_levels) == 18 - clusters
     assert result.labels[0].max() < clusters
@@ -100,8 +100,8 @@ def test_k_of_both_passes_is_as_set(clusters):
 CAMERA = Camera(200, 150, 150.0, 150.0, 100.0, 75.0)
 
 
-def test_the_band_is_segmented_as_rows_of_the_full_picture():
-    given = picture(camera=CAMERA)
+def test_the_band_is_segmented_as_rows_of_the_full_image():
+    given = image(camera=CAMERA)
     result = one(given, SegmentSettings())
     first, last = result.rows
     assert 0 < first < 60 < 80 < last < 150
@@ -125,13 +125,13 @@ def test_the_band_covers_road_signs_seen_from_a_level_camera():
     assert last - first < 500
 
 
-def test_a_camera_that_looks_away_or_is_unknown_gets_the_whole_picture():
+def test_a_camera_that_looks_away_or_is_unknown_gets_the_whole_image():
     assert band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, -5000.0), 1200, WHOLE) == (0, 1200)
     assert band_of(None, 1200, WHOLE) == (0, 1200)
 
 
 def test_frames_without_pixels_travel_with_empty_tables():
-    unused = picture()
+    unused = image()
     unused = Image(replace(unused.frame, status="thinned"), None, None)
     result = one(unused)
     assert result.image is unused
@@ -140,23 +140,23 @@ def test_frames_without_pixels_travel_with_empty_tables():
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (3, 2), (37, 41), (64, 1)])
-def test_tiny_and_odd_pictures_are_segmented(size):
-    result = one(picture(*size, signs=False), gate=GateSettings(smallest_px=1))
+def test_tiny_and_odd_images_are_segmented(size):
+    result = one(image(*size, signs=False), gate=GateSettings(smallest_px=1))
     areas = [rows_of(result, source).area_px.sum() for source in ("pass1", "pass2")]
     assert areas == [size[0] * size[1]] * 2
 
 
-def test_a_picture_of_one_colour_is_one_region_in_each_pass():
-    given = picture(signs=False)
+def test_an_image_of_one_colour_is_one_region_in_each_pass():
+    given = image(signs=False)
     flat = Image(given.frame, np.full_like(given.rgb, 77), given.grey)
     result = one(flat, gate=GateSettings(smallest_px=1, largest_px=10**6))
     assert result.region_count == 2
     assert result.regions.rgb.tolist() == [[77, 77, 77]] * 2
 
 
-def test_pictures_of_changing_size_share_one_generator():
+def test_images_of_changing_size_share_one_generator():
     sizes = [(40, 60), (150, 200), (60, 40), (150, 210)]
-    given = [picture(*size, seed=i, signs=False) for i, size in enumerate(sizes)]
+    given = [image(*size, seed=i, signs=False) for i, size in enumerate(sizes)]
     for together, alone in zip(segment(iter(given), WHOLE, GATE), given, strict=True):
         assert_same(together, one(alone))
 
@@ -170,7 +170,7 @@ def assert_same(a, b):
 
 
 def test_threads_side_by_side_give_the_same_bytes_as_one():
-    given = [picture(seed=i) for i in range(6)]
+    given = [image(seed=i) for i in range(6)]
     alone = list(segment(iter(given), WHOLE, GATE))
     with ThreadPoolExecutor(2) as pool:
         both = list(pool.map(lambda _: list(segment(iter(given), WHOLE, GATE)), range(2)))
@@ -180,7 +180,7 @@ def test_threads_side_by_side_give_the_same_bytes_as_one():
 
 
 def test_a_view_that_is_not_contiguous_is_refused():
-    given = picture()
+    given = image()
     cut = Image(given.frame, given.rgb[:, ::2], given.grey[:, ::2])
     with pytest.raises(ValueError, match="C-contiguous"):
         one(cut)
@@ -197,4 +197,4 @@ def test_a_view_that_is_not_contiguous_is_refused():
 )
 def test_settings_out_of_range_are_refused_by_name(settings, gate, name):
     with pytest.raises(UsageError, match=name):
-        one(picture(), settings, gate)
+        one(image(), settings, gate)

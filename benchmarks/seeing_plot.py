@@ -1,4 +1,4 @@
-"""The picture of the page on seeing: two curves side by side, drawn like the evidence sheets."""
+"""The plot of the page on seeing: two curves side by side, drawn like the evidence sheets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WIDE, SECOND, SQUARE = 620, 850, 340
 SMALL, TITLE = 15, 19
 LINES: tuple[tuple[int, str, Ink], ...] = (
     (CANDIDATE, "has a candidate", (120, 130, 142)),
-    (PASSED, "past the judge of one view", (30, 110, 200)),
+    (PASSED, "past the classifier of one view", (30, 110, 200)),
     (SIGN, "view of a reported sign", (214, 0, 128)),
 )
 
@@ -27,12 +27,12 @@ def draw(
     levels: Sequence[Sequence[int]],
     sure: Sequence[tuple[float, int, int]],
 ) -> NDArray[np.uint8]:
-    """RGB picture: share of faces that went so far against height; share of true rows against confidence.
+    """RGB image: fraction of faces that went so far against height; fraction of true rows against confidence.
 
     names, levels: a bin of heights each, how far its faces went; sure: mean confidence, true rows, rows of each bin.
     """
     page = Canvas(WIDTH, HEIGHT)
-    _axes(page, LEFT, WIDE, "Share of faces, by height in the picture")
+    _axes(page, LEFT, WIDE, "Fraction of faces, by height in the image")
     places = LEFT + WIDE * (np.arange(len(names)) + 0.5) / len(names)
     for x, name, own in zip(places, names, levels, strict=True):
         words = name.removesuffix(" and more").removesuffix(" px")
@@ -59,8 +59,8 @@ def draw(
 
 
 def _reliability(page: Canvas, sure: Sequence[tuple[float, int, int]]) -> None:
-    """Points with the interval that holds the true share in two of three cases (Wilson 1927), size by rows."""
-    _axes(page, SECOND, SQUARE, "Share of true rows, by confidence")
+    """Points with the interval that holds the true fraction in two of three cases (Wilson 1927), size by rows."""
+    _axes(page, SECOND, SQUARE, "Fraction of true rows, by confidence")
     page.line([(SECOND, TOP + TALL), (SECOND + SQUARE, TOP)], RULE, 2)
     for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
         _centred(page, SECOND + SQUARE * tick, TOP + TALL + 24, f"{tick:g}", TEXT)
@@ -73,10 +73,10 @@ def _reliability(page: Canvas, sure: Sequence[tuple[float, int, int]]) -> None:
 
 
 def wilson(right: int, rows: int) -> tuple[float, float]:
-    """Interval of one standard deviation about a share (Wilson 1927, eq. for the score interval)."""
-    share, slack = right / rows, 1.0 / rows
-    middle = (share + slack / 2) / (1 + slack)
-    half = np.sqrt(share * (1 - share) / rows + slack / (4 * rows)) / (1 + slack)
+    """Interval of one standard deviation about a fraction (Wilson 1927, eq. for the score interval)."""
+    fraction, slack = right / rows, 1.0 / rows
+    middle = (fraction + slack / 2) / (1 + slack)
+    half = np.sqrt(fraction * (1 - fraction) / rows + slack / (4 * rows)) / (1 + slack)
     return float(middle - half), float(middle + half)
 
 
@@ -87,8 +87,8 @@ def _axes(page: Canvas, left: int, width: int, title: str) -> None:
         page.text((left - 10, _level(tick) + 5), f"{100 * tick:.0f} %", SMALL, FAINT, right=True)
 
 
-def _level(share: float) -> float:
-    return TOP + TALL * (1 - share)
+def _level(fraction: float) -> float:
+    return TOP + TALL * (1 - fraction)
 
 
 def _centred(page: Canvas, x: float, y: float, words: str, ink: Ink) -> None:
