@@ -188,7 +188,7 @@ def _solve(
 ) -> bool:
     normal, step = problem.normal, problem.step
     reduce_points(normal, damping, problem.reduced, step)
-    if not cholesky_solve(problem.reduced, step, step.shape[0]):
+    if not cholesky_solve(problem.reduced, step):
         return False
     for f in range(estimate.rotations.shape[0]):
         rotation = rotation_from_vector(step[6 * f : 6 * f + 3])

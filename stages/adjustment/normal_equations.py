@@ -208,7 +208,7 @@ def uncertainty(
     for k in range(count):
         factor[:] = reduced
         step[:] = reach[:, k]
-        if not cholesky_solve(factor, step, size):
+        if not cholesky_solve(factor, step):
             return
         spread[:, k] = step
     for k in range(count):

@@ -237,7 +237,7 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     for k in range(5):
         problem.damped[k, k] += damping * problem.normal[k, k] + 1e-9
     problem.step[:] = problem.right
-    if not cholesky_solve(problem.damped, problem.step, 5):
+    if not cholesky_solve(problem.damped, problem.step):
         return False
     _updated_pose(
         estimate.rotations[1],
