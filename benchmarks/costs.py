@@ -78,7 +78,11 @@ def main() -> int:
 def window_ms(frames: int, ties: int, times: int = 50) -> float:
     """Processor time of one place adjusted with so many frames and ties a step, milliseconds, median."""
     drive = SimulatedDrive(Survey(ties=ties, signs=1))
-    moved = [m for m in drive.posed(MotionSettings(), TieSettings()) if m.motion is not None]
+    moved = [
+        m
+        for m in drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
+        if m.motion is not None
+    ]
     seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
     last = int(seen[-1])
     first = last - frames + 1

@@ -103,7 +103,10 @@ class Flow:
     def follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order: motion, tracks, landmarks."""
         stage, s, m = self.stage, self.settings, self.models
-        posed = stage("motion", estimate_motion(detections, settings=s.motion, ties=s.ties))
+        posed = stage(
+            "motion",
+            estimate_motion(detections, settings=s.motion, ties=s.ties, adjustment=s.adjustment),
+        )
         tracked = stage("track", self._tracked(posed))
         by_report = s.candidates.judge == "report"
         refusing = m.location_classes if by_report else None  # else a term of the evidence

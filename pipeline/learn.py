@@ -254,7 +254,9 @@ def _tracked(
         )
         flow = Flow(settings, flow_models, StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
-        moved = estimate_motion(flow.detect(frames), settings.motion, settings.ties)
+        moved = estimate_motion(
+            flow.detect(frames), settings.motion, settings.ties, settings.adjustment
+        )
         yield PosedDrive(
             moved, classifier, back, truth, flow.panel_method(), models.location_classes
         )

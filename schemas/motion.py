@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +36,13 @@ class Ties:
     sigma_px: NDArray[np.float64] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StepPrior:
+class StepPrior(NamedTuple):
     """What is known of a step before its images are compared.
 
-    rotation (3, 3), sigma_rotation in radians (inf: unknown); direction of travel (3,), sigma_direction (2,) as slopes
-    sideways and up, in the axes half way through the rotation where `halfway`, else in the previous camera's; length_m
-    of the step and its sigma_m.
+    rotation (3, 3) with sigma_rotation in radians (inf: unknown). Direction of travel (3,) with sigma_direction (2,)
+    as slopes sideways and up: in the axes half way through the rotation where `halfway` (a camera fixed to a vehicle
+    that drives an arc travels there in a constant direction, that of the chord), else in the previous camera's axes.
+    length_m of the step and its sigma_m.
     """
 
     rotation: NDArray[np.float64]

@@ -5,8 +5,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cross_matrix, tangent_basis
+from wayside.stages.geometry import cross_matrix, rotation_from_vector, tangent_basis
 from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.odometry import sampson_px
+
+DIFFERENCE_STEP = 1e-6
+"""Step of forward differences, radians: half of the digits of a double."""
+
+
+def motion_jacobian(
+    previous: Array, current: Array, rotation: Array, direction: Array, focal_px: float
+) -> Array:
+    """Derivatives (n, 5) of the Sampson distances of rays (n, 2), px, by the motion.
+
+    The motion's five coordinates are the rotation vector and the direction along `tangent_basis`, radians.
+    """
+    distances = sampson_px(previous, current, rotation, direction, focal_px)
+    basis, columns = tangent_basis(direction), []
+    for single in DIFFERENCE_STEP * np.eye(5):
+        moved = direction + single[3:] @ basis
+        turned = rotation_from_vector(single[:3]) @ rotation
+        there = sampson_px(previous, current, turned, moved / np.linalg.norm(moved), focal_px)
+        columns.append((there - distances) / DIFFERENCE_STEP)
+    return np.column_stack(columns)
 
 
 def step_bound(

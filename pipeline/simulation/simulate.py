@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.simulation.bound import point_bound, step_bound
+from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import (
+    AdjustmentSettings,
     LandmarkSettings,
     LocalAdjustmentSettings,
     MappingSettings,
@@ -28,7 +29,6 @@ from wayside.schemas.settings import (
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import track
-from wayside.stages.odometry import motion_jacobian
 
 AXES = ("along", "lateral", "up")
 _ORDER = [2, 0, 1]
@@ -105,7 +105,7 @@ def simulate(survey: Survey) -> SimulationResult:
     mapping = MappingSettings(settings, landmark=noise)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     for settled in track(
-        drive.posed(MotionSettings(), TieSettings()),
+        drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings()),
         mapping,
         adjustment=LocalAdjustmentSettings(),
     ):
@@ -315,7 +315,7 @@ def bound_of_step(
     direction = np.ascontiguousarray(step.centre / baseline)
     previous, current = (rays_of_ideal(camera, uv) for uv in pixels)
     focal = 0.5 * (camera.fx + camera.fy)
-    _, jacobian = motion_jacobian(previous, current, step.rotation, direction, focal)
+    jacobian = motion_jacobian(previous, current, step.rotation, direction, focal)
     toward = step.rotation.T @ direction
     outward = current - toward[:2] / toward[2]
     outward /= np.linalg.norm(outward, axis=1)[:, None]

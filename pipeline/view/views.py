@@ -41,7 +41,7 @@ from wayside.schemas.detections import (
 from wayside.schemas.frame import Camera, Frame, Image, Pose
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.motion import Motion, PosedDetections, Ties
-from wayside.stages.geometry import distort_points, midpoint, pair_residual, rays_of_ideal
+from wayside.stages.geometry import distort_points, pair_midpoint, pair_residual, rays_of_ideal
 
 RECENT = 60
 """Frames whose path and landmarks stay in view behind the vehicle."""
@@ -262,9 +262,7 @@ def tied_points(
     before: NDArray[np.float64], after: NDArray[np.float64], step: Pose
 ) -> NDArray[np.float64]:
     """Midpoints (n, 3) of ties in the current camera's frame by one step; nan where rays do not meet ahead."""
-    ones = np.ones((len(before), 1))
-    rays = np.hstack([before, ones]), np.hstack([after, ones]) @ step.rotation.T
-    found = midpoint(np.zeros(3), step.centre, *rays)
+    found = pair_midpoint(before, after, step.rotation, step.centre)
     points = (found.point - step.centre) @ step.rotation
     points[~found.ahead] = np.nan
     return points

@@ -44,3 +44,11 @@ class AdjustmentSettings:
         expert=True,
         low=0,
     )
+    pair_gain: float = setting(
+        1e-4,
+        "",
+        "the adjustment of two images ends where an iteration lowers the cost by a smaller fraction",
+        origin="leaves the motion .01 sigmas off the minimum",
+        expert=True,
+        low=0,
+    )

@@ -15,8 +15,9 @@ from wayside.stages.geometry.linear_algebra import (
     invert_symmetric,
 )
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
-from wayside.stages.geometry.ray_midpoint import meet_rays, midpoint, pair_residual
+from wayside.stages.geometry.ray_midpoint import meet_rays, pair_midpoint, pair_residual
 from wayside.stages.geometry.rotation import (
+    halfway_direction,
     rotation_from_vector,
     tangent_basis,
     vector_from_rotation,
@@ -39,15 +40,16 @@ __all__ = [
     "cross_matrix",
     "distort_points",
     "frenet_offset",
+    "halfway_direction",
     "ideal_of_rays",
     "ideal_points",
     "intersection_areas",
     "invert_symmetric",
     "iou_matrix",
     "meet_rays",
-    "midpoint",
     "minimiser",
     "non_maximum_suppression",
+    "pair_midpoint",
     "pair_residual",
     "rays_of_ideal",
     "rotation_from_vector",

@@ -63,9 +63,10 @@ def minimiser(
     ) -> tuple[Estimate, float, int]:
         cost = evaluate(problem, estimate)
         damping, done = schedule.damping, 0
-        while done < schedule.iterations:
-            linearise(problem, estimate, done)
-            done += 1
+        # Numbers from a range have one type: a count that starts as the constant 0 compiles `linearise` twice.
+        for iteration in range(schedule.iterations):
+            linearise(problem, estimate, iteration)
+            done = iteration + 1
             accepted, lowered = False, 0.0
             for _ in range(schedule.tries):
                 if solve(problem, estimate, damping, trial):

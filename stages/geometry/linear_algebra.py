@@ -8,11 +8,12 @@ from wayside.stages.kernels import Array, compiled
 
 
 @compiled
-def cholesky_solve(matrix: Array, right: Array, size: int) -> bool:
+def cholesky_solve(matrix: Array, right: Array) -> bool:
     """Solve in place by Cholesky: the lower half of `matrix` becomes its factor, `right` the solution.
 
-    Returns False, with both arrays overwritten, where the leading (size, size) part is not positive definite.
+    Returns False, with both arrays overwritten, where the matrix is not positive definite.
     """
+    size = right.shape[0]
     for j in range(size):
         total = matrix[j, j]
         for k in range(j):

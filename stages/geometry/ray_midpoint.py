@@ -65,6 +65,23 @@ def midpoint(
     return Midpoints(point, gap, along)
 
 
+def pair_midpoint(
+    previous: NDArray[np.floating[Any]],
+    current: NDArray[np.floating[Any]],
+    rotation: NDArray[np.floating[Any]],
+    centre: NDArray[np.floating[Any]],
+) -> Midpoints:
+    """Midpoints of rays (n, 2), as (x/z, y/z), of two images, in the axes of the first camera.
+
+    rotation (3, 3) and centre (3,): pose of the second camera in the first one's frame.
+    """
+    first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
+    ones, axes = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
+    return midpoint(
+        np.zeros(3), centre, np.hstack([first, ones]), np.hstack([second, ones]) @ axes.T
+    )
+
+
 def pair_residual(
     previous: NDArray[np.floating[Any]],
     current: NDArray[np.floating[Any]],
@@ -90,9 +107,8 @@ def pair_residual(
         valid position, with its residual divided between both images.
     """
     first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
-    ones, axes = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
-    rays = np.hstack([first, ones]), np.hstack([second, ones]) @ axes.T
-    found = midpoint(np.zeros(3), direction, *rays)
+    axes = np.asarray(rotation, np.float64)
+    found = pair_midpoint(first, second, axes, direction)
     local = (found.point - direction) @ axes
     with np.errstate(divide="ignore", invalid="ignore"):
         residuals = np.hstack(
@@ -101,7 +117,7 @@ def pair_residual(
                 local[:, :2] / local[:, 2:] - second,
             ]
         )
-        far = rays[0] @ axes
+        far = first @ axes[:2] + axes[2]
         far_residual = far[:, :2] / far[:, 2:] - second
     near = found.ahead & (found.point[:, 2] > 0) & (local[:, 2] > 0)
     squares = ((residuals * (*focal_px, *focal_px)) ** 2).sum(axis=1)

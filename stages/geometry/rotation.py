@@ -63,6 +63,13 @@ def vector_from_rotation(matrix: Array) -> Array:
 
 
 @compiled
+def halfway_direction(rotation: Array, direction: Array) -> Array:
+    """Direction (3,), given in the axes half way through a rotation, in the axes before it."""
+    half: Array = np.dot(rotation_from_vector(0.5 * vector_from_rotation(rotation)), direction)
+    return half
+
+
+@compiled
 def tangent_basis(direction: Array) -> Array:
     """Two unit vectors (2, 3) at right angles to a unit vector (3,) and to each other.
 
@@ -75,7 +82,8 @@ def tangent_basis(direction: Array) -> Array:
         first[0], first[1], first[2] = 0.0, direction[2], -direction[1]
     first /= np.sqrt((first * first).sum())
     result = np.empty((2, 3))
-    result[0] = first
+    for i in range(3):
+        result[0, i] = first[i]
     result[1, 0] = direction[1] * first[2] - direction[2] * first[1]
     result[1, 1] = direction[2] * first[0] - direction[0] * first[2]
     result[1, 2] = direction[0] * first[1] - direction[1] * first[0]

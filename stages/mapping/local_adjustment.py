@@ -18,18 +18,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.motion import ROUGH_LENGTHS, StepPrior
+from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
-from wayside.stages.geometry import rays_of_ideal
-from wayside.stages.kernels import Array
-from wayside.stages.mapping.bundle_adjustment import adjust_window
-from wayside.stages.mapping.residuals import QUADRATIC, ResidualBlocks, StepConstraints
-from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
-from wayside.stages.mapping.window import WindowFrame
-from wayside.stages.odometry import (
-    correlated_point_covariance,
+from wayside.stages.adjustment import (
+    QUADRATIC,
+    ResidualBlocks,
+    StepConstraints,
+    adjust_window,
+    correlated_covariance,
     correlated_sigma_px,
 )
+from wayside.stages.geometry import rays_of_ideal
+from wayside.stages.kernels import Array
+from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
+from wayside.stages.mapping.window import WindowFrame
 
 
 class LandmarkRays(NamedTuple):
@@ -152,8 +154,9 @@ def adjust_jointly(
         np.vstack([[x / z, y / z, 1 / z], start]),
         np.concatenate([[best - first], anchors]),
         rows,
-        step_constraints(known, common=any(h.motion.source in ROUGH_LENGTHS for h in window[1:])),
-        settings=solver,
+        StepConstraints.of(known, common=any(h.motion.source in ROUGH_LENGTHS for h in window[1:])),
+        iterations=solver.window_iterations,
+        gain=solver.window_gain,
     )
     if not np.isfinite(found.covariance).all():
         return None
@@ -173,25 +176,6 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
         if high - low < most:
             first, last = low, high
     return first, last
-
-
-def step_constraints(priors: Sequence[StepPrior], *, common: bool) -> StepConstraints:
-    """Priors of the steps of a window, each from one frame to the next.
-
-    common: their lengths derive from each other, so they share one error, which does not average out.
-    """
-    numbers = np.arange(len(priors), dtype=np.int64)
-    factor = np.sqrt(len(priors)) if common else 1.0
-    return StepConstraints(
-        np.column_stack([numbers, numbers + 1]),
-        np.array([p.rotation for p in priors], np.float64).reshape(-1, 3, 3),
-        np.array([p.sigma_rotation for p in priors], np.float64),
-        np.array([p.direction for p in priors], np.float64).reshape(-1, 3),
-        np.array([p.sigma_direction for p in priors], np.float64).reshape(-1, 2),
-        np.array([p.halfway for p in priors], np.bool_),
-        np.array([p.length_m for p in priors], np.float64),
-        np.array([p.sigma_m * factor for p in priors], np.float64),
-    )
 
 
 def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> _WindowTies:
@@ -278,8 +262,6 @@ def shared_errors(
     alone = (displacement_sigma * displacement)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
     return (
-        correlated_point_covariance(
-            ties.pixel, ties.step, shared, registration.correlation_reach_px
-        )
+        correlated_covariance(ties.pixel, ties.step, shared, registration.correlation_reach_px)
         - counted
     )

@@ -205,7 +205,7 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     for i in range(3):
         problem.damped[i, i] *= 1.0 + damping
     problem.step[:] = problem.right
-    solved = cholesky_solve(problem.damped, problem.step, 3)
+    solved = cholesky_solve(problem.damped, problem.step)
     trial.point[:] = estimate.point + problem.step
     return solved
 
@@ -247,7 +247,7 @@ def _triangulate(
         problem.damped[:] = problem.matrix
         problem.step[:] = 0.0
         problem.step[i] = 1.0
-        if cholesky_solve(problem.damped, problem.step, 3):
+        if cholesky_solve(problem.damped, problem.step):
             covariance[i] = problem.step * inflation
         else:
             covariance[i] = np.nan

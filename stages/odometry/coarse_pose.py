@@ -6,12 +6,12 @@ from math import radians
 
 import numpy as np
 
+from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
-    RelativePosePrior,
     fit_epipolar,
     sampson_px,
 )
@@ -21,7 +21,7 @@ from wayside.stages.odometry.tie_points import KeypointImage, match_corners
 def find_coarse_motion(
     before: KeypointImage,
     now: KeypointImage,
-    prior: RelativePosePrior,
+    prior: StepPrior,
     predicted: Array,
     slack_px: float,
     settings: TieSettings,
@@ -59,7 +59,7 @@ def find_coarse_motion(
 def fit_coarse_motion(
     previous: Array,
     current: Array,
-    prior: RelativePosePrior,
+    prior: StepPrior,
     predicted: Array,
     focal_px: float,
     settings: TieSettings,
@@ -80,7 +80,7 @@ def _released(
     previous: Array,
     current: Array,
     rotation: Array,
-    prior: RelativePosePrior,
+    prior: StepPrior,
     focal_px: float,
     settings: TieSettings,
 ) -> EpipolarFit:
@@ -106,7 +106,7 @@ def _held(
     previous: Array,
     current: Array,
     rotation: Array,
-    prior: RelativePosePrior,
+    prior: StepPrior,
     focal_px: float,
     scales_px: tuple[float, ...],
     settings: TieSettings,

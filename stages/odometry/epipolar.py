@@ -11,51 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.schemas.motion import StepPrior
+from wayside.stages.adjustment import StepConstraints, constraint_jacobian, constraint_residuals
 from wayside.stages.geometry import (
     Schedule,
     cholesky_solve,
     minimiser,
     rotation_from_vector,
     tangent_basis,
-    vector_from_rotation,
 )
 from wayside.stages.kernels import Array, compiled, require_array
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
-
-
-class RelativePosePrior(NamedTuple):
-    """What is known of a relative pose before its ties are used.
-
-    rotation (3, 3) with sigma_rotation in radians (inf: unknown). Direction of travel (3,) with sigma_direction (2,)
-    as slopes sideways and up: in the axes half way through the rotation where `halfway` (a camera fixed to a vehicle
-    that drives an arc travels there in a constant direction, that of the chord), else in the previous camera's axes.
-    """
-
-    rotation: Array
-    sigma_rotation: float
-    direction: Array
-    sigma_direction: Array
-    halfway: bool
-
-    def checked(self) -> RelativePosePrior:
-        """The same in the types that compiled code takes.
-
-        Raises
-        ------
-        ValueError
-            Where an array has another shape.
-        """
-        rotation = np.ascontiguousarray(self.rotation, np.float64)
-        direction = np.ascontiguousarray(self.direction, np.float64)
-        sigma = np.ascontiguousarray(self.sigma_direction, np.float64)
-        require_array(rotation, "rotation", np.float64, (3, 3))
-        require_array(direction, "direction", np.float64, (3,))
-        require_array(sigma, "sigma_direction", np.float64, (2,))
-        return RelativePosePrior(
-            rotation, float(self.sigma_rotation), direction, sigma, bool(self.halfway)
-        )
 
 
 class EpipolarFit(NamedTuple):
@@ -65,27 +33,18 @@ class EpipolarFit(NamedTuple):
     direction: Array
 
 
-class PriorTerms(NamedTuple):
-    """Work arrays of the prior: residuals come from an estimate; Jacobian (5, 5), one unknown a row, and scratch."""
-
-    jacobian: Array
-    unit: Array
-    rotation: Array
-    direction: Array
-
-
 class _Problem(NamedTuple):
-    """Rays (n, 2), prior and settings of a fit; tangent basis of the direction, Jacobian, normal equations."""
+    """Rays (n, 2), prior and settings of a fit; tangent basis of the direction, Jacobians, normal equations."""
 
     previous: Array
     current: Array
-    prior: RelativePosePrior
-    terms: PriorTerms
+    prior: StepConstraints
     focal_px: float
     sigma_px: float
     scale_px: float
     basis: Array
     jacobian: Array
+    prior_jacobian: Array
     normal: Array
     right: Array
     damped: Array
@@ -93,10 +52,10 @@ class _Problem(NamedTuple):
 
 
 class _Estimate(NamedTuple):
-    """Relative pose, Sampson distances (n,) in px, and residuals (5,) of the prior in sigmas."""
+    """Poses of both cameras, Sampson distances (n,) in px, and residuals (1, 6) of the prior in sigmas."""
 
-    rotation: Array
-    direction: Array
+    rotations: Array
+    centres: Array
     distances: Array
     known: Array
 
@@ -105,7 +64,7 @@ def fit_epipolar(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: RelativePosePrior,
+    prior: StepPrior,
     *,
     focal_px: float,
     sigma_px: float,
@@ -146,7 +105,7 @@ def fit_epipolar(
         current,
         rotation,
         direction,
-        prior.checked(),
+        StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)]),
         focal_px,
         sigma_px,
         scale_px,
@@ -175,75 +134,17 @@ def sampson_px(
 
 
 @compiled
-def halfway_direction(rotation: Array, direction: Array) -> Array:
-    """Direction (3,), given in the axes half way through a rotation, in the axes before it."""
-    half: Array = np.dot(rotation_from_vector(0.5 * vector_from_rotation(rotation)), direction)
-    return half
-
-
-@compiled
-def updated_pose(
+def _updated_pose(
     rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
 ) -> None:
-    """Rotation and direction after a step (5,): rotation vector, then along `basis` (2, 3).
-
-    The direction stays of unit length: that holds the baseline.
-    """
+    # After a step (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
+    # baseline.
     out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
     square = 0.0
     for i in range(3):
         out_t[i] = direction[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
         square += out_t[i] * out_t[i]
     out_t /= np.sqrt(square)
-
-
-@compiled
-def prior_residuals(
-    rotation: Array, direction: Array, prior: RelativePosePrior, residuals: Array
-) -> None:
-    """Residuals (5,) of the prior in sigmas: rotation about x, y, z, direction sideways and up."""
-    vector = vector_from_rotation(np.dot(rotation, prior.rotation.T))
-    for i in range(3):
-        residuals[i] = vector[i] / prior.sigma_rotation
-    expected = halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
-    for i in range(2):
-        slope = direction[i] / direction[2] - expected[i] / expected[2]
-        residuals[3 + i] = slope / prior.sigma_direction[i]
-
-
-@compiled
-def prior_terms() -> PriorTerms:
-    """Work arrays for `prior_jacobian`."""
-    return PriorTerms(np.empty((5, 5)), np.empty(5), np.empty((3, 3)), np.empty(3))
-
-
-@compiled
-def prior_jacobian(
-    rotation: Array,
-    direction: Array,
-    basis: Array,
-    prior: RelativePosePrior,
-    known: Array,
-    terms: PriorTerms,
-) -> None:
-    """Forward differences of the prior's residuals `known` (5,) by the five unknowns."""
-    for k in range(5):
-        terms.unit[:] = 0.0
-        terms.unit[k] = DIFFERENCE_STEP
-        updated_pose(rotation, direction, basis, terms.unit, terms.rotation, terms.direction)
-        prior_residuals(terms.rotation, terms.direction, prior, terms.jacobian[k])
-        for i in range(5):
-            terms.jacobian[k, i] = (terms.jacobian[k, i] - known[i]) / DIFFERENCE_STEP
-
-
-@compiled
-def add_prior(known: Array, terms: PriorTerms, normal: Array, right: Array) -> None:
-    """Add the prior to normal equations (5, 5), lower half, and their right side (5,)."""
-    for k in range(5):
-        for i in range(5):
-            right[k] -= terms.jacobian[k, i] * known[i]
-            for m in range(k + 1):
-                normal[k, m] += terms.jacobian[k, i] * terms.jacobian[m, i]
 
 
 @compiled
@@ -279,47 +180,48 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     _sampson(
         problem.previous,
         problem.current,
-        estimate.rotation,
-        estimate.direction,
+        estimate.rotations[1],
+        estimate.centres[1],
         problem.focal_px,
         estimate.distances,
     )
-    prior_residuals(estimate.rotation, estimate.direction, problem.prior, estimate.known)
+    constraint_residuals(estimate.rotations, estimate.centres, problem.prior, estimate.known)
     total = 0.0
     for i in range(estimate.distances.shape[0]):
         total += np.log1p((estimate.distances[i] / problem.scale_px) ** 2)
     total *= (problem.scale_px / problem.sigma_px) ** 2
-    for i in range(5):
-        total += estimate.known[i] ** 2
+    for i in range(6):
+        total += estimate.known[0, i] ** 2
     return total
 
 
 @compiled
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    rotation, direction = estimate.rotation, estimate.direction
-    terms, jacobian, normal, right = problem.terms, problem.jacobian, problem.normal, problem.right
-    problem.basis[:] = tangent_basis(direction)
+    rotation, direction, basis = estimate.rotations[1], estimate.centres[1], problem.basis
+    jacobian, normal, right = problem.jacobian, problem.normal, problem.right
+    basis[:] = tangent_basis(direction)
     n = problem.previous.shape[0]
+    unit, turned, moved = np.empty(5), np.empty((3, 3)), np.empty(3)
     for k in range(5):
-        terms.unit[:] = 0.0
-        terms.unit[k] = DIFFERENCE_STEP
-        updated_pose(
-            rotation, direction, problem.basis, terms.unit, terms.rotation, terms.direction
-        )
-        _sampson(
-            problem.previous,
-            problem.current,
-            terms.rotation,
-            terms.direction,
-            problem.focal_px,
-            jacobian[k],
-        )
+        unit[:] = 0.0
+        unit[k] = DIFFERENCE_STEP
+        _updated_pose(rotation, direction, basis, unit, turned, moved)
+        _sampson(problem.previous, problem.current, turned, moved, problem.focal_px, jacobian[k])
         for i in range(n):
             jacobian[k, i] = (jacobian[k, i] - estimate.distances[i]) / DIFFERENCE_STEP
     normal[:] = 0.0
     right[:] = 0.0
-    prior_jacobian(rotation, direction, problem.basis, problem.prior, estimate.known, terms)
-    add_prior(estimate.known, terms, normal, right)
+    constraint_jacobian(
+        estimate.rotations, estimate.centres, problem.prior, 0, problem.prior_jacobian
+    )
+    row = np.empty(5)
+    for i in range(6):
+        row[:3] = problem.prior_jacobian[i, 6:9]
+        row[3:] = np.dot(basis, problem.prior_jacobian[i, 9:])
+        for k in range(5):
+            right[k] -= row[k] * estimate.known[0, i]
+            for m in range(k + 1):
+                normal[k, m] += row[k] * row[m]
     for i in range(n):
         distance = estimate.distances[i]
         weight = 1.0 / ((1.0 + (distance / problem.scale_px) ** 2) * problem.sigma_px**2)
@@ -335,15 +237,15 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     for k in range(5):
         problem.damped[k, k] += damping * problem.normal[k, k] + 1e-9
     problem.step[:] = problem.right
-    if not cholesky_solve(problem.damped, problem.step, 5):
+    if not cholesky_solve(problem.damped, problem.step):
         return False
-    updated_pose(
-        estimate.rotation,
-        estimate.direction,
+    _updated_pose(
+        estimate.rotations[1],
+        estimate.centres[1],
         problem.basis,
         problem.step,
-        trial.rotation,
-        trial.direction,
+        trial.rotations[1],
+        trial.centres[1],
     )
     return True
 
@@ -357,7 +259,7 @@ def _fit(
     current: Array,
     rotation: Array,
     direction: Array,
-    prior: RelativePosePrior,
+    prior: StepConstraints,
     focal_px: float,
     sigma_px: float,
     scale_px: float,
@@ -366,11 +268,15 @@ def _fit(
     # Rotation and direction are the start and become the result.
     n = previous.shape[0]
     problem = _Problem(
-        previous, current, prior, prior_terms(), focal_px, sigma_px, scale_px,
-        np.empty((2, 3)), np.empty((5, n)), np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
+        previous, current, prior, focal_px, sigma_px, scale_px, np.empty((2, 3)), np.empty((5, n)),
+        np.empty((6, 12)), np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
     )  # fmt: skip
-    start = _Estimate(rotation.copy(), direction.copy(), np.empty(n), np.empty(5))
-    trial = _Estimate(np.empty((3, 3)), np.empty(3), np.empty(n), np.empty(5))
+    start = _Estimate(np.zeros((2, 3, 3)), np.zeros((2, 3)), np.empty(n), np.empty((1, 6)))
+    for k in range(3):
+        start.rotations[0, k, k] = 1.0
+    start.rotations[1] = rotation
+    start.centres[1] = direction
+    trial = _Estimate(start.rotations.copy(), start.centres.copy(), np.empty(n), np.empty((1, 6)))
     best, _, _ = _minimise(problem, start, trial, schedule)
-    rotation[:] = best.rotation
-    direction[:] = best.direction
+    rotation[:] = best.rotations[1]
+    direction[:] = best.centres[1]

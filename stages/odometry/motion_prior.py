@@ -9,9 +9,10 @@ import numpy as np
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Fix, Frame, Pose, PosePrior
+from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
 
 EARTH_M = 6_371_000.0
 """Mean radius."""
@@ -21,14 +22,12 @@ EARTH_M = 6_371_000.0
 class MotionPrior:
     """What is expected of a step before its images are compared.
 
-    prior: of rotation and direction; baseline_m with sigma_m; straight: rotation and direction to fall back on;
+    prior: of rotation, direction and length; straight: rotation and direction to fall back on;
     search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
     source: "straight", "odometry", "poses", "fixes" or "speed".
     """
 
-    prior: RelativePosePrior
-    baseline_m: float
-    sigma_m: float
+    prior: StepPrior
     straight: tuple[Array, Array]
     search: Array
     slack_px: float
@@ -91,11 +90,10 @@ def predict_motion(
             f"frame {now.index}: wanted the distance from the image before it, found no pose, spacing or fix; "
             "give the distance between images (--spacing 26.4ft)"
         )
-    prior = RelativePosePrior(np.eye(3), inf, travel.direction, travel.sigma, True)
+    length_m = max(baseline, settings.shortest_m)
+    prior = StepPrior(np.eye(3), inf, travel.direction, travel.sigma, True, length_m, sigma)
     return MotionPrior(
         prior,
-        max(baseline, settings.shortest_m),
-        sigma,
         (np.eye(3), travel.direction),
         np.eye(3) if last_rotation is None else last_rotation,
         settings.first_slack_px if last_rotation is None else settings.rotation_slack_px,
@@ -124,13 +122,17 @@ def _by_poses(
         given + mounted
     )
     both = np.array([slopes[0], slopes[1], 1.0])
-    prior = RelativePosePrior(
-        step.rotation, sigma_rad, both / np.linalg.norm(both), (given + mounted) ** -0.5, False
+    prior = StepPrior(
+        step.rotation,
+        sigma_rad,
+        both / np.linalg.norm(both),
+        (given + mounted) ** -0.5,
+        False,
+        baseline,
+        sigma_m,
     )
     return MotionPrior(
         prior,
-        baseline,
-        sigma_m,
         (step.rotation, direction),
         step.rotation,
         settings.pose_slack_px,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wayside.schemas.settings import MotionSettings
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import halfway_direction
 from wayside.stages.odometry.motion_prior import TravelDirection
 from wayside.stages.odometry.tie_points import GroundPlane
 

@@ -8,15 +8,14 @@ from math import radians
 
 import numpy as np
 
+from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
-from wayside.stages.geometry import rays_of_ideal, rotation_from_vector
+from wayside.stages.geometry import halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
-    RelativePosePrior,
     fit_epipolar,
-    halfway_direction,
     sampson_px,
 )
 from wayside.stages.odometry.motion_prior import MotionPrior
@@ -32,11 +31,10 @@ from wayside.stages.odometry.tie_points import (
 
 @dataclass(frozen=True, slots=True)
 class RelativePose:
-    """Rotation and direction as in `fit_epipolar`, the prior, the ties, their rays (n, 2), and the inliers (n,)."""
+    """Rotation and direction as in `fit_epipolar`, the ties, their rays (n, 2), and the inliers (n,)."""
 
     rotation: Array
     direction: Array
-    prior: RelativePosePrior
     tied: RegisteredTies
     previous: Array
     current: Array
@@ -81,7 +79,7 @@ def estimate_relative_pose(
     RelativePose
         None with fewer than `fewest` inliers.
     """
-    prior, ground = expected.prior, mount.ground(expected.baseline_m)
+    prior, ground = expected.prior, mount.ground(expected.prior.length_m)
     coarse, inliers = find_coarse_motion(
         before, now, prior, expected.search, expected.slack_px, settings
     )
@@ -117,7 +115,7 @@ def _other_starts(
     return starts
 
 
-def _prior_direction(rotation: Array, prior: RelativePosePrior) -> Array:
+def _prior_direction(rotation: Array, prior: StepPrior) -> Array:
     return halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
 
 
@@ -125,7 +123,7 @@ def _refine(
     before: KeypointImage,
     now: KeypointImage,
     start: tuple[Array, Array],
-    prior: RelativePosePrior,
+    prior: StepPrior,
     ground: GroundPlane | None,
     settings: TieSettings,
 ) -> RelativePose:
@@ -150,7 +148,7 @@ def fit_relative_pose(
     now: KeypointImage,
     tied: RegisteredTies,
     start: tuple[Array, Array],
-    prior: RelativePosePrior,
+    prior: StepPrior,
     settings: TieSettings,
 ) -> RelativePose:
     """Robust fit of rotation and direction to registered ties, from a start within a few pixels."""
@@ -161,14 +159,14 @@ def fit_relative_pose(
     inlier = (
         np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px
     )
-    return RelativePose(rotation, direction, prior, tied, previous, current, inlier)
+    return RelativePose(rotation, direction, tied, previous, current, inlier)
 
 
 def _fine_fit(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
-    prior: RelativePosePrior,
+    prior: StepPrior,
     focal_px: float,
     settings: TieSettings,
 ) -> EpipolarFit:

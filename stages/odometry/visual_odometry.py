@@ -15,24 +15,25 @@ import numpy as np
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
-from wayside.schemas.settings import MotionSettings, TieSettings
-from wayside.stages.geometry import midpoint, pair_residual
+from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
+from wayside.stages.geometry import halfway_direction, pair_midpoint, pair_residual
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
-from wayside.stages.odometry.pose_covariance import parallax_px, relative_pose_covariance
+from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
     RelativePoseEstimator,
     estimate_relative_pose,
 )
 from wayside.stages.odometry.tie_points import KeypointImage
-from wayside.stages.odometry.two_view_adjustment import TwoViewAdjustment, adjust_two_views
 
 
 def estimate_motion(
-    images: Iterator[Detections], settings: MotionSettings, ties: TieSettings
+    images: Iterator[Detections],
+    settings: MotionSettings,
+    ties: TieSettings,
+    adjustment: AdjustmentSettings,
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
@@ -43,7 +44,7 @@ def estimate_motion(
     InputError
         Where no source gives the length of a step.
     """
-    odometry = VisualOdometry(settings, ties)
+    odometry = VisualOdometry(settings, ties, adjustment)
     for item in images:
         used = item.frame.used
         motion = odometry.advance(KeypointImage.of(item), item.frame) if used else None
@@ -59,6 +60,7 @@ class VisualOdometry:
 
     settings: MotionSettings
     ties: TieSettings
+    adjustment: AdjustmentSettings
     estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
     image: KeypointImage | None = None
     frame: Frame | None = None
@@ -105,15 +107,15 @@ class VisualOdometry:
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
         straight_px = self._root_mean(pair_residual(*held, *expected.straight, focal))
-        adjusted = adjust_two_views(
+        adjusted = adjust_pair(
             *held,
             (step.rotation, step.direction),
-            step.prior,
-            focal_px=focal,
-            sigma_px=self.ties.sigma_px,
-            scale_px=self.ties.fine_last_scale_px,
+            expected.prior,
+            focal_px=image.focal_px,
+            ties=self.ties,
+            solver=self.adjustment,
         )
-        carried = self._carried_length(step, adjusted, image.focal_px)
+        carried = self._carried_length(step, adjusted)
         baseline, sigma_m = self._length(carried, expected)
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
@@ -130,7 +132,7 @@ class VisualOdometry:
         return Motion(
             last.pose.compose(pose),
             pose,
-            relative_pose_covariance(adjusted, held, focal, baseline, sigma_m, settings=self.ties),
+            adjusted.step_covariance(baseline, sigma_m),
             expected.source,
             baseline,
             last.station_m + baseline,
@@ -149,9 +151,9 @@ class VisualOdometry:
             adjusted.iterations if needed else 0,
             self.mount.height_m,
             Pose(expected.straight[0], baseline * expected.straight[1]),
-            tuple(np.sqrt(adjusted.history / 4).tolist()),
+            tuple(adjusted.history_px.tolist()),
             _ratio(carried, last.baseline_m),
-            _step_prior(step.prior, expected, baseline, sigma_m),
+            _window_prior(expected, baseline, sigma_m),
         )
 
     def _length(self, by_points: tuple[float, float], expected: MotionPrior) -> tuple[float, float]:
@@ -163,7 +165,7 @@ class VisualOdometry:
         steps (out and back), or the vehicle brakes; if it lasts, the points are wrong.
         """
         s = self.settings
-        given, sigma = expected.baseline_m, expected.sigma_m
+        given, sigma = expected.prior.length_m, expected.prior.sigma_m
         carried, scatter = by_points
         if not np.isfinite(carried):
             return given, sigma
@@ -186,16 +188,14 @@ class VisualOdometry:
         weight = sigma**2 / (sigma**2 + carried_sigma**2)
         return given + weight * (carried - given), sigma * sqrt(1 - weight)
 
-    def _carried_length(
-        self, step: RelativePose, adjusted: TwoViewAdjustment, focal_px: float
-    ) -> tuple[float, float]:
+    def _carried_length(self, step: RelativePose, adjusted: PairAdjustment) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by points common with the step before; nan with too few."""
         if len(self.depths) == 0:
             return nan, nan
         rows = step.tied.rows[step.inlier, 0]
         known = np.where(rows >= 0, self.depths[rows], nan)
-        lengths = known * adjusted.point[:, 2]
-        lengths = lengths[parallax_px(adjusted, focal_px) > self.settings.smallest_parallax_px]
+        lengths = known * adjusted.points[:, 2]
+        lengths = lengths[adjusted.displacement_px > self.settings.smallest_parallax_px]
         common = lengths[np.isfinite(lengths)]
         if len(common) < self.settings.fewest_common:
             return nan, nan
@@ -215,14 +215,8 @@ class VisualOdometry:
 
 def _points(step: RelativePose, rotation: Array, direction: Array, baseline_m: float) -> Array:
     """Ties in the current camera's frame (n, 3), nan where rays do not meet ahead of both cameras."""
-    ones = np.ones((len(step.previous), 1))
     centre = baseline_m * direction
-    found = midpoint(
-        np.zeros(3),
-        centre,
-        np.hstack([step.previous, ones]),
-        np.hstack([step.current, ones]) @ rotation.T,
-    )
+    found = pair_midpoint(step.previous, step.current, rotation, centre)
     points = (found.point - centre) @ rotation
     points[~found.ahead] = np.nan
     return points
@@ -233,39 +227,29 @@ def _ratio(carried: tuple[float, float], last_m: float) -> tuple[float, float]:
     return (carried[0] / last_m, carried[1] / last_m) if last_m > 0 else (nan, nan)
 
 
-def _step_prior(
-    prior: RelativePosePrior, expected: MotionPrior, baseline_m: float, sigma_m: float
-) -> StepPrior:
+def _window_prior(expected: MotionPrior, baseline_m: float, sigma_m: float) -> StepPrior:
     """Prior of a step for its adjustment together with its neighbours.
 
     Distances between poses enter as given: the ties of all steps average them. Those between fixes enter as averaged
     so far, since the final path is fitted to the fixes with these lengths.
     """
     if expected.source in ("poses", "odometry"):
-        baseline_m, sigma_m = expected.baseline_m, expected.sigma_m
-    return StepPrior(
-        prior.rotation,
-        prior.sigma_rotation,
-        prior.direction,
-        prior.sigma_direction,
-        prior.halfway,
-        baseline_m,
-        sigma_m,
-    )
+        return expected.prior
+    return expected.prior._replace(length_m=baseline_m, sigma_m=sigma_m)
 
 
 def _unmeasured(
     last: Motion, expected: MotionPrior, height_m: float, settings: MotionSettings
 ) -> Motion:
     """Motion of a step with too few ties: the prior, with the rotation of the step before."""
-    rotation, direction = expected.search, expected.straight[1]
-    if expected.prior.halfway:
-        direction = halfway_direction(rotation, expected.prior.direction)
-    baseline = expected.baseline_m
-    sigma_rotation = min(expected.prior.sigma_rotation, radians(settings.unmeasured_sigma_deg))
-    sigma_aside = baseline * float(expected.prior.sigma_direction.max())
+    prior, rotation, direction = expected.prior, expected.search, expected.straight[1]
+    if prior.halfway:
+        direction = halfway_direction(rotation, prior.direction)
+    baseline = prior.length_m
+    sigma_rotation = min(prior.sigma_rotation, radians(settings.unmeasured_sigma_deg))
+    sigma_aside = baseline * float(prior.sigma_direction.max())
     covariance = np.diag([sigma_rotation**2] * 3 + [sigma_aside**2] * 3)
-    covariance[3:, 3:] += expected.sigma_m**2 * np.outer(direction, direction)
+    covariance[3:, 3:] += prior.sigma_m**2 * np.outer(direction, direction)
     pose = Pose(rotation, baseline * direction)
     return Motion(
         last.pose.compose(pose),
@@ -280,12 +264,7 @@ def _unmeasured(
         False,
         0,
         height_m,
-        prior=_step_prior(
-            expected.prior._replace(rotation=rotation, sigma_rotation=sigma_rotation),
-            expected,
-            baseline,
-            expected.sigma_m,
-        ),
+        prior=prior._replace(rotation=rotation, sigma_rotation=sigma_rotation),
     )
 
 

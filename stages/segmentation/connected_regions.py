@@ -182,17 +182,16 @@ def _join_runs(
     height, width = labels.shape
     upper = np.empty(2 * width + 2, np.int32)
     lower = np.empty(2 * width + 2, np.int32)
-    n = 0
-    above = 0
     joined = 0
+    first[0] = 0
     for y in range(height):
-        start = n
-        first[y] = start
-        n = _runs_of_row(labels[y], n, end, label)
+        start = first[y]
+        n = _runs_of_row(labels[y], start, end, label)
+        first[y + 1] = n
         for i in range(start, n):
             parent[i] = i
         if y > 0:
-            pairs = _pairs(above, start, n, end, label, upper, lower)
+            pairs = _pairs(first[y - 1], start, n, end, label, upper, lower)
             for k in range(pairs):
                 i = upper[k]
                 j = lower[k]
@@ -215,9 +214,7 @@ def _join_runs(
                     parent[a] = b
                     parent[i] = b
                     joined += 1
-        above = start
-    first[height] = n
-    return n - joined
+    return int(first[height]) - joined
 
 
 @compiled

@@ -73,11 +73,12 @@ def _fill_costs(
     # Spans still to do: values low to high, whose best start lies from `least` to `most`.
     spans = np.empty((4 * n + 8, 4), np.int64)
     for j in range(1, cost.shape[0]):
-        spans[0] = np.array([0, n, 0, n])
+        spans[0, 0], spans[0, 1], spans[0, 2], spans[0, 3] = 0, n, 0, n
         waiting = 1
         while waiting > 0:
             waiting -= 1
-            low, high, least, most = spans[waiting]
+            span = spans[waiting]
+            low, high, least, most = span[0], span[1], span[2], span[3]
             middle = (low + high) // 2
             best = 1e301
             at = least
@@ -93,8 +94,10 @@ def _fill_costs(
             cost[j, middle] = best
             start[j, middle] = at
             if low < middle:
-                spans[waiting] = np.array([low, middle - 1, least, at])
+                span = spans[waiting]
+                span[0], span[1], span[2], span[3] = low, middle - 1, least, at
                 waiting += 1
             if middle < high:
-                spans[waiting] = np.array([middle + 1, high, at, most])
+                span = spans[waiting]
+                span[0], span[1], span[2], span[3] = middle + 1, high, at, most
                 waiting += 1

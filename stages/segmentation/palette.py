@@ -195,7 +195,8 @@ def _spread_start(
                 left += weight[i] * trial_squared[i]
             if left < least:
                 least = left
-                centers[j] = mean[:, drawn]
+                for c in range(3):
+                    centers[j, c] = mean[c, drawn]
                 trial_squared, best_squared = best_squared, trial_squared
         squared, best_squared = best_squared, squared
         for i in range(n):
@@ -258,7 +259,8 @@ def _lloyd(
             else:
                 worst = np.argmax(weight * squared)
                 if squared[worst] > 0:
-                    centers[j] = mean[:, worst]
+                    for c in range(3):
+                        centers[j, c] = mean[c, worst]
                     squared[worst] = 0
                     moved = np.inf
         if moved <= settled * settled:

@@ -3,8 +3,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.simulation.bound import point_bound, step_bound
+from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
+from wayside.stages.geometry import tangent_basis
 from wayside.stages.mapping.covariance import point_covariance
+from wayside.stages.odometry import sampson_px
 
 POINT = np.array([3.12, -0.6, 52.0])
 FRAMES = 6
@@ -25,6 +27,21 @@ def bound(steps, sigma=1 / 1400, views=FRAMES, **kwargs):
         FRAMES - 1,
         **kwargs,
     )
+
+
+def test_derivatives_of_the_motion_are_those_of_the_distance():
+    rng = np.random.default_rng(6)
+    point = rng.uniform((-8, -3, 16), (8, 2, 60), (12, 3))
+    previous, after = point[:, :2] / point[:, 2:], point - [0.0, 0.0, 8.0]
+    current = after[:, :2] / after[:, 2:] + rng.normal(0, 1e-4, (12, 2))
+    ahead, small = np.array([0.0, 0.0, 1.0]), 1e-4
+    slopes = motion_jacobian(previous, current, np.eye(3), ahead, 1400.0)
+    moved = ahead + small * tangent_basis(ahead)[0]
+    there, here = (
+        sampson_px(previous, current, np.eye(3), d / np.linalg.norm(d), 1400.0)
+        for d in (moved, ahead)
+    )
+    assert (there - here) / small == pytest.approx(slopes[:, 3], rel=1e-2, abs=0.5)
 
 
 def test_with_known_motion_it_is_the_formula_for_views_on_a_line():

@@ -62,7 +62,7 @@ def _solve(problem, estimate, damping, trial):
     for k in range(2):
         damped[k, k] *= 1 + damping
     problem.step[:] = problem.right
-    solved = cholesky_solve(damped, problem.step, 2)
+    solved = cholesky_solve(damped, problem.step)
     trial.unknowns[:] = estimate.unknowns + problem.step
     return solved
 

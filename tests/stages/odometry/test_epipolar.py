@@ -5,16 +5,16 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from wayside.schemas.motion import StepPrior
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.odometry.epipolar import (
-    RelativePosePrior,
     fit_epipolar,
-    halfway_direction,
     sampson_px,
 )
 
 FOCAL = 1400.0
 AHEAD = np.array([0.0, 0.0, 1.0])
-VAGUE = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
+VAGUE = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True, 8.0, 0.02)
 START = (np.eye(3), AHEAD)
 
 
@@ -133,7 +133,7 @@ def test_half_a_turn_taken_twice_is_the_turn(yaw, pitch):
 def test_without_rays_the_prior_is_the_answer():
     nothing = np.zeros((0, 2))
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
-    prior = RelativePosePrior(turn, 0.001, AHEAD, np.array([0.01, 0.01]), False)
+    prior = StepPrior(turn, 0.001, AHEAD, np.array([0.01, 0.01]), False, 8.0, 0.02)
     found = fit(nothing, nothing, start=(np.eye(3), np.array([0.1, 0.0, 0.99])), prior=prior)
     turn_error, aside = error_deg(found, turn, AHEAD)
     assert turn_error < 1e-3

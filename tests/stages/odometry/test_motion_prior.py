@@ -33,7 +33,7 @@ def posed(centre, yaw_deg=0.0, sigma_m=0.02, sigma_rad=0.001):
 
 def test_spacing_expects_a_straight_line_of_that_length():
     found = expect(FRAME, replace(FRAME, spacing_m=8.05))
-    assert (found.baseline_m, found.sigma_m, found.source) == (8.05, 0.02, "straight")
+    assert (found.prior.length_m, found.prior.sigma_m, found.source) == (8.05, 0.02, "straight")
     np.testing.assert_array_equal(found.straight[0], np.eye(3))
     assert found.prior.sigma_rotation == np.inf
     assert found.prior.halfway
@@ -49,8 +49,8 @@ def test_corners_are_looked_for_round_the_last_turn_and_wider_without_one():
 def test_poses_come_before_spacing_and_fixes():
     found = expect(posed((0, 0, 0)), replace(posed((0, 0, 7.9), 1.0), spacing_m=8.05))
     assert found.source == "poses"
-    assert found.baseline_m == pytest.approx(7.9)
-    assert found.sigma_m == pytest.approx(0.02 * np.sqrt(2))
+    assert found.prior.length_m == pytest.approx(7.9)
+    assert found.prior.sigma_m == pytest.approx(0.02 * np.sqrt(2))
     assert found.prior.sigma_rotation == pytest.approx(0.001 * np.sqrt(2))
     expected = Rotation.from_euler("y", 1, degrees=True).as_matrix()
     np.testing.assert_allclose(found.prior.rotation, expected)
@@ -67,7 +67,7 @@ def test_the_direction_of_poses_is_weighed_against_the_mount():
 def test_poses_without_sigmas_get_default_ones():
     silent = (posed(c, sigma_m=None, sigma_rad=None) for c in ((0, 0, 0), (0, 0, 8.0)))
     found = expect(*silent)
-    assert 0 < found.sigma_m < 0.1
+    assert 0 < found.prior.sigma_m < 0.1
     assert 0 < found.prior.sigma_rotation < 0.01
 
 
@@ -87,8 +87,8 @@ def test_fixes_serve_where_there_is_neither_pose_nor_spacing():
     now = replace(FRAME, fix=Fix(38.00007, -97.0, 500.0, (1.0, 1.0, 2.0)))
     found = expect(before, now)
     assert found.source == "fixes"
-    assert found.baseline_m == pytest.approx(7.78, abs=0.05)
-    assert found.sigma_m == pytest.approx(0.2)
+    assert found.prior.length_m == pytest.approx(7.78, abs=0.05)
+    assert found.prior.sigma_m == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("off_deg", [0.0005, 38.0])
@@ -96,10 +96,10 @@ def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_d
     before = replace(FRAME, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
     now = replace(FRAME, fix=Fix(38.00007 + off_deg, -97.0, 500.0, None), log_time_ns=3 * 10**8)
     found = expect(before, now)
-    assert found.baseline_m == pytest.approx(22.5)
-    assert found.sigma_m == pytest.approx(22.5)
+    assert found.prior.length_m == pytest.approx(22.5)
+    assert found.prior.sigma_m == pytest.approx(22.5)
     untimed = expect(before, replace(now, log_time_ns=0))
-    assert untimed.baseline_m > 50
+    assert untimed.prior.length_m > 50
 
 
 def test_without_any_source_the_last_speed_is_held_and_its_scatter_grows_with_time():

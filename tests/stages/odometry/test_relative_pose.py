@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera
+from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings, TieSettings
+from wayside.stages.geometry import halfway_direction
 from wayside.stages.odometry import relative_pose
-from wayside.stages.odometry.epipolar import RelativePosePrior, halfway_direction
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import fit_relative_pose
@@ -16,7 +17,7 @@ CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 VIEW = SimpleNamespace(camera=CAMERA, focal_px=1400.0)
 TIES = TieSettings()
 AHEAD = np.array([0.0, 0.0, 1.0])
-MOUNTED = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True)
+MOUNTED = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True, 8.0, 0.02)
 
 
 def seen(points):
@@ -50,7 +51,7 @@ def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg, monkeypat
     coarse = SimpleNamespace(rotation=start[0], direction=start[1]), straight.inliers
     monkeypatch.setattr(relative_pose, "find_coarse_motion", lambda *_: coarse)
     monkeypatch.setattr(relative_pose, "register_ties", lambda *_: tied)
-    expected = MotionPrior(MOUNTED, 8.0, 0.02, start, np.eye(3), 45.0, "straight")
+    expected = MotionPrior(MOUNTED, start, np.eye(3), 45.0, "straight")
     mount = Mount(MotionSettings())
     step = relative_pose.estimate_relative_pose(VIEW, VIEW, expected, mount, 20, TIES)
     off = Rotation.from_matrix(rotation.T @ step.rotation).magnitude()

@@ -5,9 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import Candidates, Detections, Features, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image
+from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import FeatureSettings, TieSettings
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
-from wayside.stages.odometry.epipolar import RelativePosePrior
 from wayside.stages.odometry.features import tie_corners
 from wayside.stages.odometry.tie_points import (
     GroundPlane,
@@ -19,7 +19,7 @@ from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(900, 700, 800.0, 800.0, 449.5, 349.5)
 AHEAD = np.array([0.0, 0.0, 1.0])
-PRIOR = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True)
+PRIOR = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True, 8.0, 0.02)
 TIES = TieSettings()
 HEIGHT, BASELINE = 1.6, 6.0
 

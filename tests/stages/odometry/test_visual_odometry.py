@@ -13,7 +13,12 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import SKIPPED, USED, Camera, Fix, Frame, Image, Pose, PosePrior
-from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import (
+    AdjustmentSettings,
+    FeatureSettings,
+    MotionSettings,
+    TieSettings,
+)
 from wayside.stages.odometry.features import extract_features
 from wayside.stages.odometry.motion_prior import predict_motion
 from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
@@ -112,9 +117,8 @@ def detections_of(images, **known):
 
 def motions(images, settings=None, **known):
     settings = settings or MotionSettings()
-    return [
-        m.motion for m in estimate_motion(detections_of(images, **known), settings, TieSettings())
-    ]
+    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings()
+    return [m.motion for m in estimate_motion(*given)]
 
 
 @lru_cache
@@ -322,12 +326,12 @@ def test_beyond_the_last_fix_points_carry_the_length_of_the_steps():
 def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
     frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
     far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    drive = VisualOdometry(MotionSettings(), TieSettings(), sigma_m=0.1)
+    drive = VisualOdometry(MotionSettings(), TieSettings(), AdjustmentSettings(), sigma_m=0.1)
     expected = predict_motion(frame, far, drive.mount.travel, None, math.nan, MotionSettings())
-    assert expected.baseline_m > 20
+    assert expected.prior.length_m > 20
     lengths = [drive._length((8.0, 0.02), expected)[0] for _ in range(3)]
     assert lengths[:2] == [8.0, 8.0]
-    assert lengths[2] == expected.baseline_m
+    assert lengths[2] == expected.prior.length_m
     near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
     agreeing = predict_motion(frame, near, drive.mount.travel, None, math.nan, MotionSettings())
     assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)

@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.settings import AdjustmentSettings
-from wayside.stages.mapping.bundle_adjustment import adjust_window
-from wayside.stages.mapping.residuals import (
+from wayside.stages.adjustment.bundle_adjustment import adjust_window
+from wayside.stages.adjustment.residuals import (
     QUADRATIC,
     PointAnchors,
     ResidualBlocks,
@@ -56,7 +55,8 @@ class Scene:
             self.anchors,
             self.rows,
             self.links,
-            settings=AdjustmentSettings(window_iterations=iterations),
+            iterations=iterations,
+            gain=1e-9,
         )
 
 

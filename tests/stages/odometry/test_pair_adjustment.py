@@ -3,14 +3,15 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from wayside.schemas.motion import StepPrior
+from wayside.schemas.settings import AdjustmentSettings, TieSettings
 from wayside.stages.geometry.rotation import tangent_basis
-from wayside.stages.odometry.epipolar import RelativePosePrior
-from wayside.stages.odometry.two_view_adjustment import adjust_two_views
+from wayside.stages.odometry.pair_adjustment import adjust_pair
 
-FOCAL = (1400.0, 1410.0)
+FOCAL = 1400.0
 SIGMA = 0.1
 AHEAD = np.array([0.0, 0.0, 1.0])
-LOOSE = RelativePosePrior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True)
+LOOSE = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True, 8.0, 0.02)
 START = (np.eye(3), AHEAD)
 
 
@@ -27,9 +28,24 @@ def pair(noise_px=SIGMA, count=60, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.
 
 
 def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6):
-    return adjust_two_views(
-        previous, current, start, prior, focal_px=FOCAL, sigma_px=SIGMA, scale_px=scale_px
+    ties = TieSettings(
+        sigma_px=SIGMA,
+        fine_last_scale_px=scale_px,
+        correlated_sigma_px=0.0,
+        correlated_fraction=0.0,
     )
+    solver = AdjustmentSettings(window_iterations=30, pair_gain=1e-9)
+    return adjust_pair(previous, current, start, prior, focal_px=FOCAL, ties=ties, solver=solver)
+
+
+def squares(found, previous, current):
+    """Eq. 7.5 of each tie, px squared."""
+    solid = np.c_[found.points[:, :2], np.ones(len(found.points))] - np.outer(
+        found.points[:, 2], found.direction
+    )
+    local = solid @ found.rotation
+    gaps = np.c_[found.points[:, :2] - previous, local[:, :2] / local[:, 2:] - current] * FOCAL
+    return (gaps**2).sum(axis=1)
 
 
 def test_views_without_noise_give_motion_and_points():
@@ -37,14 +53,17 @@ def test_views_without_noise_give_motion_and_points():
     found = adjust(previous, current)
     np.testing.assert_allclose(found.rotation, rotation, atol=1e-6)
     np.testing.assert_allclose(found.direction, direction, atol=1e-5)
-    solid = np.c_[found.point[:, :2], np.ones(len(points))] / found.point[:, 2:]
+    solid = np.c_[found.points[:, :2], np.ones(len(points))] / found.points[:, 2:]
     np.testing.assert_allclose(solid, points, rtol=1e-3)
-    assert found.squares.max() < 1e-6
+    assert squares(found, previous, current).max() < 1e-6
 
 
 def test_the_baseline_is_held():
     _, _, _, previous, current = pair()
-    assert np.linalg.norm(adjust(previous, current).direction) == pytest.approx(1, abs=1e-12)
+    found = adjust(previous, current)
+    assert np.linalg.norm(found.direction) == pytest.approx(1, abs=1e-12)
+    stated = found.step_covariance(8.0, 0.05)[3:, 3:]
+    assert found.direction @ stated @ found.direction == pytest.approx(0.05**2, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -68,7 +87,8 @@ def test_the_cost_is_the_minimum_that_scipy_finds(seed):
 
     start = np.r_[0, 0.03, 0, direction[:2] / direction[2], points.ravel()]
     best = least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12)
-    assert found.cost == pytest.approx(2 * best.cost, rel=1e-3)
+    reached = squares(found, previous, current).sum() / SIGMA**2
+    assert reached == pytest.approx(2 * best.cost, rel=1e-3)
     turn = Rotation.from_rotvec(best.x[:3]).as_matrix()
     assert Rotation.from_matrix(found.rotation @ turn.T).magnitude() < 1e-5
     # the covariance is that of scipy's normal equations: points eliminated
@@ -84,8 +104,11 @@ def test_errors_of_many_pairs_are_as_large_as_the_covariance_says():
         rotation, direction, _, previous, current = pair(seed=seed)
         found = adjust(previous, current, start=(rotation, direction))
         turn = Rotation.from_matrix(found.rotation @ rotation.T).as_rotvec()
-        aside = tangent_basis(found.direction) @ (found.direction - direction)
-        pulls.append(np.r_[turn, aside] / np.sqrt(np.diag(found.covariance)))
+        basis = tangent_basis(found.direction)
+        stated = np.r_[
+            np.diag(found.covariance)[:3], np.diag(basis @ found.covariance[3:, 3:] @ basis.T)
+        ]
+        pulls.append(np.r_[turn, basis @ (found.direction - direction)] / np.sqrt(stated))
     spread = np.std(pulls, axis=0)
     assert (spread > 0.7).all()
     assert (spread < 1.35).all()
@@ -93,11 +116,12 @@ def test_errors_of_many_pairs_are_as_large_as_the_covariance_says():
 
 def test_wrong_ties_do_not_pull():
     rotation, direction, _, previous, current = pair(seed=3, count=150)
-    current[::10, 1] += 3 / FOCAL[1]
+    current[::10, 1] += 3 / FOCAL
     found = adjust(previous, current, start=(rotation, direction), scale_px=0.3)
     assert np.degrees(Rotation.from_matrix(found.rotation @ rotation.T).magnitude()) < 0.01
-    assert np.median(found.squares[::10]) > 1
-    assert np.delete(found.squares, np.s_[::10]).max() < 1
+    left = squares(found, previous, current)
+    assert np.median(left[::10]) > 1
+    assert np.delete(left, np.s_[::10]).max() < 1
 
 
 def test_points_at_infinity_do_no_harm():
@@ -111,18 +135,20 @@ def test_points_at_infinity_do_no_harm():
     )
     found = adjust(previous, current)
     assert np.degrees(Rotation.from_matrix(found.rotation @ rotation.T).magnitude()) < 0.01
-    assert np.abs(found.point[-40:, 2]).max() < 0.02
-    assert np.sqrt(found.squares.mean() / 4) < 1.2 * SIGMA
+    assert np.abs(found.points[-40:, 2]).max() < 0.02
+    assert np.sqrt(squares(found, previous, current).mean() / 4) < 1.2 * SIGMA
 
 
 def test_without_points_the_prior_is_the_answer():
     nothing = np.zeros((0, 2))
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
-    prior = RelativePosePrior(turn, 0.001, AHEAD, np.array([0.01, 0.02]), False)
+    prior = StepPrior(turn, 0.001, AHEAD, np.array([0.01, 0.02]), False, 8.0, 0.02)
     found = adjust(nothing, nothing, prior=prior)
     np.testing.assert_allclose(found.rotation, turn, atol=1e-6)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[:3], 0.001, rtol=1e-3)
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[3:], [0.01, 0.02], rtol=1e-2)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[3:5], [0.01, 0.02], rtol=1e-2)
+    stated = np.sqrt(np.diag(found.step_covariance(8.0, 0.03)))
+    np.testing.assert_allclose(stated[3:], [0.08, 0.16, 0.03], rtol=1e-2)
 
 
 def test_rays_of_other_shapes_are_refused():
@@ -133,8 +159,9 @@ def test_rays_of_other_shapes_are_refused():
 def test_the_residual_falls_from_step_to_step_to_that_of_the_result():
     *_, previous, current = pair()
     found = adjust(previous, current)
-    assert len(found.history) == found.iterations + 1
+    assert len(found.history_px) == found.iterations + 1
     # The prior has a share in the cost, so a step may cost the ties a trifle.
-    assert (np.diff(found.history) <= 1e-6 * found.history[0]).all()
-    assert found.history[0] > 10 * found.history[-1]
-    assert found.history[-1] == pytest.approx(found.squares.mean())
+    assert (np.diff(found.history_px) <= 1e-6 * found.history_px[0]).all()
+    assert found.history_px[0] ** 2 > 10 * found.history_px[-1] ** 2
+    left = squares(found, previous, current).mean()
+    assert found.history_px[-1] == pytest.approx(np.sqrt(left / 4))

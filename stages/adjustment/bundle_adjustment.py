@@ -17,32 +17,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AdjustmentSettings
-from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
-from wayside.stages.kernels import Array, compiled, require_array
-from wayside.stages.mapping.normal_equations import (
+from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
+    WindowEstimate,
+    WindowProblem,
     linearise,
     point_spans,
-    point_uncertainty,
     reduce_points,
+    uncertainty,
 )
-from wayside.stages.mapping.residuals import (
+from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,
     block_residuals,
     constraint_residuals,
 )
+from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
+from wayside.stages.kernels import Array, compiled, require_array
 
 
 class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.
 
     rotations (n, 3, 3), centres (n, 3): poses, that of the held frame as given; points (p, 3): coordinates in their
-    anchors; squares (m,): of each block, in sigmas; cost and iterations. Of the point asked for: position (3,) in the
-    axes of the poses, covariance (3, 3) by the inverse of the normal equations, and gain (m, 2, 3): its derivatives by
-    the targets of the blocks, in units of their rays.
+    anchors; squares (m,): of each block, in sigmas; cost and iterations; history (iterations + 1,): sum of the squares
+    at the start and after each iteration.
+    Of what is asked for, by the inverse of the normal equations: covariance (k, k), and gain (m, 2, k): its derivatives
+    by the targets of the blocks, in units of their rays. For a point k = 3: its position (3,) in the axes of the poses.
+    For a pose k = 6: rotation vector (rad) and centre, in the axes of the poses; position is the centre.
     """
 
     rotations: Array
@@ -51,31 +54,10 @@ class WindowAdjustment(NamedTuple):
     squares: Array
     cost: float
     iterations: int
+    history: Array
     position: Array
     covariance: Array
     gain: Array
-
-
-class _Problem(NamedTuple):
-    """What is measured and known of a window, which frame is held, and the normal equations."""
-
-    held: int
-    anchors: PointAnchors
-    blocks: ResidualBlocks
-    constraints: StepConstraints
-    normal: NormalEquations
-    reduced: Array
-    step: Array
-
-
-class _Estimate(NamedTuple):
-    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6)."""
-
-    rotations: Array
-    centres: Array
-    points: Array
-    residuals: Array
-    step_residuals: Array
 
 
 def adjust_window(
@@ -88,7 +70,9 @@ def adjust_window(
     constraints: StepConstraints,
     *,
     wanted: int = 0,
-    settings: AdjustmentSettings,
+    of_pose: bool = False,
+    iterations: int,
+    gain: float,
 ) -> WindowAdjustment:
     """Adjust poses and points together.
 
@@ -106,16 +90,16 @@ def adjust_window(
         Residuals of the points in the images.
     constraints
         What is known of the steps.
-    wanted
-        The point whose position, covariance and gain are asked for.
-    settings
-        Limits of the iteration.
+    wanted, of_pose
+        The point whose position, covariance and gain are asked for, or the frame whose pose's are.
+    iterations, gain
+        At most so many; ended where one lowers the cost by a smaller fraction.
 
     Returns
     -------
     WindowAdjustment
-        covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures the
-        point.
+        covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures what
+        is asked for.
 
     Raises
     ------
@@ -127,31 +111,47 @@ def adjust_window(
     require_array(centres, "centres", np.float64, (n, 3))
     require_array(points, "points", np.float64, (p, 3))
     require_array(anchors, "anchors", np.int64, (p,))
-    if not (0 <= held < n and 0 <= wanted < p and ((anchors >= 0) & (anchors < n)).all()):
+    known = 0 <= held < n and 0 <= wanted < (n if of_pose else p)
+    if not (known and ((anchors >= 0) & (anchors < n)).all()):
         raise ValueError(
-            f"wanted held and anchors below {n} frames and wanted below {p} points, "
+            f"wanted held and anchors below {n} frames and wanted below {n if of_pose else p}, "
             f"found {held}, {anchors.min(initial=0)} to {anchors.max(initial=0)}, {wanted}"
         )
     blocks, constraints = blocks.checked(n, p), constraints.checked(n)
     origins = PointAnchors(rotations[anchors].copy(), centres[anchors].copy())
     m = len(blocks.point)
-    start = _Estimate(
+    start = WindowEstimate(
         rotations.copy(),
         centres.copy(),
         points.copy(),
         np.empty((m, 2)),
         np.empty((len(constraints.frames), 6)),
     )
-    covariance, gain = np.full((3, 3), np.nan), np.full((m, 2, 3), np.nan)
-    schedule = Schedule(
-        settings.window_iterations, settings.window_gain, damping=1e-4, least_damping=1e-10
-    )
+    count = 6 if of_pose else 3
+    covariance, slopes = np.full((count, count), np.nan), np.full((m, 2, count), np.nan)
+    history = np.empty(iterations + 1)
+    schedule = Schedule(iterations, gain, damping=1e-4, least_damping=1e-10)
     best, cost, done = _adjust(
-        start, held, origins, blocks, constraints, wanted, schedule, covariance, gain
+        start,
+        held,
+        origins,
+        blocks,
+        constraints,
+        wanted,
+        of_pose,
+        schedule,
+        history,
+        covariance,
+        slopes,
     )
-    a, b, rho = best.points[wanted]
-    ray = origins.rotation[wanted] @ np.array([a, b, 1.0])
-    by_point = np.column_stack([origins.rotation[wanted][:, :2], -ray / rho]) / rho
+    if of_pose:
+        position = best.centres[wanted]
+    else:
+        a, b, rho = best.points[wanted]
+        ray = origins.rotation[wanted] @ np.array([a, b, 1.0])
+        position = origins.centre[wanted] + ray / rho
+        by_point = np.column_stack([origins.rotation[wanted][:, :2], -ray / rho]) / rho
+        covariance, slopes = by_point @ covariance @ by_point.T, slopes @ by_point.T
     return WindowAdjustment(
         best.rotations,
         best.centres,
@@ -159,14 +159,15 @@ def adjust_window(
         (best.residuals**2).sum(axis=1),
         float(cost),
         int(done),
-        origins.centre[wanted] + ray / rho,
-        by_point @ covariance @ by_point.T,
-        gain @ by_point.T,
+        history[: done + 1],
+        position,
+        covariance,
+        slopes,
     )
 
 
 @compiled
-def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+def _evaluate(problem: WindowProblem, estimate: WindowEstimate) -> float:
     rotations, centres, scale = estimate.rotations, estimate.centres, problem.blocks.scale
     residuals, known = estimate.residuals, estimate.step_residuals
     block_residuals(rotations, centres, problem.anchors, estimate.points, problem.blocks, residuals)
@@ -182,26 +183,12 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
 
 
 @compiled
-def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    linearise(
-        estimate.rotations,
-        estimate.centres,
-        problem.held,
-        problem.anchors,
-        estimate.points,
-        problem.blocks,
-        problem.constraints,
-        estimate.residuals,
-        estimate.step_residuals,
-        problem.normal,
-    )
-
-
-@compiled
-def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
+def _solve(
+    problem: WindowProblem, estimate: WindowEstimate, damping: float, trial: WindowEstimate
+) -> bool:
     normal, step = problem.normal, problem.step
     reduce_points(normal, damping, problem.reduced, step)
-    if not cholesky_solve(problem.reduced, step, step.shape[0]):
+    if not cholesky_solve(problem.reduced, step):
         return False
     for f in range(estimate.rotations.shape[0]):
         rotation = rotation_from_vector(step[6 * f : 6 * f + 3])
@@ -215,8 +202,6 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     for n in range(estimate.points.shape[0]):
         for k in range(3):
             trial.points[n, k] = estimate.points[n, k]
-        if normal.span[n, 1] < 0:
-            continue
         for k in range(3):
             rest[k] = normal.own_right[n, k]
             for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
@@ -228,21 +213,23 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     return True
 
 
-_minimise = minimiser(_evaluate, _linearise, _solve)
+_minimise = minimiser(_evaluate, linearise, _solve)
 
 
 @compiled
 def _adjust(
-    start: _Estimate,
+    start: WindowEstimate,
     held: int,
     anchors: PointAnchors,
     blocks: ResidualBlocks,
     constraints: StepConstraints,
     wanted: int,
+    of_pose: bool,
     schedule: Schedule,
+    history: Array,
     covariance: Array,
     gain: Array,
-) -> tuple[_Estimate, float, int]:
+) -> tuple[WindowEstimate, float, int]:
     n, p = len(start.rotations), len(start.points)
     span = np.empty((p, 2), np.int64)
     normal = NormalEquations(
@@ -250,16 +237,13 @@ def _adjust(
         np.empty((p, 3)), np.empty((p, 3, 3)), span,
     )  # fmt: skip
     reduced, step = np.empty((6 * n, 6 * n)), np.empty(6 * n)
-    point_spans(blocks, span)
-    problem = _Problem(held, anchors, blocks, constraints, normal, reduced, step)
-    trial = _Estimate(
+    point_spans(blocks, held, span)
+    problem = WindowProblem(held, anchors, blocks, constraints, history, normal, reduced, step)
+    trial = WindowEstimate(
         np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((p, 3)),
         np.empty(start.residuals.shape), np.empty(start.step_residuals.shape),
     )  # fmt: skip
     best, cost, done = _minimise(problem, start, trial, schedule)
-    _linearise(problem, best, done)
-    point_uncertainty(
-        best.rotations, best.centres, held, anchors, best.points, blocks, wanted, best.residuals,
-        normal, reduced, step, covariance, gain,
-    )  # fmt: skip
+    linearise(problem, best, done)
+    uncertainty(problem, best, wanted, of_pose, covariance, gain)
     return best, cost, done

@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cholesky_solve, invert_symmetric
-from wayside.stages.kernels import Array, compiled
-from wayside.stages.mapping.residuals import (
+from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,
     block_jacobian,
     constraint_jacobian,
 )
+from wayside.stages.geometry import cholesky_solve, invert_symmetric
+from wayside.stages.kernels import Array, compiled
 
 FLOOR = 1e-9
 """Added to every diagonal: a point or frame without measurements stays where it is."""
@@ -37,14 +37,40 @@ class NormalEquations(NamedTuple):
     span: NDArray[np.int64]
 
 
+class WindowProblem(NamedTuple):
+    """What is measured and known of a window, which frame is held, and its normal equations with work arrays."""
+
+    held: int
+    anchors: PointAnchors
+    blocks: ResidualBlocks
+    constraints: StepConstraints
+    history: Array
+    normal: NormalEquations
+    reduced: Array
+    step: Array
+
+
+class WindowEstimate(NamedTuple):
+    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6)."""
+
+    rotations: Array
+    centres: Array
+    points: Array
+    residuals: Array
+    step_residuals: Array
+
+
 @compiled
-def point_spans(blocks: ResidualBlocks, span: NDArray[np.int64]) -> None:
-    """First and last frame that measures each point, (p, 2); of a point without blocks the last is -1."""
+def point_spans(blocks: ResidualBlocks, held: int, span: NDArray[np.int64]) -> None:
+    """First and last frame that measures each point, (p, 2), the held one aside; without any the last is -1."""
     span[:, 0], span[:, 1] = 1 << 30, -1
     for i in range(blocks.point.shape[0]):
         n = blocks.point[i]
-        span[n, 0] = min(span[n, 0], min(blocks.frames[i, 0], blocks.frames[i, 1]))
-        span[n, 1] = max(span[n, 1], max(blocks.frames[i, 0], blocks.frames[i, 1]))
+        for x in range(2):
+            frame = blocks.frames[i, x]
+            if frame != held:
+                span[n, 0] = min(span[n, 0], frame)
+                span[n, 1] = max(span[n, 1], frame)
 
 
 @compiled
@@ -75,19 +101,12 @@ def _add_pair(
 
 
 @compiled
-def linearise(
-    rotations: Array,
-    centres: Array,
-    held: int,
-    anchors: PointAnchors,
-    points: Array,
-    blocks: ResidualBlocks,
-    constraints: StepConstraints,
-    residuals: Array,
-    step_residuals: Array,
-    normal: NormalEquations,
-) -> None:
-    """Fill the normal equations by the residuals of blocks (m, 2) and steps (l, 6); `held` is the fixed frame."""
+def linearise(problem: WindowProblem, estimate: WindowEstimate, iteration: int) -> None:
+    """Fill the normal equations at an estimate, and the sum of its squares in the history."""
+    rotations, centres, points = estimate.rotations, estimate.centres, estimate.points
+    residuals, known, held = estimate.residuals, estimate.step_residuals, problem.held
+    blocks, constraints, normal = problem.blocks, problem.constraints, problem.normal
+    problem.history[iteration] = (residuals**2).sum()
     normal.poses[:] = 0.0
     normal.poses_right[:] = 0.0
     normal.mixed[:] = 0.0
@@ -100,7 +119,7 @@ def linearise(
         square = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
         weight = 1.0 / (1.0 + square / blocks.scale[i] ** 2)
         block_jacobian(
-            rotations, centres, anchors, points, blocks, i, work, jacobian, point_jacobian
+            rotations, centres, problem.anchors, points, blocks, i, work, jacobian, point_jacobian
         )
         _add_pair(normal, blocks.frames[i], held, jacobian, residuals[i], weight)
         for k in range(3):
@@ -117,7 +136,7 @@ def linearise(
                         )
     for i in range(constraints.frames.shape[0]):
         constraint_jacobian(rotations, centres, constraints, i, step_jacobian)
-        _add_pair(normal, constraints.frames[i], held, step_jacobian, step_residuals[i], 1.0)
+        _add_pair(normal, constraints.frames[i], held, step_jacobian, known[i], 1.0)
     for k in range(6):  # the held frame has equations of its own, by which it stays
         normal.poses[6 * held + k, 6 * held + k] = 1.0
 
@@ -134,8 +153,6 @@ def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right
     y = np.empty(3)
     for n in range(normal.own.shape[0]):
         first, last = normal.span[n, 0], normal.span[n, 1]
-        if last < 0:
-            continue
         inverse = normal.inverse[n]
         invert_symmetric(normal.own[n], damping, FLOOR, inverse)
         for f in range(first, last + 1):
@@ -159,56 +176,57 @@ def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right
 
 
 @compiled
-def point_uncertainty(
-    rotations: Array,
-    centres: Array,
-    held: int,
-    anchors: PointAnchors,
-    points: Array,
-    blocks: ResidualBlocks,
+def uncertainty(
+    problem: WindowProblem,
+    estimate: WindowEstimate,
     wanted: int,
-    residuals: Array,
-    normal: NormalEquations,
-    reduced: Array,
-    step: Array,
+    of_pose: bool,
     covariance: Array,
     gain: Array,
 ) -> None:
-    """Block (3, 3) of one point in the inverse of the normal equations, and its derivatives by targets (m, 2, 3)."""
-    size = step.shape[0]
-    spread = np.zeros((size, 3))  # covariance of poses and point: S^-1 E V^-1
-    reach = np.zeros((size, 3))
+    """Block (k, k) of a point (k = 3) or of a pose (k = 6) in the inverse of the normal equations; gain (m, 2, k).
+
+    The gain is the derivative by the targets of the blocks. Both stay as they are where there is no inverse.
+    """
+    normal, blocks, residuals = problem.normal, problem.blocks, estimate.residuals
+    reduced, step = problem.reduced, problem.step
+    size, count = step.shape[0], covariance.shape[0]
+    reach = np.zeros((size, count))  # change of the reduced right side by what is wanted, negative
+    spread = np.zeros((size, count))  # covariance of the poses with it
+    own = np.zeros((count, 3))
     reduce_points(normal, 0.0, reduced, step)
-    own = normal.inverse[wanted]
-    for row in range(size):
-        for k in range(3):
-            for j in range(3):
-                reach[row, k] += normal.mixed[wanted, row // 6, row % 6, j] * own[j, k]
-    for k in range(3):
-        if k > 0:
-            reduce_points(normal, 0.0, reduced, step)
+    if of_pose:
+        for k in range(6):
+            reach[6 * wanted + k, k] = -1.0
+    else:
+        own[:] = normal.inverse[wanted]
+        for row in range(size):
+            for k in range(3):
+                for j in range(3):
+                    reach[row, k] += normal.mixed[wanted, row // 6, row % 6, j] * own[j, k]
+    factor = np.empty((size, size))
+    for k in range(count):
+        factor[:] = reduced
         step[:] = reach[:, k]
-        if not cholesky_solve(reduced, step, size):
+        if not cholesky_solve(factor, step):
             return
         spread[:, k] = step
-    for k in range(3):
-        for j in range(3):
-            covariance[k, j] = own[k, j]
+    for k in range(count):
+        for j in range(count):
+            covariance[k, j] = 0.0 if of_pose else own[k, j]
             for row in range(size):
                 covariance[k, j] += reach[row, k] * spread[row, j]
-    jacobian, point_jacobian, product = np.empty((2, 12)), np.empty((2, 3)), np.empty((3, 3))
-    work = np.empty((2, 2, 9))
-    back = np.zeros((points.shape[0], 3, 3))
-    for n in range(points.shape[0]):
-        if normal.span[n, 1] < 0:
-            continue
+    jacobian, point_jacobian = np.empty((2, 12)), np.empty((2, 3))
+    product, work = np.empty((count, 3)), np.empty((2, 2, 9))
+    back = np.zeros((normal.own.shape[0], count, 3))
+    for n in range(normal.own.shape[0]):
         product[:] = 0.0
         for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
             for j in range(6):
-                for k in range(3):
+                for k in range(count):
                     for i in range(3):
                         product[k, i] += spread[6 * f + j, k] * normal.mixed[n, f, j, i]
-        for k in range(3):
+        for k in range(count):
             for j in range(3):
                 for i in range(3):
                     back[n, k, j] += product[k, i] * normal.inverse[n, i, j]
@@ -217,17 +235,18 @@ def point_uncertainty(
         weight = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
         weight = 1.0 / (1.0 + weight / blocks.scale[i] ** 2) / blocks.sigma[i]
         block_jacobian(
-            rotations, centres, anchors, points, blocks, i, work, jacobian, point_jacobian
-        )
+            estimate.rotations, estimate.centres, problem.anchors, estimate.points, blocks, i, work,
+            jacobian, point_jacobian,
+        )  # fmt: skip
         for r in range(2):
-            for k in range(3):
+            for k in range(count):
                 total = 0.0
                 for x in range(2):
-                    if blocks.frames[i, x] != held:
+                    if blocks.frames[i, x] != problem.held:
                         for j in range(6):
                             total -= spread[6 * blocks.frames[i, x] + j, k] * jacobian[r, 6 * x + j]
                 for j in range(3):
                     total += back[n, k, j] * point_jacobian[r, j]
-                    if n == wanted:
+                    if n == wanted and not of_pose:
                         total += own[k, j] * point_jacobian[r, j]
                 gain[i, r, k] = weight * total

@@ -9,12 +9,14 @@ and its map carries the difference on. The errors of a chain of ties stay those 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cross_matrix, rotation_from_vector, vector_from_rotation
+from wayside.schemas.motion import StepPrior
+from wayside.stages.geometry import cross_matrix, halfway_direction, vector_from_rotation
 from wayside.stages.kernels import Array, compiled, require_array
 
 QUADRATIC = 1e6
@@ -92,6 +94,25 @@ class StepConstraints(NamedTuple):
     halfway: NDArray[np.bool_]
     length: Array
     sigma_length: Array
+
+    @staticmethod
+    def of(priors: Sequence[StepPrior], *, common: bool = False) -> StepConstraints:
+        """Priors of the steps of a window, each from one frame to the next.
+
+        common: their lengths derive from each other, so they share one error, which does not average out.
+        """
+        numbers = np.arange(len(priors), dtype=np.int64)
+        factor = np.sqrt(len(priors)) if common else 1.0
+        return StepConstraints(
+            np.column_stack([numbers, numbers + 1]),
+            np.array([p.rotation for p in priors], np.float64).reshape(-1, 3, 3),
+            np.array([p.sigma_rotation for p in priors], np.float64),
+            np.array([p.direction for p in priors], np.float64).reshape(-1, 3),
+            np.array([p.sigma_direction for p in priors], np.float64).reshape(-1, 2),
+            np.array([p.halfway for p in priors], np.bool_),
+            np.array([p.length_m for p in priors], np.float64),
+            np.array([p.sigma_m * factor for p in priors], np.float64),
+        )
 
     def checked(self, frames: int) -> StepConstraints:
         """The same; ValueError where compiled code would read outside of an array."""
@@ -241,18 +262,15 @@ def constraint_residuals(
     rotations: Array, centres: Array, constraints: StepConstraints, residuals: Array
 ) -> None:
     """Residuals (l, 6) of step constraints, in sigmas: rotation, direction sideways and up, length."""
-    travel, half = np.empty(3), np.empty(3)
+    travel = np.empty(3)
     for i in range(constraints.frames.shape[0]):
         first, second = constraints.frames[i, 0], constraints.frames[i, 1]
         rotation = _product(rotations[first].T, rotations[second])
         _travel(rotations[first], centres[first], centres[second], travel)
         vector = vector_from_rotation(_product(rotation, constraints.rotation[i].T))
-        expected = constraints.direction[i].copy()
+        expected = constraints.direction[i]
         if constraints.halfway[i]:
-            whole = vector_from_rotation(rotation)
-            for k in range(3):
-                half[k] = 0.5 * whole[k]
-            _rotate(rotation_from_vector(half), expected)
+            expected = halfway_direction(rotation, expected)
         for k in range(3):
             residuals[i, k] = vector[k] / constraints.sigma_rotation[i]
         for k in range(2):
@@ -275,7 +293,7 @@ def constraint_jacobian(
     first, second = constraints.frames[i, 0], constraints.frames[i, 1]
     back = rotations[first].T.copy()
     rotation = _product(back, rotations[second])
-    travel, shift, half = np.empty(3), np.empty(3), np.empty(3)
+    travel, shift = np.empty(3), np.empty(3)
     expected_by_rotation = np.zeros((3, 3))
     _travel(rotations[first], centres[first], centres[second], travel)
     for k in range(3):
@@ -283,16 +301,13 @@ def constraint_jacobian(
     travel_by_rotation = _product(back, cross_matrix(shift))
     error = vector_from_rotation(_product(rotation, constraints.rotation[i].T))
     turning = _product(_inverse_left(error), back)
-    expected = constraints.direction[i].copy()
+    expected = constraints.direction[i]
     if constraints.halfway[i]:
         whole = vector_from_rotation(rotation)
         angle = np.sqrt(whole[0] ** 2 + whole[1] ** 2 + whole[2] ** 2)
         quarter = np.tan(angle / 4) / angle if angle > 1e-8 else 0.25
-        for k in range(3):
-            half[k] = 0.5 * whole[k]
-            whole[k] *= quarter
-        _rotate(rotation_from_vector(half), expected)
-        halved = cross_matrix(whole)
+        expected = halfway_direction(rotation, expected)
+        halved = cross_matrix(quarter * whole)
         for k in range(3):
             for j in range(3):
                 halved[k, j] = 0.5 * ((1.0 if k == j else 0.0) - halved[k, j])
@@ -327,14 +342,6 @@ def _travel(rotation: Array, start: Array, end: Array, travel: Array) -> None:
         travel[k] = 0.0
         for j in range(3):
             travel[k] += rotation[j, k] * (end[j] - start[j])
-
-
-@compiled
-def _rotate(rotation: Array, vector: Array) -> None:
-    # Rotates the vector in place.
-    x, y, z = vector[0], vector[1], vector[2]
-    for k in range(3):
-        vector[k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
 
 
 @compiled

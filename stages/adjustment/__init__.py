@@ -1,0 +1,26 @@
+"""Bundle adjustment of frames and points together (report chapter 8)."""
+
+from wayside.stages.adjustment.bundle_adjustment import WindowAdjustment, adjust_window
+from wayside.stages.adjustment.correlated_errors import (
+    correlated_covariance,
+    correlated_sigma_px,
+)
+from wayside.stages.adjustment.residuals import (
+    QUADRATIC,
+    ResidualBlocks,
+    StepConstraints,
+    constraint_jacobian,
+    constraint_residuals,
+)
+
+__all__ = [
+    "QUADRATIC",
+    "ResidualBlocks",
+    "StepConstraints",
+    "WindowAdjustment",
+    "adjust_window",
+    "constraint_jacobian",
+    "constraint_residuals",
+    "correlated_covariance",
+    "correlated_sigma_px",
+]

@@ -1,0 +1,76 @@
+"""Effect of errors that neighbouring ties share on motion and points; residuals do not show it.
+
+Patches near each other lie on the same surface and are imaged by the same part of the lens, so their errors are
+correlated. The part of such a field of errors that resembles motion is absorbed by the fit, so its size is given.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.settings import TieSettings
+from wayside.stages.kernels import Array, compiled
+
+
+def correlated_sigma_px(displacement_px: Array, settings: TieSettings) -> Array:
+    """Scatter (n,) of the error that ties share with their neighbours, by their displacement through travel, pixels.
+
+    Directions of travel depend on few near ties, mostly on the road, which slide along markings or are biased towards
+    the motion by which they were searched for.
+    """
+    return np.asarray(settings.correlated_sigma_px + settings.correlated_fraction * displacement_px)
+
+
+def correlated_covariance(
+    position: Array, image: NDArray[np.int64], effect: Array, reach_px: float
+) -> Array:
+    """Covariance (k, k) of an estimate by smooth random fields of errors, one in each image, independent of each other.
+
+    Parameters
+    ----------
+    position
+        Positions of ties in their images, (n, 2) px.
+    image
+        Number of that image, (n,).
+    effect
+        Change of the estimate by one standard deviation of the field in both coordinates of each tie, (n, 2, k).
+    reach_px
+        Of the correlation exp(-d^2 / (2 reach_px^2)).
+    """
+    order = np.argsort(image, kind="stable")
+    first = np.flatnonzero(np.diff(image[order], prepend=-1)).astype(np.int64)
+    result = np.zeros((effect.shape[2], effect.shape[2]))
+    _correlated_covariance(
+        np.append(first, len(order)),
+        np.ascontiguousarray(position[order]),
+        np.ascontiguousarray(effect[order]),
+        0.5 / reach_px**2,
+        result,
+    )
+    return result
+
+
+@compiled
+def _correlated_covariance(
+    first: NDArray[np.int64], position: Array, effect: Array, sharpness: float, result: Array
+) -> None:
+    count = effect.shape[2]
+    total = np.empty((2, count))
+    for p in range(first.shape[0] - 1):
+        for i in range(first[p], first[p + 1]):
+            total[:] = 0.5 * effect[i]
+            for j in range(first[p], i):
+                x, y = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
+                near = sharpness * (x * x + y * y)
+                if near > 12.0:
+                    continue
+                alike = np.exp(-near)
+                for k in range(count):
+                    total[0, k] += alike * effect[j, 0, k]
+                    total[1, k] += alike * effect[j, 1, k]
+            for k in range(count):
+                for m in range(count):
+                    both = effect[i, 0, k] * total[0, m] + effect[i, 1, k] * total[1, m]
+                    result[k, m] += both
+                    result[m, k] += both

@@ -1,0 +1,139 @@
+"""Motion and points of two images adjusted together, with the length of the baseline held (report chapter 8).
+
+This is the adjustment of a window of two frames: the first one is held, a tie is two observations of one point, and the
+length of the step is known. Only the prior measures that length, so inverse depths are in units of the baseline: its
+length drops out and only scales the result.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.schemas.motion import StepPrior
+from wayside.schemas.settings import AdjustmentSettings, TieSettings
+from wayside.stages.adjustment import (
+    QUADRATIC,
+    ResidualBlocks,
+    StepConstraints,
+    adjust_window,
+    correlated_covariance,
+    correlated_sigma_px,
+)
+from wayside.stages.geometry import pair_midpoint
+from wayside.stages.kernels import Array, require_array
+
+LENGTH_SIGMA = 1e-3
+"""Of the baseline, in its own units (numerical): nothing else measures it, and its own scatter is added at the end."""
+
+
+class PairAdjustment(NamedTuple):
+    """Result of `adjust_pair`.
+
+    rotation (3, 3), direction (3,): pose of the second camera in the first one's frame, up to its length;
+    points (n, 3): ray (x/z, y/z) in the first image, and baseline over depth; displacement_px (n,): of each tie in the
+    image by travel alone; covariance (6, 6) of rotation vector (rad) and direction in the first camera's axes, errors
+    that neighbouring ties share included; iterations;
+    history_px (iterations + 1,): RMS of eq. 7.5 per coordinate over the points at the start and after each iteration.
+    """
+
+    rotation: Array
+    direction: Array
+    points: Array
+    displacement_px: Array
+    covariance: Array
+    iterations: int
+    history_px: Array
+
+    def step_covariance(self, baseline_m: float, sigma_m: float) -> Array:
+        """Covariance (6, 6) of rotation vector and translation (m), by the length of the step and its sigma."""
+        along = np.outer(self.direction, self.direction)
+        spread = np.eye(6)
+        spread[3:, 3:] = baseline_m * (np.eye(3) - along)
+        covariance = spread @ self.covariance @ spread.T
+        covariance[3:, 3:] += sigma_m**2 * along
+        return np.asarray(covariance)
+
+
+def adjust_pair(
+    previous: Array,
+    current: Array,
+    start: tuple[Array, Array],
+    prior: StepPrior,
+    *,
+    focal_px: float,
+    ties: TieSettings,
+    solver: AdjustmentSettings,
+) -> PairAdjustment:
+    """Adjust motion and points together to the rays of two images.
+
+    Parameters
+    ----------
+    previous, current
+        Rays (n, 2) as (x/z, y/z), of the same points.
+    start
+        Rotation (3, 3) and unit direction (3,) to start from.
+    prior
+        What is known of the motion beforehand.
+    focal_px
+        Pixels of one unit of the rays.
+    ties
+        Errors of ties, and the scale of their robust cost.
+    solver
+        Limits of the iteration.
+
+    Returns
+    -------
+    PairAdjustment
+        covariance is nan where the normal equations are singular (no points and no prior).
+
+    Raises
+    ------
+    ValueError
+        Where an array has another shape or type.
+    """
+    n = len(previous)
+    require_array(previous, "previous", np.float64, (n, 2))
+    require_array(current, "current", np.float64, (n, 2))
+    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, ties.sigma_px / focal_px)
+    # An error is divided between both images: half of its square is in the second one.
+    scale = ties.fine_last_scale_px / ties.sigma_px / np.sqrt(2)
+    blocks = ResidualBlocks.joined(
+        [
+            ResidualBlocks.observations(np.zeros(n, np.int64), numbers, previous, sigma, QUADRATIC),
+            ResidualBlocks.observations(np.ones(n, np.int64), numbers, current, sigma, scale),
+        ]
+    )
+    # Points start where the rays meet, at infinity where they do not meet ahead of both cameras.
+    met = pair_midpoint(previous, current, *start)
+    depth = np.where(met.ahead & (met.point[:, 2] > 1), met.point[:, 2], np.inf)
+    found = adjust_window(
+        np.stack([np.eye(3), start[0]]),
+        np.stack([np.zeros(3), start[1]]),
+        0,
+        np.column_stack([previous, 1 / depth]),
+        np.zeros(n, np.int64),
+        blocks,
+        StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
+        wanted=1,
+        of_pose=True,
+        iterations=solver.window_iterations,
+        gain=solver.pair_gain,
+    )
+    direction = found.centres[1] / np.linalg.norm(found.centres[1])
+    offset = found.points[:, :2] - direction[:2] / direction[2]
+    displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
+    effect = correlated_sigma_px(displacement, ties)[:, None, None] * found.gain[n:] / focal_px
+    shared = correlated_covariance(
+        current * focal_px, np.zeros(n, np.int64), effect, ties.correlation_reach_px
+    )
+    return PairAdjustment(
+        found.rotations[1],
+        direction,
+        found.points,
+        displacement,
+        found.covariance + shared,
+        found.iterations,
+        ties.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
+    )
