@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.report import SAMPLES, traced_sequences
 
@@ -137,7 +136,7 @@ def box_outline(
         return np.full(SAMPLES, complex(np.nan, np.nan))
     u, v, wide, tall, _ = patches[1 + patches[1:, cv2.CC_STAT_AREA].argmax()]
     patch = np.array([[u, v, u + wide, v + tall]])
-    sequence = traced_sequences(nearer.astype(np.uint8), patch, RegionOutlineSettings())[0]
+    sequence = traced_sequences(nearer.astype(np.uint8), patch)[0]
     return np.asarray(complex(left, top) + step * sequence)
 
 
