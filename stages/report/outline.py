@@ -48,7 +48,7 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | N
         )
         filling = np.flatnonzero((found[1:, :4] == wanted).all(axis=1))
         if len(filling):
-            return _outer_edges(parts == 1 + filling[0]) + np.array([x, y])
+            return np.asarray(_outer_edges(parts == 1 + filling[0]) + np.array([x, y]))
     return None
 
 
@@ -71,4 +71,5 @@ def resample_outline(outline: Array, samples: int = SAMPLES) -> NDArray[np.compl
     closed = np.concatenate([outline, outline[:1]])
     passed = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
     at = np.arange(samples) * passed[-1] / samples
-    return np.interp(at, passed, closed[:, 0]) + 1j * np.interp(at, passed, closed[:, 1])
+    u, v = (np.interp(at, passed, column) for column in closed.T)
+    return np.asarray(u + 1j * v, np.complex128)
