@@ -73,13 +73,11 @@ class Flow:
 
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
-        s, m = self.settings, self.models
+        m = self.models
         if m.color_classes is None or m.shape_classes is None:
             raise ValueError("models: wanted the report's colour and shape classes, found none")
         colored = self.stage("color", classify_color(segmented, model=m.color_classes))
-        return self.stage(
-            "shape", classify_shape(colored, model=m.shape_classes, settings=s.region_outline)
-        )
+        return self.stage("shape", classify_shape(colored, model=m.shape_classes))
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """More regions, and a learned classifier on each."""

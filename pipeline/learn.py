@@ -138,7 +138,7 @@ def gather(
             reread[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
             scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed, settings))
             notify(f"{source}: {scenes[-1].frames} images, {len(scenes[-1].signs)} faces")
-    crops = () if real is None else tuple(real_faces(real, settings.region_outline))
+    crops = () if real is None else tuple(real_faces(real))
     return TrainingData(tuple(drives), tuple(scenes), crops, np.concatenate(distractors), reread)
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.report import SAMPLES, traced_sequences
 
@@ -49,7 +48,6 @@ def clear_faces(
     mask: NDArray[np.uint8],
     here: list[tuple[dict[str, Any], dict[str, Any]]],
     drive: str,
-    settings: RegionOutlineSettings,
 ) -> list[FaceSample]:
     """The faces of one image that are clear enough to be samples of colour and shape."""
     found = []
@@ -60,7 +58,7 @@ def clear_faces(
             continue
         box = np.array([view["box"]])
         mean = main_color(pixels)
-        outline = box_outline(rgb, box[0], mean, settings)
+        outline = box_outline(rgb, box[0], mean)
         found.append(
             FaceSample(
                 f"{drive}/{sign['id']}",
@@ -90,7 +88,6 @@ def box_outline(
     rgb: NDArray[np.uint8],
     box: NDArray[Any],
     mean_rgb: NDArray[np.float64],
-    settings: RegionOutlineSettings,
 ) -> NDArray[np.complex128]:
     """Resampled outline of the object in a box: the largest patch nearer to its colour than to its surroundings.
 
@@ -104,8 +101,6 @@ def box_outline(
         [x0, y0, x1, y1], pixels, half open; rounded to whole pixels, cut at the image.
     mean_rgb
         Colour (3,) of the main patch.
-    settings
-        How outlines of regions are resampled.
 
     Returns
     -------
@@ -143,11 +138,11 @@ def box_outline(
         return np.full(SAMPLES, complex(np.nan, np.nan))
     u, v, wide, tall, _ = patches[1 + patches[1:, cv2.CC_STAT_AREA].argmax()]
     patch = np.array([[u, v, u + wide, v + tall]])
-    sequence = traced_sequences(nearer.astype(np.uint8), patch, settings)[0]
+    sequence = traced_sequences(nearer.astype(np.uint8), patch)[0]
     return np.asarray(complex(left, top) + step * sequence)
 
 
-def real_faces(folder: Path, settings: RegionOutlineSettings) -> list[FaceSample]:
+def real_faces(folder: Path) -> list[FaceSample]:
     """Faces of the signs boxed in real images: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
     scenes = folder / "scenes"
     try:
@@ -162,14 +157,14 @@ def real_faces(folder: Path, settings: RegionOutlineSettings) -> list[FaceSample
         rgb = _read_rgb(scenes / scene["file"])
         for number, sign in enumerate(scene["signs"]):
             name = f"{scene['file']}/{number}"
-            found += _real_face(rgb, sign, np.array(sign["box"]), name, settings)
+            found += _real_face(rgb, sign, np.array(sign["box"]), name)
     for crop in crops:
         rgb = _read_rgb(scenes / crop["file"])
         # The crops have a margin of about an eighth on every side.
         x, y = rgb.shape[1] / 8, rgb.shape[0] / 8
         box = np.array([x, y, rgb.shape[1] - x, rgb.shape[0] - y])
         # Crops of one kind mostly show one sign.
-        found += _real_face(rgb, crop, box, f"crop/{crop['kind']}", settings)
+        found += _real_face(rgb, crop, box, f"crop/{crop['kind']}")
     return found
 
 
@@ -178,14 +173,13 @@ def _real_face(
     sign: dict[str, Any],
     box: NDArray[Any],
     name: str,
-    settings: RegionOutlineSettings,
 ) -> list[FaceSample]:
     x0, y0, x1, y1 = (max(0, round(float(v))) for v in box)
     pixels = rgb[y0:y1, x0:x1].reshape(-1, 3)
     if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
         return []
     mean = main_color(pixels)
-    outline = _whole(box_outline(rgb, box, mean, settings), box)
+    outline = _whole(box_outline(rgb, box, mean), box)
     return [FaceSample(name, sign["color"], sign["shape"], mean, outline)]
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
@@ -25,25 +27,25 @@ above which it is no example."""
 NEAREST = 3
 FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
+FOR, AGAINST = 1, -1
 EVIDENCE = (
-    ("score_best", "appearance", -4.0, 6.0),
-    ("score_mean", "appearance", -4.0, 6.0),
-    ("log_views", "views", 0.0, 2.5),
-    ("missed", "views", 0.0, 6.0),
-    ("log_width", "size", -2.0, -0.7),
-    ("log_width", "size", 0.0, 2.0),
-    ("log_height", "size", -2.0, -0.7),
-    ("log_height", "size", 0.0, 2.0),
-    ("elongation", "size", 0.0, 2.0),
-    ("place_sigmas", "place", 0.0, 5.0),
-    ("residual_px", "rigidity", 0.0, 4.0),
-    ("size_scatter", "rigidity", 0.0, 0.4),
-    ("depth_sigma", "rigidity", 0.0, 0.3),
-    ("registered", "registration", 0.0, 5.0),
-    ("panel_px", "registration", 0.0, 1.0),
+    ("score_best", "appearance", -4.0, 6.0, FOR),
+    ("score_mean", "appearance", -4.0, 6.0, FOR),
+    ("log_views", "views", 0.0, 2.5, FOR),
+    ("missed", "views", 0.0, 6.0, AGAINST),
+    ("log_width", "size", -2.0, -0.7, FOR),
+    ("log_width", "size", 0.0, 2.0, AGAINST),
+    ("log_height", "size", -2.0, -0.7, FOR),
+    ("log_height", "size", 0.0, 2.0, AGAINST),
+    ("elongation", "size", 0.0, 2.0, AGAINST),
+    ("place_sigmas", "place", 0.0, 5.0, AGAINST),
+    ("residual_px", "rigidity", 0.0, 4.0, AGAINST),
+    ("size_scatter", "rigidity", 0.0, 0.4, AGAINST),
+    ("depth_sigma", "rigidity", 0.0, 0.3, AGAINST),
+    ("registered", "registration", 0.0, 5.0, FOR),
 )
-"""Feature, term, and the bounds within which it counts. Sizes count where they are unusual for faces: below half a
-metre, above one metre."""
+"""Feature, term, the bounds within which it counts, and the direction in which it may count: what is known from the
+nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
 FOLDS = 8
@@ -156,16 +158,17 @@ def learn_landmark_classifier(
             f"landmark classifier: wanted two drives and {FEWEST_EXAMPLES} landmarks of either kind, found "
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
-    names, terms, low, high = (list(column) for column in zip(*EVIDENCE, strict=True))
+    names, terms, low, high, directions = zip(*EVIDENCE, strict=True)
+    direction = np.array(directions, np.float64)
     columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
     bounded = np.clip(columns, low, high)
     middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
-    slope, shift = _calibration(bounded - middle, sign, drive)
-    weight, constant = _logistic_regression(bounded - middle, sign)
+    slope, shift = _calibration(bounded - middle, sign, drive, direction)
+    weight, constant = _logistic_regression(bounded - middle, sign, direction)
     numbers = {"low": low, "high": high, "middle": middle, "weight": slope * weight}
     return EvidenceModel(
-        tuple(names),
-        tuple(terms),
+        names,
+        terms,
         **{key: np.array([float(f"{v:.6g}") for v in column]) for key, column in numbers.items()},
         shift=round(slope * constant + shift, 5),
         threshold=accept,
@@ -173,27 +176,37 @@ def learn_landmark_classifier(
     )
 
 
-def _logistic_regression(values: Values, sign: NDArray[np.bool_]) -> tuple[Values, float]:
-    """Weights (f,) and constant; both kinds weigh the same, and weights in standard deviations are kept small."""
-    from sklearn.linear_model import LogisticRegression  # only learning needs it
+def _logistic_regression(
+    values: Values, sign: NDArray[np.bool_], direction: Values
+) -> tuple[Values, float]:
+    """Weights (f,) in given directions, and a constant; both kinds weigh the same, large weights cost."""
+    scale = direction * np.maximum(values.std(axis=0), 1e-6)
+    columns = np.column_stack([values / scale, np.ones(len(values))])
+    target = np.where(sign, 1.0, -1.0)
+    balance = np.where(sign, 0.5 / sign.mean(), 0.5 / (~sign).mean())
 
-    scale = np.maximum(values.std(axis=0), 1e-6)
-    fitted = LogisticRegression(C=REGULARISATION, class_weight="balanced", max_iter=5000)
-    fitted.fit(values / scale, sign)
-    return fitted.coef_[0] / scale, float(fitted.intercept_[0])
+    def cost(weights: Values) -> tuple[float, Values]:
+        margin = target * (columns @ weights)
+        penalty = weights * np.append(np.full(len(scale), 1 / REGULARISATION), 0.0)
+        slope = columns.T @ (-target * balance * expit(-margin)) + penalty
+        return float(balance @ np.logaddexp(0.0, -margin) + 0.5 * weights @ penalty), slope
+
+    bounds = [(0.0, None)] * len(scale) + [(None, None)]
+    found = minimize(cost, np.zeros(columns.shape[1]), jac=True, bounds=bounds, method="L-BFGS-B")
+    return found.x[:-1] / scale, float(found.x[-1])
 
 
 def _calibration(
-    values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64]
+    values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64], direction: Values
 ) -> tuple[float, float]:
     """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999)."""
     held_out = np.empty(len(values))
     folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
     for fold in np.unique(folds):
         own = folds == fold
-        weight, constant = _logistic_regression(values[~own], sign[~own])
+        weight, constant = _logistic_regression(values[~own], sign[~own], direction)
         held_out[own] = values[own] @ weight + constant
-    slope, shift = _logistic_regression(held_out[:, None], sign)
+    slope, shift = _logistic_regression(held_out[:, None], sign, np.ones(1))
     return float(slope[0]), shift
 
 

@@ -180,7 +180,7 @@ def read_drive(
         index = image.frame.index
         mask = _read_mask(masks / f"{index:04d}.png", image.rgb.shape[:2])
         listed = [one for one in seen.get(index, []) if one[0]["kind"] != INVENTED]
-        faces.extend(clear_faces(image.rgb, mask, listed, truth["name"], settings.region_outline))
+        faces.extend(clear_faces(image.rgb, mask, listed, truth["name"]))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
     here = [seen.get(index, []) for index in range(last + 1)]

@@ -29,7 +29,7 @@ from wayside.schemas.settings.panel import (
     RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import RegionOutlineSettings, SiftSettings
+from wayside.schemas.settings.report import SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
 from wayside.schemas.settings.tree import REPORT, Settings
@@ -54,7 +54,6 @@ __all__ = [
     "PanelSettings",
     "PredictionSettings",
     "ReadSettings",
-    "RegionOutlineSettings",
     "RegistrationSettings",
     "RunSettings",
     "SegmentSettings",

@@ -184,7 +184,6 @@ class PanelOutlineSettings:
     smallest_edge: float = _expert(
         0.15, "", "fraction of the strongest edge below which a candidate is left out", low=0
     )
-    shoulder: float = _expert(0.5, "samples", "shoulders of the profile count from here outwards")
     strip: float = _expert(
         1.5, "samples", "width of the strip inside a candidate whose colour should be even"
     )

@@ -1,24 +1,10 @@
-"""Settings of the outlines and SIFT points of candidates (report chapters 4 and 5)."""
+"""Settings of the SIFT points of candidates (report chapter 5)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting
-
-
-@dataclass(frozen=True, slots=True)
-class RegionOutlineSettings:
-    """Outlines of candidates for their shape class (report chapter 4)."""
-
-    longest_edges: int = setting(
-        20_000,
-        "pixel edges",
-        "regions with a longer outline get none",
-        origin="no face is so ragged",
-        expert=True,
-        low=4,
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from wayside.schemas.settings.panel import (
     RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import RegionOutlineSettings, SiftSettings
+from wayside.schemas.settings.report import SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
 
@@ -42,7 +42,6 @@ class Settings:
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
-    region_outline: RegionOutlineSettings = field(default_factory=RegionOutlineSettings)
     sift: SiftSettings = field(default_factory=SiftSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
     ties: TieSettings = field(default_factory=TieSettings)

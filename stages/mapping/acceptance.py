@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.geometry import covered_fractions, iou_matrix
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates, associate
 from wayside.stages.mapping.hypotheses import Hypotheses
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_hypothesis
@@ -86,40 +86,9 @@ def same_face_rows(
     settings: AcceptanceSettings,
 ) -> NDArray[np.int64]:
     """Free candidates that overlap one of the views (rows and frames, (v,)) or lie within it."""
-    mark = np.zeros(len(candidates.ray), np.bool_)
-    _mark_same_face(
-        candidates.first, candidates.ray, candidates.size, rows, frames, free,
-        settings.same_face_iou, settings.same_face_cover, mark,
-    )  # fmt: skip
-    return np.flatnonzero(mark)
-
-
-@compiled
-def _mark_same_face(
-    first: NDArray[np.int64],
-    ray: Array,
-    size: Array,
-    rows: NDArray[np.int64],
-    frames: NDArray[np.int64],
-    free: NDArray[np.bool_],
-    iou: float,
-    cover: float,
-    mark: NDArray[np.bool_],
-) -> None:
-    for i in range(rows.shape[0]):
-        r, n = rows[i], frames[i]
-        for k in range(first[n], first[n + 1]):
-            if not free[k]:
-                continue
-            wide = min(ray[r, 0] + size[r, 0] / 2, ray[k, 0] + size[k, 0] / 2) - max(
-                ray[r, 0] - size[r, 0] / 2, ray[k, 0] - size[k, 0] / 2
-            )
-            tall = min(ray[r, 1] + size[r, 1] / 2, ray[k, 1] + size[k, 1] / 2) - max(
-                ray[r, 1] - size[r, 1] / 2, ray[k, 1] - size[k, 1] / 2
-            )
-            if wide <= 0 or tall <= 0:
-                continue
-            inner = wide * tall
-            mine, other = size[r, 0] * size[r, 1], size[k, 0] * size[k, 1]
-            if inner > iou * (mine + other - inner) or inner > cover * other:
-                mark[k] = True
+    c = candidates
+    boxes = np.concatenate([c.ray - c.size / 2, c.ray + c.size / 2], axis=1)
+    same_frame = c.by_frame(np.arange(len(boxes)))[:, 0] == frames[:, None]
+    covered = covered_fractions(boxes, boxes[rows]).T > settings.same_face_cover
+    covered |= iou_matrix(boxes[rows], boxes) > settings.same_face_iou
+    return np.flatnonzero(free & (same_frame & covered).any(axis=0))

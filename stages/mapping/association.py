@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import AssociationSettings, TrackSettings
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array, compiled, require_array
 
 NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
 """State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
@@ -73,24 +73,16 @@ class WindowCandidates:
     def __post_init__(self) -> None:
         """Refuse shapes that the kernels, which do not check bounds, would run over."""
         n, rows = len(self.rotation), len(self.ray)
-        wanted: dict[str, tuple[int, ...]] = {
-            "rotation": (n, 3, 3),
-            "centre": (n, 3),
-            "focal": (n,),
-            "bounds": (n, 4),
-            "first": (n + 1,),
-            "ray": (rows, 2),
-            "size": (rows, 2),
-            "score": (rows,),
-            "whole": (rows,),
-            "seeds": (rows,),
-        }
-        for name, shape in wanted.items():
-            array = getattr(self, name)
-            if array.shape != shape or not array.flags.c_contiguous:
-                raise ValueError(
-                    f"WindowCandidates.{name}: wanted {shape} in C order, found {array.shape}"
-                )
+        require_array(self.rotation, "rotation", np.float64, (n, 3, 3))
+        require_array(self.centre, "centre", np.float64, (n, 3))
+        require_array(self.focal, "focal", np.float64, (n,))
+        require_array(self.bounds, "bounds", np.float64, (n, 4))
+        require_array(self.first, "first", np.int64, (n + 1,))
+        require_array(self.ray, "ray", np.float64, (rows, 2))
+        require_array(self.size, "size", np.float64, (rows, 2))
+        require_array(self.score, "score", np.float64, (rows,))
+        require_array(self.whole, "whole", np.bool_, (rows,))
+        require_array(self.seeds, "seeds", np.bool_, (rows,))
         if self.first[0] != 0 or self.first[-1] != rows or (np.diff(self.first) < 0).any():
             raise ValueError(
                 "WindowCandidates.first: wanted ascending from 0 to the number of rows"

@@ -31,15 +31,12 @@ FEATURES = (
     "size_scatter",
     "depth_sigma",
     "registered",
-    "panel_px",
 )
 """Names in the order of the values. score_best: mean of the three highest scores of its views; missed: frames that
 should show it and have no candidate there; elongation: absolute logarithm of the aspect ratio; place_sigmas:
 Mahalanobis distance from the nearest class of locations; size_scatter, depth_sigma: relative; registered: images in
-register; panel_px: RMS residual of the panel in these, inf where no outline was found."""
+register."""
 BEST = 3
-UNMEASURED = (nan, nan)
-"""Registration of a landmark whose panel is not measured yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +68,13 @@ class LandmarkClassifier:
         fit: LandmarkFit,
         window: Sequence[WindowFrame],
         offset: FrenetOffset,
-        registration: tuple[float, float] = UNMEASURED,
+        registered: float = nan,
     ) -> LandmarkEvidence:
         """The evidence for a landmark in its window at an offset from the path.
 
-        registration: number of images in register, and RMS residual of the panel in them, px.
+        registered: number of images in register; nan: the panel is not measured yet.
         """
-        features = landmark_features(fit, window, offset, self.location, registration)
+        features = landmark_features(fit, window, offset, self.location, registered)
         if self.model is None:
             return LandmarkEvidence(features, (), len(fit.rows) - 1.0)
         named = dict(zip(FEATURES, features.tolist(), strict=True))
@@ -96,9 +93,9 @@ def landmark_features(
     window: Sequence[WindowFrame],
     offset: FrenetOffset,
     location: GaussianModel | None,
-    registration: tuple[float, float],
+    registered: float,
 ) -> NDArray[np.float64]:
-    """Numbers (13,) on a landmark, named by `FEATURES`."""
+    """Numbers (12,) on a landmark, named by `FEATURES`."""
     scores = np.array([window[f].score[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
@@ -117,6 +114,6 @@ def landmark_features(
             fit.rms_px,
             (fit.spread / fit.metric).max(),
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
-            *registration,
+            registered,
         ]
     )

@@ -224,8 +224,7 @@ class _Tracker:
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
-        panel_px = np.inf if panel is None else panel.residual_px
-        evidence = classifier.classify(fit, self._window, one.offset, (registered, panel_px))
+        evidence = classifier.classify(fit, self._window, one.offset, registered)
         if not classifier.accepts(evidence):
             return VERDICT_OF_TERM[evidence.weakest], evidence, panel
         known = classifier.model is not None

@@ -1,7 +1,7 @@
 """The outer outline of a face: chosen among nested candidates by a linear model.
 
 A face has several outlines one within the other: legend, inner field, border line, rim. The strongest of each shape is
-found first. The edges parallel to it are the candidates; a conditional logit (McFadden 1974) over 12 features chooses
+found first. The edges parallel to it are the candidates; a conditional logit (McFadden 1974) over 11 features chooses
 the outer one: strength of the edge, evenness of the strip inside it (a rim has one colour all round, the background has
 not), and difference from the detected box.
 """
@@ -43,12 +43,11 @@ OUTLINE_FEATURES = (
     "log_width_squared",
     "log_height_squared",
     "log_width_height_difference",
-    "peak",
     "rectangle",
 )
 """Features of a candidate, in this order: edge strength as a fraction of the strongest; strength of the outline it
 surrounds; unevenness of the colour of the strip inside (30 grey levels); width and height relative to the detected box;
-whether its edge is a peak of the profile or a shoulder; whether it is a rectangle."""
+whether it is a rectangle."""
 _UNEVEN_LEVELS, _MOST_UNEVEN = 30.0, 60.0
 """Scale and limit of the unevenness, grey levels: part of what the feature means."""
 
@@ -67,7 +66,7 @@ class FaceOutline(NamedTuple):
 
 
 class OutlineCandidate(NamedTuple):
-    """An outline that may be the outer one, and its features (12,), named by `OUTLINE_FEATURES`."""
+    """An outline that may be the outer one, and its features (11,), named by `OUTLINE_FEATURES`."""
 
     outline: Outline
     features: Array
@@ -138,21 +137,19 @@ def outline_candidates(
         grow = growth(segments)
         peaks = _peaks(strength)
         top = float(max((strength[i] for i in peaks), default=0.0))
-        for i in sorted({*peaks, *_shoulders(strength, settings)}):
+        for i in peaks:
             offset = i * STEP + low
             faint = top <= 0 or strength[i] < settings.smallest_edge * top
             if faint or offset <= -settings.smallest_inward:
                 continue
             outer = inner.box + offset * grow
             strip = float(uneven[max(0, i - round(settings.strip / STEP)) : i + 1].min())
-            features = _features(inner, outer, box, float(strength[i]) / top, strip, i in peaks)
+            features = _features(inner, outer, box, float(strength[i]) / top, strip)
             candidates.append(OutlineCandidate(inner._replace(box=outer), features))
     return candidates
 
 
-def _features(
-    inner: Outline, outer: Array, detected: Array, edge: float, strip: float, peak: bool
-) -> Array:
+def _features(inner: Outline, outer: Array, detected: Array, edge: float, strip: float) -> Array:
     wide, tall = np.log(box_size(outer) / box_size(detected))
     uneven = min(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS
     return np.array(
@@ -167,7 +164,6 @@ def _features(
             wide**2,
             tall**2,
             abs(wide - tall),
-            float(peak),
             float(inner.shape == "rectangle"),
         ]
     )
@@ -176,12 +172,3 @@ def _features(
 def _peaks(values: Array) -> list[int]:
     inner = values[1:-1]
     return (np.flatnonzero((inner >= values[:-2]) & (inner > values[2:])) + 1).tolist()
-
-
-def _shoulders(values: Array, settings: PanelOutlineSettings) -> list[int]:
-    """Where a falling flank is least steep: a faint edge beside a strong one."""
-    derivative = np.diff(values)
-    before, here, after = derivative[:-2], derivative[1:-1], derivative[2:]
-    at = np.flatnonzero((here < 0) & (here > before) & (here >= after)) + 2
-    outside = at * STEP - settings.candidates_inward > settings.shoulder
-    return [int(i) for i in at[outside]]

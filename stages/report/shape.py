@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
-from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
 from wayside.stages.report.fourier import TERMS, fourier_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
@@ -22,7 +21,6 @@ def classify_shape(
     detections: Iterator[Detections],
     *,
     model: GaussianModel,
-    settings: RegionOutlineSettings,
 ) -> Iterator[Detections]:
     """Give the open candidates the shape class of their outline by Mahalanobis distance.
 
@@ -35,8 +33,6 @@ def classify_shape(
         Candidates from pass one and two.
     model
         Mean, covariance and threshold of each shape in space "fourier6".
-    settings
-        Limits of outlines.
 
     Yields
     ------
@@ -51,7 +47,7 @@ def classify_shape(
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        outlines = _outlines(one.segmentation, candidates.regions.select(rows), settings)
+        outlines = _outlines(one.segmentation, candidates.regions.select(rows))
         features = fourier_descriptors(outlines)
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
@@ -59,11 +55,7 @@ def classify_shape(
         yield replace(one, candidates=named.with_verdict(rows[~accepted], "shape"))
 
 
-def _outlines(
-    segmentation: Segmentation,
-    regions: Regions,
-    settings: RegionOutlineSettings,
-) -> NDArray[np.complex128]:
+def _outlines(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
     """Resampled outline of each region, (n, samples); nan where there is none."""
     sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     if segmentation.labels is not None:
@@ -71,5 +63,5 @@ def _outlines(
         shift = np.array([0, top, 0, top], np.float32)
         for source, labels in zip(_PASSES, segmentation.labels, strict=True):
             own = regions.source == source
-            sequences[own] = traced_sequences(labels, regions.box[own] - shift, settings)
+            sequences[own] = traced_sequences(labels, regions.box[own] - shift)
     return sequences

@@ -6,14 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.stages.report.fourier import TERMS, fourier_descriptors
-from wayside.stages.report.outline import SAMPLES, _resample
+from wayside.stages.report.outline import resample_outline
 
 
 def shape_features(outline):
     """Features of one outline given by its corners."""
-    sequence = np.full(SAMPLES, complex(np.nan, np.nan))
-    _resample(np.asarray(outline, np.float64), sequence)
-    return fourier_descriptors(sequence[None])[0]
+    return fourier_descriptors(resample_outline(np.asarray(outline, np.float64))[None])[0]
 
 
 def polygon(corners, turn=0.0, radius=20.0):

@@ -8,28 +8,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from wayside.schemas.settings import RegionOutlineSettings
 from wayside.stages.report.outline import (
     SAMPLES,
-    _resample,
-    _trace_box,
+    resample_outline,
+    trace_region,
     traced_sequences,
 )
-
-SETTINGS = RegionOutlineSettings()
-
-
-def trace_region(labels, box):
-    """The outline (n, 2) before it is resampled; None where there is none."""
-    points = np.empty((SETTINGS.longest_edges, 2))
-    n = _trace_box(labels, box, points)
-    return points[:n].copy() if n else None
-
-
-def resample_outline(outline, samples=SAMPLES):
-    sequence = np.full(samples, complex(np.nan, np.nan))
-    _resample(outline, sequence)
-    return sequence
 
 
 def box_of(slices):
@@ -103,7 +87,7 @@ def test_many_outlines_at_once_are_those_one_by_one():
     labels[8:20, 30:50] = 2
     parts = [ndimage.find_objects((labels == k).astype(int))[0] for k in (1, 2)]
     boxes = np.array([*(box_of(slices) for slices in parts), [5, 5, 9, 9]])
-    sequences = traced_sequences(labels, boxes, SETTINGS)
+    sequences = traced_sequences(labels, boxes)
     assert sequences.shape == (3, SAMPLES)
     assert np.isnan(sequences[2]).all()
     for sequence, box in zip(sequences[:2], boxes, strict=False):
@@ -111,7 +95,7 @@ def test_many_outlines_at_once_are_those_one_by_one():
 
 
 def test_no_rows_give_no_outlines():
-    assert traced_sequences(np.zeros((9, 9), np.uint8), np.zeros((0, 4)), SETTINGS).shape == (
+    assert traced_sequences(np.zeros((9, 9), np.uint8), np.zeros((0, 4))).shape == (
         0,
         SAMPLES,
     )
@@ -125,4 +109,4 @@ def test_resampled_points_lie_at_equal_steps_on_the_outline():
 
 def test_other_layouts_are_refused():
     with pytest.raises(ValueError, match="labels: wanted"):
-        traced_sequences(np.zeros((9, 9, 3), np.uint8), np.array([[1, 1, 9, 9]]), SETTINGS)
+        traced_sequences(np.zeros((9, 9, 3), np.uint8), np.array([[1, 1, 9, 9]]))

@@ -10,20 +10,16 @@ from wayside.schemas.detections import SHAPES, VERDICTS, Candidates, Detections
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.settings import GateSettings, RegionOutlineSettings, SegmentSettings
+from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.report.fourier import TERMS, fourier_descriptors
-from wayside.stages.report.outline import SAMPLES, _resample
+from wayside.stages.report.outline import resample_outline
 from wayside.stages.report.shape import classify_shape
 from wayside.stages.segmentation.two_pass import segment
-
-SETTINGS = RegionOutlineSettings()
 
 
 def shape_features(outline):
     """Features of one outline given by its corners."""
-    sequence = np.full(SAMPLES, complex(np.nan, np.nan))
-    _resample(np.asarray(outline, np.float64), sequence)
-    return fourier_descriptors(sequence[None])[0]
+    return fourier_descriptors(resample_outline(np.asarray(outline, np.float64))[None])[0]
 
 
 def polygon(corners, turn=0.0):
@@ -68,7 +64,7 @@ def candidates_of(image):
 
 
 def classify(item, **how):
-    (result,) = classify_shape(iter([item]), model=model(**how), settings=SETTINGS)
+    (result,) = classify_shape(iter([item]), model=model(**how))
     return result.candidates
 
 
@@ -113,6 +109,4 @@ def test_frames_without_pixels_or_regions_pass():
 def test_models_of_unknown_shapes_are_refused():
     one = GaussianClass("heart", np.zeros(6), np.eye(6), 1.0, "", 1)
     with pytest.raises(InputError, match="'heart'"):
-        next(
-            classify_shape(iter([]), model=GaussianModel("fourier6", (one,), ""), settings=SETTINGS)
-        )
+        next(classify_shape(iter([]), model=GaussianModel("fourier6", (one,), "")))
