@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from wayside.pipeline.learning.cross_validation import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.models import EvidenceModel, GaussianModel, TreeModel
@@ -48,6 +49,8 @@ EVIDENCE = (
 nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
+FALSE_ALARM = 0.1
+"""Share of the landmarks that are no signs to be reported as signs, on drives held out in turn."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
 ACCEPT, ACCEPT_BACK = -1.4, 0.0
@@ -141,7 +144,7 @@ def learn_landmark_classifier(
     """Fit the log-likelihood ratios of all terms together and calibrate their sum on drives held out in turn.
 
     Logistic regression on the bounded features weighs terms that depend on each other (many views of a shop front)
-    by what they say together. Signs and others weigh the same, so the log odds are those of even prior odds.
+    by what they say together. Signs and others weigh the same in it.
 
     Raises
     ------
@@ -199,15 +202,19 @@ def _logistic_regression(
 def _calibration(
     values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64], direction: Values
 ) -> tuple[float, float]:
-    """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999)."""
+    """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999).
+
+    Log odds of 0, where landmarks are reported as signs, are put where `FALSE_ALARM` of what is no sign lies above, as
+    Neyman and Pearson do: how much looks like a sign differs from road to road, what it looks like much less.
+    """
     held_out = np.empty(len(values))
     folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
     for fold in np.unique(folds):
         own = folds == fold
         weight, constant = _logistic_regression(values[~own], sign[~own], direction)
         held_out[own] = values[own] @ weight + constant
-    slope, shift = _logistic_regression(held_out[:, None], sign, np.ones(1))
-    return float(slope[0]), shift
+    (slope,), _ = platt(held_out[:, None], sign)
+    return float(slope), -float(slope * np.quantile(held_out[~sign], 1 - FALSE_ALARM))
 
 
 Panel = tuple[int, bool, tuple[float, float, float, float]]
