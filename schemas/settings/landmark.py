@@ -133,6 +133,21 @@ class VerdictSettings:
     fewest_boxes: int = setting(
         3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
     )
+    enough_evidence: int = setting(
+        6,
+        "views",
+        "views and registered images together that show that a panel stands still",
+        origin="any two rays meet somewhere",
+        expert=True,
+    )
+    evidence_log_odds: float = setting(
+        2.0,
+        "log odds",
+        "that it is a panel, needed for each view less",
+        origin="chosen on rendered drives of the kind that models are learned from",
+        expert=True,
+        low=0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from wayside.stages.mapping.landmark_evidence import LandmarkEvidence
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import Panel, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face, views_agree
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face, stands_still
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -228,8 +228,9 @@ class _Tracker:
         if not classifier.accepts(evidence):
             return VERDICT_OF_TERM[evidence.weakest], evidence, panel
         known = classifier.model is not None
-        agree = known or views_agree(fit, registered, self._settings.track.fewest_views, settings)
-        return "sign" if agree else "residual", evidence, panel
+        log_odds = evidence.log_odds if known else settings.evidence_log_odds
+        stands = stands_still(fit, registered, log_odds, settings)
+        return "sign" if stands else "residual", evidence, panel
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

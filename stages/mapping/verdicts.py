@@ -74,12 +74,14 @@ def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[fl
     return float(of_one), float(of_other)
 
 
-def views_agree(fit: LandmarkFit, registered: int, fewest: int, settings: VerdictSettings) -> bool:
-    """Whether the views of a landmark agree on a point by more than chance, where nothing is known of signs.
-
-    Any two rays meet somewhere: it takes a third box, or two images in which the panel registers.
-    """
-    return bool(fit.used.sum() >= max(fewest, settings.fewest_boxes) or registered >= fewest)
+def stands_still(
+    fit: LandmarkFit, registered: int, log_odds: float, settings: VerdictSettings
+) -> bool:
+    """Whether the views of a landmark are of one panel that stands still; else the verdict is `residual`."""
+    boxes = int(fit.used.sum())
+    views = len(fit.rows) if boxes >= settings.fewest_boxes else boxes
+    evidence = views + (registered if registered > 1 else 0)
+    return log_odds >= settings.evidence_log_odds * (settings.enough_evidence - evidence)
 
 
 def location_verdict(
