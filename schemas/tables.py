@@ -29,6 +29,7 @@ MOTION_SOURCES = {
     "odometry": "odometry of the log",
     "poses": "poses of the log",
     "fixes": "satellite fixes of the log",
+    "speed": "no pose, spacing or fix: the speed over the step before",
 }
 VERDICT_WORDS = {
     "open": "undecided when the drive ended",

@@ -176,7 +176,7 @@ class LocateSettings:
         0.12, "m", "panels with a smaller side are refused", low=0, high=10
     )
     largest_side_m: float = setting(
-        7.0, "m", "panels with a larger side are refused", low=0, high=100
+        12.0, "m", "panels with a larger side are refused", low=0, high=100
     )
 
 

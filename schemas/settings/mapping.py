@@ -93,10 +93,15 @@ class AssociationSettings:
         220.0, "m", "largest depth of a view", origin=SET, expert=True, low=1
     )
     aside_m: float = setting(
-        22.0, "m", "largest distance of a panel beside the camera", origin=SET, expert=True, low=0
+        45.0,
+        "m",
+        "largest distance of a panel beside the camera",
+        origin="the far side of a freeway",
+        expert=True,
+        low=0,
     )
     above_m: float = setting(
-        9.0, "m", "largest height of a panel above the camera", origin=SET, expert=True, low=0
+        12.0, "m", "largest height of a panel above the camera", origin=SET, expert=True, low=0
     )
     below_m: float = setting(
         1.6, "m", "largest depth of a panel below the camera", origin=SET, expert=True, low=0
@@ -113,9 +118,11 @@ class AssociationSettings:
         0.15, "m", "least width of a panel", origin=SET, expert=True, low=0
     )
     lowest_m: float = setting(0.12, "m", "least height of a panel", origin=SET, expert=True, low=0)
-    widest_m: float = setting(6.5, "m", "largest width of a panel", origin=SET, expert=True, low=0)
+    widest_m: float = setting(
+        12.0, "m", "largest width of a panel", origin="boards over four lanes", expert=True, low=0
+    )
     tallest_m: float = setting(
-        4.5, "m", "largest height of a panel", origin=SET, expert=True, low=0
+        8.0, "m", "largest height of a panel", origin=SET, expert=True, low=0
     )
     value_shift: float = setting(
         2.0, "log odds", "added to the score of a view", origin=SET, expert=True

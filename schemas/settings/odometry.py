@@ -79,6 +79,14 @@ class MotionSettings:
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1
     )
+    acceleration_mps2: float = setting(
+        2.0,
+        "m/s^2",
+        "scatter of the vehicle's acceleration where only the last speed tells the length of a step",
+        origin="hard but usual braking is 3 to 4",
+        expert=True,
+        low=0.01,
+    )
 
     # Mount of the camera on its vehicle
     mount_sigma_deg: float = setting(

@@ -13,6 +13,7 @@ from math import nan, pi, radians
 import numpy as np
 
 from wayside.schemas.frame import Pose
+from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
@@ -108,7 +109,7 @@ def _chain(path: Sequence[PathPoint], step_sigma: Sequence[float]) -> RelativeMo
         known = path[row].covariance
         if known is not None and np.isfinite(known).all():
             covariance[row] = known
-    free = np.array([p.source == "fixes" for p in path])
+    free = np.array([p.source in ROUGH_LENGTHS for p in path])
     free[0] = False
     ratio = np.array([p.length_ratio for p in path])
     return RelativeMotionChain(_times(path), rotation, translation, covariance, free, ratio)
@@ -234,7 +235,7 @@ def _scales(
     return {
         p.frame: StepScale(float(found.scale[row]), float(sigma[row]), float(relative[row]))
         for row, p in enumerate(path)
-        if p.source == "fixes"
+        if p.source in ROUGH_LENGTHS
     }
 
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.adjustment import (
     QUADRATIC,
@@ -153,7 +154,7 @@ def adjust_jointly(
         np.vstack([[x / z, y / z, 1 / z], start]),
         np.concatenate([[best - first], anchors]),
         rows,
-        StepConstraints.of(known, common=any(h.motion.source == "fixes" for h in window[1:])),
+        StepConstraints.of(known, common=any(h.motion.source in ROUGH_LENGTHS for h in window[1:])),
         iterations=solver.window_iterations,
         gain=solver.window_gain,
     )

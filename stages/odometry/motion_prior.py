@@ -1,4 +1,4 @@
-"""What is expected of the step to the next image: by poses, odometry, the spacing on a straight line, or fixes."""
+"""What is expected of the step to the next image: by poses, odometry, straight-line spacing, fixes, or speed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class MotionPrior:
 
     prior: of rotation, direction and length; straight: rotation and direction to fall back on;
     search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
-    source: "straight", "odometry", "poses" or "fixes".
+    source: "straight", "odometry", "poses", "fixes" or "speed".
     """
 
     prior: StepPrior
@@ -47,9 +47,10 @@ def predict_motion(
     now: Frame,
     travel: TravelDirection,
     last_rotation: Array | None,
+    speed_mps: float,
     settings: MotionSettings,
 ) -> MotionPrior:
-    """Expected step between two frames by the best source: poses, then spacing, then fixes.
+    """Expected step between two frames by the best source: poses, then spacing, then fixes, then the last speed.
 
     Parameters
     ----------
@@ -59,6 +60,8 @@ def predict_motion(
         Direction of travel of the mounted camera.
     last_rotation
         Rotation (3, 3) of the step before, None where it is not known.
+    speed_mps
+        Speed over the step before, nan where it is not known.
     settings
         Sigmas, limits and search bands.
 
@@ -77,6 +80,11 @@ def predict_motion(
         seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = _between_fixes(before.fix, now.fix, seconds, settings)
         source = "fixes"
+    elif speed_mps > 0:
+        # Beyond the last fix or in a gap of them: points seen in both steps measure the length.
+        seconds = (now.time_ns - before.time_ns) * 1e-9
+        baseline, sigma = speed_mps * seconds, settings.acceleration_mps2 * seconds**2
+        source = "speed"
     else:
         raise InputError(
             f"frame {now.index}: wanted the distance from the image before it, found no pose, spacing or fix; "

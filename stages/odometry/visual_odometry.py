@@ -68,6 +68,7 @@ class VisualOdometry:
     depths: Array = field(default_factory=lambda: np.zeros(0))
     rotation: Array | None = None
     sigma_m: float = 0.0
+    speed_mps: float = nan
     dropped: int = 0
     doubts: int = 0
     mount: Mount = field(init=False)
@@ -85,9 +86,12 @@ class VisualOdometry:
                 frame,
                 self.mount.travel,
                 self.rotation,
+                self.speed_mps,
                 self.settings,
             )
             motion = self._step(self.motion, image, expected)
+            seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
+            self.speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
         self.image, self.frame, self.motion = image, frame, motion
         return motion
 
@@ -158,7 +162,7 @@ class VisualOdometry:
         Common points give the ratio of both lengths; none of them was found by its depth. A known spacing is held, or a
         multiple of it where the points say that triggers were dropped. Distances between poses or fixes are noisy, so
         they are averaged with the length by points. Where both differ by many sigmas, a fix has jumped, which takes two
-        steps (out and back); if it lasts, the points are wrong.
+        steps (out and back), or the vehicle brakes; if it lasts, the points are wrong.
         """
         s = self.settings
         given, sigma = expected.prior.length_m, expected.prior.sigma_m
@@ -178,6 +182,7 @@ class VisualOdometry:
         if abs(carried - given) > s.doubt_sigmas * hypot(sigma, carried_sigma):
             self.doubts += 1
             jumps = expected.source == "fixes" and self.doubts <= s.most_doubts
+            jumps |= expected.source == "speed"
             return (carried, carried_sigma) if jumps else (given, sigma)
         self.doubts = 0
         weight = sigma**2 / (sigma**2 + carried_sigma**2)

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +21,8 @@ MOUNTED = TravelDirection(AHEAD, np.radians([0.35, 0.25]))
 FRAME = Frame(7, 0, None, USED, "jpeg", b"", Camera(640, 480, 500, 500, 320, 240))
 
 
-def expect(before, now, last_rotation=None):
-    return predict_motion(before, now, MOUNTED, last_rotation, SETTINGS)
+def expect(before, now, last_rotation=None, speed_mps=math.nan):
+    return predict_motion(before, now, MOUNTED, last_rotation, speed_mps, SETTINGS)
 
 
 def posed(centre, yaw_deg=0.0, sigma_m=0.02, sigma_rad=0.001):
@@ -99,6 +100,13 @@ def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_d
     assert found.prior.sigma_m == pytest.approx(22.5)
     untimed = expect(before, replace(now, log_time_ns=0))
     assert untimed.prior.length_m > 50
+
+
+def test_without_any_source_the_last_speed_is_held_and_its_scatter_grows_with_time():
+    soon, late = (expect(FRAME, replace(FRAME, log_time_ns=t), None, 12.0) for t in (10**8, 10**9))
+    assert soon.source == late.source == "speed"
+    assert (soon.prior.length_m, late.prior.length_m) == pytest.approx((1.2, 12.0))
+    assert late.prior.sigma_m == pytest.approx(100 * soon.prior.sigma_m)
 
 
 def test_no_source_of_the_distance_is_an_error_that_names_the_frame_and_the_option():

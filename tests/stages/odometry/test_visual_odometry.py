@@ -1,7 +1,9 @@
 """A drive past textured plates under a textured sky, painted here, and the motion found in it."""
 
+import math
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -310,17 +312,28 @@ def test_the_same_images_give_the_same_bytes():
         assert a.pose.rotation.tobytes() == b.pose.rotation.tobytes()
 
 
+def test_beyond_the_last_fix_points_carry_the_length_of_the_steps():
+    poses, images = painted(7, 0.0, missing=(5,))
+    degrees = np.degrees(1 / 6_371_000.0)
+    fixes = [Fix(38 + pose.centre[2] * degrees, -97.0, 500.0, (0.1, 0.1, 0.1)) for pose in poses]
+    found = motions(images, fix=[*fixes[:3], *[None] * 4])
+    assert [m.source for m in found[1:]] == ["fixes"] * 2 + ["speed"] * 4
+    length = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(poses)]
+    assert max(length) == pytest.approx(2 * min(length), rel=0.01)  # one step is twice as fast
+    np.testing.assert_allclose([m.baseline_m for m in found[1:]], length, rtol=0.02)
+
+
 def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
     frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
     far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
     drive = VisualOdometry(MotionSettings(), TieSettings(), AdjustmentSettings(), sigma_m=0.1)
-    expected = predict_motion(frame, far, drive.mount.travel, None, MotionSettings())
+    expected = predict_motion(frame, far, drive.mount.travel, None, math.nan, MotionSettings())
     assert expected.prior.length_m > 20
     lengths = [drive._length((8.0, 0.02), expected)[0] for _ in range(3)]
     assert lengths[:2] == [8.0, 8.0]
     assert lengths[2] == expected.prior.length_m
     near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    agreeing = predict_motion(frame, near, drive.mount.travel, None, MotionSettings())
+    agreeing = predict_motion(frame, near, drive.mount.travel, None, math.nan, MotionSettings())
     assert drive._length((8.0, 0.02), agreeing)[0] == pytest.approx(8.0, abs=0.05)
     assert drive._length((8.0, 0.02), expected)[0] == 8.0
 
