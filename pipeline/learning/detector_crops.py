@@ -29,7 +29,7 @@ SMALLEST_PX, SHOWN_FRACTION = 6.5, 0.55
 """Height of a face in the crop, and fraction of it inside, from which it is a positive; else it is ignored."""
 
 SPREAD, LEAST_SPREAD, REGRESSED = 0.08, 0.5, 0.3
-"""Sigma of the peak on the heat map as a fraction of the face; at least, cells; height from which a cell is regressed."""
+"""Sigma of the peak on the heat map as a fraction of the face; at least, cells; heat from which a cell is regressed."""
 
 KNOWN, UNSURE, UNKNOWN = 0, 1, 2
 """A cell off all boxes is a negative; one unless the network thinks otherwise; nothing is known of it."""
@@ -102,7 +102,9 @@ def make_crop(
         known = np.concatenate([labels.box, labels.ignored])
         drawn = draw_faces(pixels, known, library, noise.smooth, rng, posts)
         labels = _Labels(
-            np.concatenate([labels.box, np.array([d.box for d in drawn], np.float32).reshape(-1, 4)]),
+            np.concatenate(
+                [labels.box, np.array([d.box for d in drawn], np.float32).reshape(-1, 4)]
+            ),
             np.append(labels.side, [d.side for d in drawn]).astype(np.int8),
             np.append(labels.color, [d.color for d in drawn]).astype(np.int8),
             np.append(labels.shape, [d.shape for d in drawn]).astype(np.int8),
@@ -222,7 +224,7 @@ def _motion_blurred(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
     angle = rng.normal(0, 0.35)
     reach = (length - 1) / 2 * np.array([np.cos(angle), np.sin(angle)])
     middle = (length - 1) / 2
-    ends = [tuple(int(round(middle + sign * v)) for v in reach) for sign in (-1, 1)]
+    ends = [tuple(round(middle + sign * v) for v in reach) for sign in (-1, 1)]
     cv2.line(kernel, ends[0], ends[1], 1.0, 1)
     return np.asarray(cv2.filter2D(rgb, -1, kernel / kernel.sum()), np.uint8)
 
@@ -241,7 +243,9 @@ def targets(rgb: NDArray[np.uint8], labels: _Labels, image: LabelledImage) -> Cr
     positive = (area >= SHOWN_FRACTION * full) & tall & (inside[:, 2] - inside[:, 0] >= 2.5)
     for x0, y0, x1, y1 in np.concatenate([labels.ignored, inside[~positive & (area > 0)]]):
         left, top = max(0, int(x0 // STRIDE)), max(0, int(y0 // STRIDE))
-        doubt[:, top : max(0, int(-(-y1 // STRIDE))), left : max(0, int(-(-x1 // STRIDE)))] = UNKNOWN
+        doubt[:, top : max(0, int(-(-y1 // STRIDE))), left : max(0, int(-(-x1 // STRIDE)))] = (
+            UNKNOWN
+        )
     for x0, y0, x1, y1 in inside[positive]:
         rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
         doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = KNOWN

@@ -20,7 +20,7 @@ from wayside.pipeline.learning.samples import FACE_FRACTION, FACE_PX, read_truth
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Frame
+from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import decode
 
@@ -37,7 +37,7 @@ LEFT_OUT_RUN = 157
 """Pictures of `scenes_mixed` below this number are of doubtful origin."""
 
 POST_WIDTHS, POST_HEIGHTS = 1.2, 4.0
-"""Around a boxed face of an incomplete image nothing is a negative: so many widths to the sides, heights up and down."""
+"""Around a boxed face of an incomplete image nothing is a negative: widths to the sides, heights up and down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class LabelledImage:
 
     source: the camera or data set that it is from; rgb (height, width, 3) uint8; box (n, 4) float32; side (n,) `FRONT`
     or `BACK`; color, shape (n,) classes or `NONE`; ignored (m, 4): where nothing is known; fronts_complete,
-    backs_complete: whether every face of that side has a box.
+    backs_complete: whether every face of that side has a box; camera: where it is known and the image is whole.
     """
 
     source: str
@@ -59,6 +59,7 @@ class LabelledImage:
     ignored: NDArray[np.float32]
     fronts_complete: bool
     backs_complete: bool
+    camera: Camera | None = None
 
 
 Face = tuple[Sequence[float], int, str | None, str | None]
@@ -74,6 +75,7 @@ def labelled_image(
     *,
     fronts_complete: bool,
     backs_complete: bool,
+    camera: Camera | None = None,
 ) -> LabelledImage:
     """An image with its faces as arrays; names of colours and shapes that are no classes become `NONE`."""
     return LabelledImage(
@@ -87,6 +89,7 @@ def labelled_image(
         np.array(ignored, np.float32).reshape(-1, 4),
         fronts_complete,
         backs_complete,
+        camera,
     )
 
 
@@ -94,8 +97,8 @@ def _code(names: tuple[str, ...], name: str | None) -> int:
     return names.index(name) if name in names else NONE
 
 
-def rendered_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
-    """The images of a rendered drive, rows in which signs can be; every n-th one."""
+def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator[LabelledImage]:
+    """The images of a rendered drive, every n-th one; of a `band`, only the rows in which signs can be."""
     truth = read_truth(log.with_suffix(".truth.json"))
     camera = truth["camera"]
     faces: dict[int, list[Face]] = {}
@@ -114,6 +117,8 @@ def rendered_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
                 ignored.setdefault(view["frame"], []).append(view["box"])
     top = max(0, round(camera["cy"] - BAND[0] * camera["fy"]))
     bottom = min(camera["height"], round(camera["cy"] + BAND[1] * camera["fy"]))
+    if not band:
+        top, bottom = 0, camera["height"]
     shift = np.array([0, top, 0, top])
     frames = (f for f in read_frames(log, READ, ReadReport()) if f.index % every == 0)
     for frame, rgb in _decoded(frames):
@@ -126,27 +131,37 @@ def rendered_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
             [(np.array(box) - shift).tolist() for box in ignored.get(frame.index, [])],
             fronts_complete=True,
             backs_complete=True,
+            camera=None if band else frame.camera,
         )
 
 
-def real_drive_images(log: Path) -> Iterator[LabelledImage]:
-    """The images of a real drive with hand-made labels, which are not complete."""
+def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
+    """The images of a real drive with hand-made labels, which are not complete; every n-th one.
+
+    Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong.
+    """
     labels = json.loads(log.with_suffix(".labels.json").read_text(encoding="utf-8"))
     faces: dict[int, list[Face]] = {}
+    ignored: dict[int, list[Sequence[float]]] = {}
     for sign in labels["signs"]:
         side = BACK if sign["facing"] == "back" else FRONT
         shape = str(sign["shape"]).split(" ")[0]
         for view in sign["boxes"]:
-            faces.setdefault(view["i"], []).append((view["box"], side, sign["colour"], shape))
-    for frame, rgb in _decoded(read_frames(log, READ, ReadReport())):
+            if side == BACK or sign["wanted"]:
+                faces.setdefault(view["i"], []).append((view["box"], side, sign["colour"], shape))
+            else:
+                ignored.setdefault(view["i"], []).append(view["box"])
+    frames = (f for f in read_frames(log, READ, ReadReport()) if f.index % every == 0)
+    for frame, rgb in _decoded(frames):
         yield labelled_image(
             log.stem,
             f"{log.stem}/{frame.index}",
             rgb,
             faces.get(frame.index, []),
-            [],
+            ignored.get(frame.index, []),
             fronts_complete=False,
             backs_complete=False,
+            camera=frame.camera,
         )
 
 

@@ -159,8 +159,12 @@ def _decoded(box: Tensor, centre: Tensor) -> Tensor:
 
 def _generalised_iou(found: Tensor, true: Tensor) -> Tensor:
     """IoU less the part of the enclosing box that neither fills (Rezatofighi et al. 2019)."""
-    shared = _area(torch.maximum(found[..., :2], true[..., :2]), torch.minimum(found[..., 2:], true[..., 2:]))
-    around = _area(torch.minimum(found[..., :2], true[..., :2]), torch.maximum(found[..., 2:], true[..., 2:]))
+    shared = _area(
+        torch.maximum(found[..., :2], true[..., :2]), torch.minimum(found[..., 2:], true[..., 2:])
+    )
+    around = _area(
+        torch.minimum(found[..., :2], true[..., :2]), torch.maximum(found[..., 2:], true[..., 2:])
+    )
     both = _area(found[..., :2], found[..., 2:]) + _area(true[..., :2], true[..., 2:]) - shared
     return shared / both.clamp(min=1e-3) - 1 + both / around.clamp(min=1e-3)
 

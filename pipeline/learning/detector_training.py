@@ -36,7 +36,7 @@ from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, 
 from wayside.pipeline.learning.face_compositing import FaceLibrary, read_face_library
 
 BATCH, LEARNING_RATE, WEIGHT_DECAY, WARM_UP, DECAY_FROM = 16, 2e-3, 0.02, 500, 0.65
-"""Crops of a batch; largest learning rate; weight decay; steps of rising rate; fraction of the steps before it falls."""
+"""Crops of a batch; largest learning rate; weight decay; steps of rising rate; fraction of steps before it falls."""
 
 SURE_FROM = 1000
 """Steps from which the network may doubt that a cell off the boxes of an incomplete image is a negative."""
@@ -57,7 +57,13 @@ MOST_WAIT_S = 300.0
 EVERY = 2
 """Every n-th image of rendered drives: neighbours are much alike."""
 
-WEIGHTS = {"rendered": 0.42, "us": 0.14, "scenes": 0.10, "scenes_speed_us": 0.15, "scenes_mixed": 0.19}
+WEIGHTS = {
+    "rendered": 0.42,
+    "us": 0.14,
+    "scenes": 0.10,
+    "scenes_speed_us": 0.15,
+    "scenes_mixed": 0.19,
+}
 """How often an image of a kind of source is drawn; within a kind, sources are alike."""
 
 BATCH_FIELDS = ("rgb", "heat", "doubt", "cell", "box", "weight", "color", "shape")
@@ -102,15 +108,11 @@ def make_batch(
     rng: np.random.Generator,
 ) -> dict[str, NDArray[Any]]:
     """`BATCH` crops, field by field."""
-    crops: list[Crop] = [
-        make_crop(images, probability, library, noise, rng) for _ in range(BATCH)
-    ]
+    crops: list[Crop] = [make_crop(images, probability, library, noise, rng) for _ in range(BATCH)]
     return {name: np.stack([getattr(crop, name) for crop in crops]) for name in BATCH_FIELDS}
 
 
-def _produce(
-    queue: Queue[Any], drives: Path | None, real: Path, seed: int, first: int
-) -> None:
+def _produce(queue: Queue[Any], drives: Path | None, real: Path, seed: int, first: int) -> None:
     cv2.setNumThreads(1)
     images, library = training_images(drives, real), read_face_library(real)
     probability = drawing_probability(images)
@@ -264,13 +266,17 @@ def _run(training: Training, queue: Queue[Any], folder: Path, steps: int) -> Non
             training.save(folder / "checkpoint.pt")
 
 
-def provenance(images: Sequence[LabelledImage], library: FaceLibrary, seed: int, step: int) -> dict[str, Any]:
+def provenance(
+    images: Sequence[LabelledImage], library: FaceLibrary, seed: int, step: int
+) -> dict[str, Any]:
     """What a network was learned from."""
     count = Counter(image.source for image in images)
     faces: Counter[str] = Counter()
     for image in images:
         faces[image.source] += len(image.box)
-    sources = "; ".join(f"{name} {count[name]} images {faces[name]} faces" for name in sorted(count))
+    sources = "; ".join(
+        f"{name} {count[name]} images {faces[name]} faces" for name in sorted(count)
+    )
     return {
         "sources": sources,
         "faces drawn in": f"{len(library.vector)} vector faces, {len(library.cut)} crops of GTSRB",
@@ -290,7 +296,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=40000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--export", action="store_true", help="write the ONNX of the checkpoint only")
+    parser.add_argument(
+        "--export", action="store_true", help="write the ONNX of the checkpoint only"
+    )
     args = parser.parse_args(arguments)
     if args.export:
         training = Training(args.seed)

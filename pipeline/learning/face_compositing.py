@@ -175,7 +175,9 @@ def draw_faces(
         stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
         post_from = None
         for number in range(stack):
-            drawing, side = _chosen(kind if number == 0 or kind == "back" else "board", library, rng)
+            drawing, side = _chosen(
+                kind if number == 0 or kind == "back" else "board", library, rng
+            )
             patch = _seen(drawing, face_height, rng)
             high, wide = patch.shape[:2]
             x = round(left - wide / 2 if number else left)
@@ -206,9 +208,7 @@ def _overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
     )
 
 
-def _chosen(
-    kind: str, library: FaceLibrary, rng: np.random.Generator
-) -> tuple[FaceDrawing, int]:
+def _chosen(kind: str, library: FaceLibrary, rng: np.random.Generator) -> tuple[FaceDrawing, int]:
     """A face of a kind and the side of it that is seen."""
     if kind == "vector" and library.vector:
         face = library.vector[rng.integers(len(library.vector))]
@@ -269,9 +269,7 @@ def _board(rng: np.random.Generator) -> FaceDrawing:
     edge = int(rng.integers(0, 3) * max(1, height // 48))
     if edge:
         inset = int(rng.integers(0, 2)) * edge
-        cv2.rectangle(
-            pixels, (inset, inset), (width - 1 - inset, height - 1 - inset), ink, edge
-        )
+        cv2.rectangle(pixels, (inset, inset), (width - 1 - inset, height - 1 - inset), ink, edge)
     rows = int(rng.integers(1, 4))
     for row in range(rows):
         text = str(rng.choice(WORDS)) if rng.random() < 0.85 else str(rng.integers(1, 999))
@@ -422,7 +420,9 @@ def _post(
         )
 
 
-def draw_distractors(rgb: NDArray[np.uint8], taken: NDArray[np.float32], rng: np.random.Generator) -> None:
+def draw_distractors(
+    rgb: NDArray[np.uint8], taken: NDArray[np.float32], rng: np.random.Generator
+) -> None:
     """A traffic signal, a cone or a lamp, in place, off the boxes `taken`: things that are no signs."""
     height, width = rgb.shape[:2]
     size = float(np.exp(rng.uniform(np.log(8), np.log(90))))
@@ -450,4 +450,6 @@ def draw_distractors(rgb: NDArray[np.uint8], taken: NDArray[np.float32], rng: np
         cv2.line(rgb, (round(x - wide * 0.2), at), (round(x + wide * 0.2), at), (235,) * 3, stripe)
     else:
         lamp = SHEETING["red"] if rng.random() < 0.5 else COLOR_RGB["yellow"]
-        cv2.circle(rgb, (round(x), round(y + size / 2)), max(1, round(size / 5)), lamp, -1, cv2.LINE_AA)
+        cv2.circle(
+            rgb, (round(x), round(y + size / 2)), max(1, round(size / 5)), lamp, -1, cv2.LINE_AA
+        )
