@@ -37,7 +37,7 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.frame import USED, Camera, Frame
-from wayside.stages.detection.network_proposals import DetectionNetwork
+from wayside.stages.detection import DetectionNetwork
 from wayside.stages.geometry import covered_fractions, iou_matrix
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -46,9 +46,10 @@ SHAPES = (
     "crossbuck",
     "other",
 )
-SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved")
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network")
 """Where a region comes from: K-means pass one or two, a level of a contrast map, two of these one above the other, a
-landmark of other frames projected into this one, or any of these with its box moved by box regression."""
+landmark of other frames projected into this one, any of these with its box moved by box regression, or a box of the
+detection network."""
 
 VERDICTS = (
     "open",

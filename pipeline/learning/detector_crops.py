@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.detector_images import BACK, FRONT, LabelledImage
-from wayside.pipeline.learning.face_compositing import FaceLibrary, draw_distractors, draw_faces
+from wayside.pipeline.learning.face_compositing import draw_distractors, draw_faces
+from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.schemas.detections import NONE
 
 CROP_PX, STRIDE = 256, 4
@@ -24,6 +26,9 @@ ANCHOR_FRACTION = 0.8
 
 HEIGHTS_PX, SCALES = (7.0, 120.0), (0.22, 1.7)
 """Heights that faces are scaled to, log-uniform; limits of the scale."""
+
+FILLED = 0.85
+"""Small images are not made smaller than this fraction of the crop."""
 
 SMALLEST_PX, SHOWN_FRACTION = 6.5, 0.55
 """Height of a face in the crop, and fraction of it inside, from which it is a positive; else it is ignored."""
@@ -128,6 +133,7 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
     else:
         scale = float(np.exp(rng.uniform(np.log(0.4), np.log(1.4))))
         middle = rng.uniform(0, 1, 2) * [width, height]
+    scale = max(scale, FILLED * CROP_PX / min(width, height))
     stretch = float(np.exp(rng.normal(0, 0.05)))
     scales = np.array([scale * stretch, scale / stretch])
     extent = CROP_PX / scales
@@ -187,17 +193,18 @@ def through_a_camera(
         rgb = _shaded(rgb, noise, rng)
     if rng.random() < 0.15:  # a camera of lower resolution
         small = round(CROP_PX * rng.uniform(0.45, 0.9))
-        rgb = cv2.resize(rgb, (small, small), interpolation=cv2.INTER_AREA)
-        rgb = cv2.resize(rgb, (CROP_PX, CROP_PX), interpolation=cv2.INTER_LINEAR)
+        coarse = cv2.resize(rgb, (small, small), interpolation=cv2.INTER_AREA)
+        rgb = _pixels(cv2.resize(coarse, (CROP_PX, CROP_PX), interpolation=cv2.INTER_LINEAR))
     draw = rng.random()
     if draw < 0.35:
-        rgb = cv2.GaussianBlur(rgb, (0, 0), float(np.exp(rng.uniform(np.log(0.35), np.log(1.6)))))
+        sigma = float(np.exp(rng.uniform(np.log(0.35), np.log(1.6))))
+        rgb = _pixels(cv2.GaussianBlur(rgb, (0, 0), sigma))
     elif draw < 0.45:
         rgb = _motion_blurred(rgb, rng)
     elif draw < 0.6:  # a camera that sharpens
         soft = cv2.GaussianBlur(rgb, (0, 0), 1.0)
         amount = rng.uniform(0.3, 1.5)
-        rgb = cv2.addWeighted(rgb, 1 + amount, soft, -amount, 0)
+        rgb = _pixels(cv2.addWeighted(rgb, 1 + amount, soft, -amount, 0))
     if rng.random() < 0.4:
         y, x = rng.integers(noise.grain.shape[0] - CROP_PX, size=2)
         grain = noise.grain[y : y + CROP_PX, x : x + CROP_PX]
@@ -207,8 +214,12 @@ def through_a_camera(
         quality = int(rng.integers(22, 96))
         done, data = cv2.imencode(".jpg", rgb, [cv2.IMWRITE_JPEG_QUALITY, quality])
         if done:
-            rgb = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    return np.asarray(rgb, np.uint8)
+            rgb = _pixels(cv2.imdecode(data, cv2.IMREAD_COLOR))
+    return rgb
+
+
+def _pixels(values: Any) -> NDArray[np.uint8]:
+    return np.asarray(values, np.uint8)
 
 
 def _shaded(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -> NDArray[np.uint8]:

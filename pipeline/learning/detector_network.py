@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
 from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.stages.detection.network_proposals import CENTRE_PX, MAPS, SIDE_PX, STRIDE
+from wayside.stages.detection import CENTRE_PX, MAPS, SIDE_PX, STRIDE
 
 CHANNELS, BLOCKS, HEAD = (24, 40, 64, 80), (1, 2, 2, 1), 32
 """Filters and residual blocks at stride 4, 8, 16 and 32; filters of the head."""

@@ -1,21 +1,18 @@
 """Long training of the detection network: resumable, with its curve.
 
-    python -m wayside.pipeline.learning.detector_training --drives FOLDER --real FOLDER -o FOLDER --steps N
+    python -m wayside.pipeline.learn --drives FOLDER --real FOLDER -o FOLDER --network-steps N
 
 Crops are made in a second process. The folder holds `checkpoint.pt`, from which the same command goes on, and
-`curve.csv`; every checkpoint has averaged weights, so that it can be used whenever the training is ended. At the end,
-or with `--export`, the averaged network is written as ONNX with what it was learned from.
+`curve.csv` (step; losses of heat, box, colour, shape; learning rate; seconds a step; of these, waiting for crops).
+Every checkpoint has averaged weights, so that it can be used whenever the training is ended.
 """
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
-import sys
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Sequence
-from contextlib import suppress
 from multiprocessing.queues import Queue
 from pathlib import Path
 from typing import Any
@@ -33,7 +30,7 @@ from wayside.pipeline.learning.detector_images import (
     scene_set_images,
 )
 from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, export, losses
-from wayside.pipeline.learning.face_compositing import FaceLibrary, read_face_library
+from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
 
 BATCH, LEARNING_RATE, WEIGHT_DECAY, WARM_UP, DECAY_FROM = 16, 2e-3, 0.02, 500, 0.65
 """Crops of a batch; largest learning rate; weight decay; steps of rising rate; fraction of steps before it falls."""
@@ -82,7 +79,7 @@ def drawing_probability(images: Sequence[LabelledImage]) -> NDArray[np.float64]:
         WEIGHTS[source_kind(i.source)] / per_kind[source_kind(i.source)] / count[i.source]
         for i in images
     ]
-    return np.array(share) / np.sum(share)
+    return np.asarray(np.array(share) / np.sum(share), np.float64)
 
 
 def training_images(drives: Path | None, real: Path | None) -> list[LabelledImage]:
@@ -235,7 +232,7 @@ def train(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) 
 
 def _run(training: Training, queue: Queue[Any], folder: Path, steps: int) -> None:
     past: deque[Batch] = deque(maxlen=REUSED_AFTER)
-    totals: Counter[str] = Counter()
+    totals: defaultdict[str, float] = defaultdict(float)
     since = time.monotonic()
     while training.step < steps:
         if training.step % 2 and len(past) == REUSED_AFTER:
@@ -245,7 +242,8 @@ def _run(training: Training, queue: Queue[Any], folder: Path, steps: int) -> Non
             batch = as_tensors(queue.get(timeout=MOST_WAIT_S))
             past.append(batch)
             totals["wait"] += time.monotonic() - before
-        totals.update(training.learn(batch, steps))
+        for name, value in training.learn(batch, steps).items():
+            totals[name] += value
         if training.step % REPORTED == 0:
             means = {name: totals[name] / REPORTED for name in ("heat", "box", "color", "shape")}
             now = time.monotonic()
@@ -286,31 +284,12 @@ def provenance(
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Train or export."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--drives", type=Path)
-    parser.add_argument("--real", type=Path, required=True)
-    parser.add_argument("-o", "--out", type=Path, required=True)
-    parser.add_argument("--steps", type=int, default=40000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--export", action="store_true", help="write the ONNX of the checkpoint only"
-    )
-    args = parser.parse_args(arguments)
-    if args.export:
-        training = Training(args.seed)
-        training.load(args.out / "checkpoint.pt")
-    else:
-        training = train(args.drives, args.real, args.out, args.steps, args.seed)
-    images, library = training_images(args.drives, args.real), read_face_library(args.real)
-    seen = provenance(images, library, args.seed, training.step)
-    export(training.average, args.out / "detector.onnx", seen)
-    return 0
+def learn_network(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) -> None:
+    """Train up to `steps` and write the averaged network as `network.onnx` with what it was learned from.
 
-
-if __name__ == "__main__":
-    with suppress(KeyboardInterrupt):
-        sys.exit(main())
+    A checkpoint of so many steps is written as it is.
+    """
+    training = train(drives, real, folder, steps, seed)
+    images, library = training_images(drives, real), read_face_library(real)
+    seen = provenance(images, library, seed, training.step)
+    export(training.average, folder / "network.onnx", seen)

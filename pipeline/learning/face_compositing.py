@@ -1,4 +1,4 @@
-"""Sign faces drawn into images: vector faces of many countries, cut-out real ones, invented boards and backs.
+"""Sign faces drawn into images.
 
 Each is seen from an angle, faded, dirty, shaded and as bright as its surroundings, then blended in. Signals and cones
 are drawn in as well: they are no signs.
@@ -6,70 +6,24 @@ are drawn in as well: they are no signs.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_images import BACK, FRONT
-from wayside.schemas.detections import COLOR_RGB, COLORS, NONE, SHAPES
+from wayside.pipeline.learning.detector_images import FRONT
+from wayside.pipeline.learning.face_drawings import (
+    KINDS,
+    SHEETING,
+    FaceDrawing,
+    FaceLibrary,
+    chosen_face,
+)
+from wayside.schemas.detections import COLOR_RGB
 
 HEIGHTS_PX = (7.0, 130.0)
 """Heights of drawn faces, log-uniform."""
-
-SHEETING = {
-    "white": (235, 235, 232),
-    "yellow": (250, 190, 10),
-    "green": (10, 110, 70),
-    "red": (190, 25, 40),
-    "orange": (245, 120, 10),
-    "blue": (15, 75, 165),
-    "brown": (95, 55, 35),
-    "fluorescent_yellow_green": (190, 235, 30),
-    "black": (25, 25, 27),
-}
-"""Colours of invented boards, RGB."""
-
-BOARD_WEIGHTS = (0.16, 0.08, 0.22, 0.03, 0.08, 0.17, 0.12, 0.04, 0.10)
-"""How often an invented board has each of these colours."""
-
-WORDS = (
-    "EXIT",
-    "NORTH",
-    "Madrid",
-    "A 96",
-    "City",
-    "Main St",
-    "Park",
-    "1/2 MILE",
-    "ONE WAY",
-    "Ausfahrt",
-    "LANE",
-    "ONLY",
-    "Hospital",
-    "Centre",
-    "280",
-    "BUS",
-    "P",
-    "12 km",
-    "Lake",
-    "ROAD WORK",
-)
-
-KINDS = (("vector", 0.52), ("cut", 0.16), ("board", 0.22), ("back", 0.10))
-"""What is drawn, and how often."""
-
-
-@dataclass(frozen=True, slots=True)
-class FaceDrawing:
-    """A face as pixels (h, w, 4) uint8 RGBA with its classes, `NONE` where they are none of ours."""
-
-    rgba: NDArray[np.uint8]
-    color: int
-    shape: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,76 +34,6 @@ class DrawnFace:
     side: int
     color: int
     shape: int
-
-
-@dataclass(frozen=True, slots=True)
-class FaceLibrary:
-    """All faces that can be drawn: vector faces and cut-out real ones."""
-
-    vector: tuple[FaceDrawing, ...]
-    cut: tuple[FaceDrawing, ...]
-
-
-def read_face_library(real: Path) -> FaceLibrary:
-    """The vector faces and the cut-out real ones of a folder of real data."""
-    index = json.loads((real / "faces" / "index.json").read_text(encoding="utf-8"))
-    vector = []
-    for entry in index:
-        rgba = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
-        if rgba is None or rgba.ndim != 3 or rgba.shape[2] != 4:
-            continue
-        pixels = np.asarray(cv2.cvtColor(rgba, cv2.COLOR_BGRA2RGBA), np.uint8)
-        vector.append(FaceDrawing(pixels, _code(COLORS, entry["color"]), _shape_of(entry["shape"])))
-    cut = []
-    for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
-        rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
-        if rgb is not None:
-            cut.append(_cut_out(np.asarray(rgb, np.uint8), entry))
-    return FaceLibrary(tuple(vector), tuple(cut))
-
-
-def _code(names: tuple[str, ...], name: str | None) -> int:
-    return names.index(name) if name in names else NONE
-
-
-def _shape_of(name: str | None) -> int:
-    return _code(SHAPES, name)
-
-
-def _cut_out(rgb: NDArray[np.uint8], entry: dict[str, object]) -> FaceDrawing:
-    """A crop of GTSRB without its margin (a tenth of the sign, at least 5 px), masked by its outline."""
-    height, width = rgb.shape[:2]
-    margins = [max(5.0, side / 12) for side in (width, height)]
-    box = np.array([margins[0], margins[1], width - margins[0], height - margins[1]])
-    down = entry["class"] == 13
-    outline = _outline(str(entry["shape"]), down=down)
-    points = box[:2] + (outline + 1) / 2 * (box[2:] - box[:2])
-    mask = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.round(points * 8).astype(np.int32)], 255, cv2.LINE_AA, 3)
-    x0, y0, x1, y1 = np.round(box + np.array([-1, -1, 1, 1])).astype(int)
-    rgba = np.dstack([rgb, mask])[max(y0, 0) : y1, max(x0, 0) : x1]
-    return FaceDrawing(
-        np.ascontiguousarray(rgba),
-        _code(COLORS, str(entry["color"])),
-        _shape_of(str(entry["shape"])),
-    )
-
-
-def _outline(shape: str, *, down: bool = False) -> NDArray[np.float64]:
-    """Corners (n, 2) of a shape in -1 to 1."""
-    if shape == "triangle":
-        corners = np.array([[-0.93, 1], [-1, 0.88], [-0.07, -1], [0.07, -1], [1, 0.88], [0.93, 1]])
-        return corners * [1, -1] if down else corners
-    if shape == "diamond":
-        return np.array([[0, -1.0], [1, 0], [0, 1], [-1, 0]])
-    if shape == "octagon":
-        t = np.tan(np.pi / 8)
-        half = np.array([[-t, -1], [t, -1], [1, -t], [1, t]])
-        return np.concatenate([half, -half])
-    if shape == "circle":
-        angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-        return np.stack([np.cos(angle), np.sin(angle)], 1)
-    return np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
 
 
 def draw_faces(
@@ -166,7 +50,7 @@ def draw_faces(
     """
     height, width = rgb.shape[:2]
     drawn: list[DrawnFace] = []
-    boxes = [tuple(box) for box in taken.tolist()]
+    boxes: list[tuple[float, ...]] = [tuple(box) for box in taken.tolist()]
     for _ in range(wanted):
         kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
         face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
@@ -174,14 +58,15 @@ def draw_faces(
         light = float(rng.uniform(0.45, 1.6))
         stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
         post_from = None
+        beside = stack > 1 and rng.random() < 0.35
         for number in range(stack):
-            drawing, side = _chosen(
+            drawing, side = chosen_face(
                 kind if number == 0 or kind == "back" else "board", library, rng
             )
             patch = _seen(drawing, face_height, rng)
             high, wide = patch.shape[:2]
-            x = round(left - wide / 2 if number else left)
-            if number == 0:
+            x = round(left if beside or number == 0 else left - wide / 2)
+            if number == 0 and not beside:
                 left = left + wide / 2
             box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
             if _overlaps(box, boxes):
@@ -191,13 +76,17 @@ def draw_faces(
             boxes.append(box)
             if clipped is not None:
                 drawn.append(DrawnFace(clipped, side, drawing.color, drawing.shape))
-            top += high * rng.uniform(1.0, 1.12) + 1
             post_from = box
+            if beside:
+                left += wide * rng.uniform(1.0, 1.08) + 1
+                face_height *= rng.uniform(0.9, 1.0)
+                continue
+            top += high * rng.uniform(1.0, 1.12) + 1
             face_height *= rng.uniform(0.3, 1.0)
             if face_height < HEIGHTS_PX[0]:
                 break
         if post_from is not None and rng.random() < 0.6:
-            _post(rgb, post_from, top, light, rng)
+            _post(rgb, post_from, max(top, post_from[3]), light, rng)
     return drawn
 
 
@@ -206,96 +95,6 @@ def _overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
         min(box[2], b[2]) > max(box[0], b[0]) and min(box[3], b[3]) > max(box[1], b[1])
         for b in others
     )
-
-
-def _chosen(kind: str, library: FaceLibrary, rng: np.random.Generator) -> tuple[FaceDrawing, int]:
-    """A face of a kind and the side of it that is seen."""
-    if kind == "vector" and library.vector:
-        face = library.vector[rng.integers(len(library.vector))]
-        return _recolored(face, rng), FRONT
-    if kind == "cut" and library.cut:
-        face = library.cut[rng.integers(len(library.cut))]
-        return (
-            FaceDrawing(_relit(face.rgba, rng), face.color, face.shape),
-            FRONT,
-        )
-    if kind == "back" and library.vector:
-        face = library.vector[rng.integers(len(library.vector))]
-        rgba = face.rgba.copy()
-        grey = rng.uniform(70, 190)
-        rgba[..., :3] = np.clip(grey + rng.normal(0, 6, 3), 0, 255).astype(np.uint8)
-        if rng.random() < 0.7:  # the post stands in front of the back
-            middle, half = rgba.shape[1] // 2, max(2, int(rgba.shape[1] * rng.uniform(0.02, 0.06)))
-            rgba[:, middle - half : middle + half, :3] = int(grey * rng.uniform(0.5, 0.9))
-        return FaceDrawing(rgba, face.color, face.shape), BACK
-    return _board(rng), FRONT
-
-
-def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
-    """Now and then a yellow face as an orange or a fluorescent one."""
-    if face.color != COLORS.index("yellow") or rng.random() > 0.3:
-        return face
-    name = str(rng.choice(["orange", "fluorescent_yellow_green"]))
-    rgb = face.rgba[..., :3].astype(np.int16)
-    is_yellow = (rgb[..., 0] > 150) & (rgb[..., 1] > 110) & (rgb[..., 2] < 120)
-    rgba = face.rgba.copy()
-    rgba[is_yellow, :3] = SHEETING[name]
-    return FaceDrawing(rgba, COLORS.index(name), face.shape)
-
-
-def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """A cut-out face brought to a brightness in the middle: many are dark."""
-    bright = float(np.percentile(rgba[..., :3].max(axis=2), 90))
-    gain = np.clip(200 / max(bright, 20), 0.8, 4) * rng.uniform(0.7, 1.1)
-    lit = rgba.copy()
-    lit[..., :3] = np.clip(rgba[..., :3] * gain, 0, 255).astype(np.uint8)
-    return lit
-
-
-def _board(rng: np.random.Generator) -> FaceDrawing:
-    """An invented board of a few words, numbers and arrows."""
-    color = str(rng.choice(list(SHEETING), p=BOARD_WEIGHTS))
-    aspect = float(np.exp(rng.uniform(np.log(0.5), np.log(4.5))))
-    width = 256 if aspect >= 1 else max(80, round(256 * aspect))
-    height = max(48, round(width / aspect))
-    ground = np.array(SHEETING[color], np.float64) + rng.normal(0, 12, 3)
-    is_light = color in ("white", "yellow", "orange", "fluorescent_yellow_green")
-    ink = (20, 20, 22) if is_light else (238, 238, 235)
-    if color == "white" and rng.random() < 0.35:
-        name = str(rng.choice(["red", "blue", "green"]))
-        ink = SHEETING[name]
-    pixels = np.empty((height, width, 3), np.uint8)
-    pixels[:] = np.clip(ground, 0, 255)
-    edge = int(rng.integers(0, 3) * max(1, height // 48))
-    if edge:
-        inset = int(rng.integers(0, 2)) * edge
-        cv2.rectangle(pixels, (inset, inset), (width - 1 - inset, height - 1 - inset), ink, edge)
-    rows = int(rng.integers(1, 4))
-    for row in range(rows):
-        text = str(rng.choice(WORDS)) if rng.random() < 0.85 else str(rng.integers(1, 999))
-        scale = height / rows / 45 * rng.uniform(0.7, 1.2)
-        weight = max(1, round(scale * 2 * rng.uniform(0.7, 1.8)))
-        (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, weight)
-        scale *= min(1.0, 0.85 * width / max(wide, 1))
-        high = round(high * min(1.0, 0.85 * width / max(wide, 1)))
-        y = round(height * (row + 0.5) / rows + high / 2)
-        x = round(width * rng.uniform(0.06, 0.15))
-        font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX]))
-        cv2.putText(pixels, text, (x, y), font, scale, ink, weight, cv2.LINE_AA)
-    if rng.random() < 0.4:
-        x, tip = round(width * rng.uniform(0.6, 0.9)), height * rng.uniform(0.1, 0.3)
-        tail = (x + round(rng.normal(0, width * 0.1)), round(height * 0.85))
-        cv2.arrowedLine(
-            pixels, tail, (x, round(tip)), ink, max(2, height // 16), cv2.LINE_AA, tipLength=0.35
-        )
-    alpha = np.zeros((height, width), np.uint8)
-    radius = int(min(width, height) * rng.choice([0.0, 0.06, 0.14]))
-    cv2.rectangle(alpha, (radius, 0), (width - 1 - radius, height - 1), 255, -1)
-    cv2.rectangle(alpha, (0, radius), (width - 1, height - 1 - radius), 255, -1)
-    for x in (radius, width - 1 - radius):
-        for y in (radius, height - 1 - radius):
-            cv2.circle(alpha, (x, y), radius, 255, -1)
-    return FaceDrawing(np.dstack([pixels, alpha]), _code(COLORS, color), SHAPES.index("rectangle"))
 
 
 def _seen(drawing: FaceDrawing, height_px: float, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -319,10 +118,13 @@ def _seen(drawing: FaceDrawing, height_px: float, rng: np.random.Generator) -> N
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle) + lean, np.cos(angle)]])
     corners = corners @ turn.T
     corners -= corners.min(axis=0) - rng.uniform(0.5, 1.5, 2)
-    size = tuple(int(v) + 2 for v in np.ceil(corners.max(axis=0)))
+    across, down = np.ceil(corners.max(axis=0)).astype(int) + 2
     flat = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], np.float32) - 0.5
     matrix = cv2.getPerspectiveTransform(flat, (corners - 0.5).astype(np.float32))
-    return np.asarray(cv2.warpPerspective(scaled, matrix, size, flags=cv2.INTER_LINEAR), np.float32)
+    return np.asarray(
+        cv2.warpPerspective(scaled, matrix, (int(across), int(down)), flags=cv2.INTER_LINEAR),
+        np.float32,
+    )
 
 
 def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:

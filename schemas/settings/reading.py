@@ -43,3 +43,8 @@ class ModelSettings:
     folder: str = setting(
         "", "folder", "model files here replace those that ship, each by its name; empty: none"
     )
+    network: str = setting(
+        "",
+        "file",
+        "ONNX file of a detection network, whose boxes join the proposals of preset default; empty: none",
+    )
