@@ -135,8 +135,10 @@ def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator
         )
 
 
-def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
-    """The images of a real drive with hand-made labels, which are not complete; every n-th one.
+def real_drive_images(
+    log: Path, every: int = 1, *, complete: bool = False
+) -> Iterator[LabelledImage]:
+    """The images of a real drive with hand-made labels, every n-th one; `complete` where hardly a sign has no box.
 
     Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong.
     """
@@ -159,7 +161,7 @@ def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
             rgb,
             faces.get(frame.index, []),
             ignored.get(frame.index, []),
-            fronts_complete=False,
+            fronts_complete=complete,
             backs_complete=False,
             camera=frame.camera,
         )

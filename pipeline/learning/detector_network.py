@@ -24,8 +24,9 @@ CHANNELS, BLOCKS, HEAD = (24, 40, 64, 80), (1, 2, 2, 1), 32
 PRIOR = 0.01
 """Probability of a middle that a cell starts with."""
 
-DOUBTED, DOUBTED_WEIGHT = 0.3, 0.5
-"""Where an image's boxes may be incomplete: probability from which a cell off them is no negative; weight below."""
+DOUBTED, DOUBTED_WEIGHTS = 0.3, (0.5, 0.2)
+"""Where an image's boxes may be incomplete: probability from which a cell off them may show a sign without a box;
+weights of the cell as a negative below and above it."""
 
 BOX_WEIGHT, CLASS_WEIGHT = 2.0, 0.3
 """Weights of the loss of boxes, and of colour and shape, beside that of the heat map."""
@@ -133,9 +134,10 @@ def _heat_loss(heat: Tensor, batch: Batch, *, sure: bool) -> Tensor:
     p, target = log_p.exp(), batch.heat
     is_middle = target == 1
     known = (batch.doubt == KNOWN).float()
-    unsure = (batch.doubt == UNSURE).float() * DOUBTED_WEIGHT
+    below, above = DOUBTED_WEIGHTS
+    unsure = (batch.doubt == UNSURE).float() * below
     if sure:
-        unsure = unsure * (p.detach() < DOUBTED)
+        unsure = unsure * torch.where(p.detach() < DOUBTED, 1.0, above / below)
     negative = (1 - target) ** 4 * p**2 * log_not * (known + unsure)
     positive = (1 - p) ** 2 * log_p
     return -torch.where(is_middle, positive, negative).sum()

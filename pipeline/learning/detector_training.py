@@ -15,6 +15,7 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Sequence
 from multiprocessing.queues import Queue
 from pathlib import Path
+from queue import Full
 from typing import Any
 
 import cv2
@@ -90,7 +91,7 @@ def training_images(drives: Path | None, real: Path | None) -> list[LabelledImag
             images += rendered_images(log, EVERY)
     if real:
         for name in ("us_freeway_challenge", "us_freeway_white_right"):
-            images += real_drive_images(real / f"{name}.mcap")
+            images += real_drive_images(real / f"{name}.mcap", complete=True)
         images += scene_set_images(real / "scenes", ("mi_",))
         images += scene_set_images(real / "scenes_speed_us")
         images += scene_set_images(real / "scenes_mixed")
@@ -115,10 +116,17 @@ def _produce(queue: Queue[Any], drives: Path | None, real: Path, seed: int, firs
     probability = drawing_probability(images)
     noise = make_noise(np.random.default_rng(seed))
     number = first
+    parent = multiprocessing.parent_process()
     while True:
-        queue.put(
-            make_batch(images, probability, library, noise, np.random.default_rng([seed, number]))
-        )
+        rng = np.random.default_rng([seed, number])
+        batch = make_batch(images, probability, library, noise, rng)
+        while True:
+            try:
+                queue.put(batch, timeout=10.0)
+                break
+            except Full:
+                if parent is not None and not parent.is_alive():
+                    return
         number += 1
 
 
