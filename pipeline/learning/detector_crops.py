@@ -82,7 +82,7 @@ def make_noise(rng: np.random.Generator, side: int = 768) -> Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class _Labels:
+class Labels:
     """Faces of a crop while it is made: box (n, 4), side, color, shape (n,), ignored (m, 4)."""
 
     box: NDArray[np.float32]
@@ -106,7 +106,7 @@ def make_crop(
         posts = int(rng.integers(1, 5))
         known = np.concatenate([labels.box, labels.ignored])
         drawn = draw_faces(pixels, known, library, noise.smooth, rng, posts)
-        labels = _Labels(
+        labels = Labels(
             np.concatenate(
                 [labels.box, np.array([d.box for d in drawn], np.float32).reshape(-1, 4)]
             ),
@@ -121,7 +121,7 @@ def make_crop(
     return targets(pixels, labels, image)
 
 
-def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uint8], _Labels]:
+def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uint8], Labels]:
     """A window of the image at some scale, mirrored or not, with the faces in it."""
     height, width = image.rgb.shape[:2]
     wanted = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
@@ -161,7 +161,7 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
     if rng.random() < 0.5:
         pixels = np.ascontiguousarray(pixels[:, ::-1])
         box, ignored = _mirrored(box), _mirrored(ignored)
-    return pixels, _Labels(box, image.side, image.color, image.shape, ignored)
+    return pixels, Labels(box, image.side, image.color, image.shape, ignored)
 
 
 def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -240,7 +240,7 @@ def _motion_blurred(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
     return np.asarray(cv2.filter2D(rgb, -1, kernel / kernel.sum()), np.uint8)
 
 
-def targets(rgb: NDArray[np.uint8], labels: _Labels, image: LabelledImage) -> Crop:
+def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Crop:
     """Maps and regressed cells of the faces of a crop."""
     cells = CROP_PX // STRIDE
     heat = np.zeros((2, cells, cells), np.float32)
@@ -265,10 +265,10 @@ def targets(rgb: NDArray[np.uint8], labels: _Labels, image: LabelledImage) -> Cr
     for row in sorted(np.flatnonzero(positive).tolist(), key=lambda r: -area[r]):
         found += _peak(heat[labels.side[row]], inside[row], row, int(labels.side[row]))
     owner = {cell: (row, weight) for cell, row, weight in found}
-    total: dict[int, float] = {}
-    for row, weight in owner.values():
-        total[row] = total.get(row, 0.0) + weight
     best = sorted(owner.items(), key=lambda item: -item[1][1])[:CELLS]
+    total: dict[int, float] = {}
+    for _, (row, weight) in best:
+        total[row] = total.get(row, 0.0) + weight
     crop = Crop(
         rgb,
         heat.astype(np.float16),
