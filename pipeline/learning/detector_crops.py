@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.detector_images import BACK, FRONT, LabelledImage
-from wayside.pipeline.learning.face_compositing import draw_distractors, draw_faces
+from wayside.pipeline.learning.distractor_drawings import draw_distractor
+from wayside.pipeline.learning.face_compositing import draw_faces
 from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.schemas.detections import NONE
 
@@ -26,6 +27,9 @@ ANCHOR_FRACTION = 0.8
 
 HEIGHTS_PX, SCALES = (7.0, 120.0), (0.22, 1.7)
 """Heights that faces are scaled to, log-uniform; limits of the scale."""
+
+MOST_DISTRACTORS = 2
+"""Things that are no signs are drawn into a crop up to so many times."""
 
 FILLED = 0.85
 """Small images are not made smaller than this fraction of the crop."""
@@ -115,8 +119,8 @@ def make_crop(
             np.append(labels.shape, [d.shape for d in drawn]).astype(np.int8),
             labels.ignored,
         )
-    if rng.random() < 0.25:
-        draw_distractors(pixels, np.concatenate([labels.box, labels.ignored]), rng)
+    for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
+        draw_distractor(pixels, np.concatenate([labels.box, labels.ignored]), rng)
     pixels = through_a_camera(pixels, noise, rng)
     return targets(pixels, labels, image)
 

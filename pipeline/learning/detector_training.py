@@ -57,8 +57,8 @@ EVERY = 2
 
 WEIGHTS = {
     "rendered": 0.42,
-    "us": 0.14,
-    "scenes": 0.10,
+    "us": 0.12,
+    "scenes": 0.13,
     "scenes_speed_us": 0.15,
     "scenes_mixed": 0.19,
 }

@@ -1,7 +1,6 @@
 """Sign faces drawn into images.
 
-Each is seen from an angle, faded, dirty, shaded and as bright as its surroundings, then blended in. Signals and cones
-are drawn in as well: they are no signs.
+Each is seen from an angle, faded, dirty, shaded and as bright as its surroundings, then blended in.
 """
 
 from __future__ import annotations
@@ -15,12 +14,10 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.detector_images import FRONT
 from wayside.pipeline.learning.face_drawings import (
     KINDS,
-    SHEETING,
     FaceDrawing,
     FaceLibrary,
     chosen_face,
 )
-from wayside.schemas.detections import COLOR_RGB
 
 HEIGHTS_PX = (7.0, 130.0)
 """Heights of drawn faces, log-uniform."""
@@ -69,7 +66,7 @@ def draw_faces(
             if number == 0 and not beside:
                 left = left + wide / 2
             box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
-            if _overlaps(box, boxes):
+            if overlaps(box, boxes):
                 break
             _worn(patch, side, light, rgb, box, noise, rng)
             clipped = _blend(rgb, patch, x, round(top))
@@ -90,7 +87,8 @@ def draw_faces(
     return drawn
 
 
-def _overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
+def overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
+    """Whether a box has area in common with any of the others."""
     return any(
         min(box[2], b[2]) > max(box[0], b[0]) and min(box[3], b[3]) > max(box[1], b[1])
         for b in others
@@ -219,39 +217,4 @@ def _post(
             (round(x + half) - (half < 1), round(bottom)),
             (grey, grey * 0.99, grey * 0.97),
             -1,
-        )
-
-
-def draw_distractors(
-    rgb: NDArray[np.uint8], taken: NDArray[np.float32], rng: np.random.Generator
-) -> None:
-    """A traffic signal, a cone or a lamp, in place, off the boxes `taken`: things that are no signs."""
-    height, width = rgb.shape[:2]
-    size = float(np.exp(rng.uniform(np.log(8), np.log(90))))
-    x, y = rng.uniform(0, width), rng.uniform(0, height)
-    kind = rng.integers(3)
-    wide = size * (0.38, 0.6, 0.5)[kind]
-    box = (x - wide / 2 - 2, y - 2, x + wide / 2 + 2, y + size + 2)
-    if _overlaps(box, [tuple(b) for b in taken.tolist()]):
-        return
-    if kind == 0:
-        shell = SHEETING["black"] if rng.random() < 0.7 else (200, 160, 20)
-        cv2.rectangle(rgb, (round(box[0]), round(y)), (round(box[2]), round(y + size)), shell, -1)
-        lit = int(rng.integers(4))
-        for number, lamp in enumerate([(255, 40, 30), (255, 190, 30), (40, 255, 160)]):
-            dim = 1.0 if number == lit else 0.15
-            middle = round(x), round(y + size * (0.18 + 0.32 * number))
-            radius = max(1, round(size * 0.11))
-            cv2.circle(rgb, middle, radius, tuple(dim * v for v in lamp), -1, cv2.LINE_AA)
-    elif kind == 1:
-        tip, foot = (round(x), round(y)), round(y + size)
-        corners = np.array([tip, (round(x + wide / 2), foot), (round(x - wide / 2), foot)])
-        cv2.fillPoly(rgb, [corners.astype(np.int32)], (240, 90, 25), cv2.LINE_AA)
-        stripe = max(1, round(size * 0.09))
-        at = round(y + size * 0.5)
-        cv2.line(rgb, (round(x - wide * 0.2), at), (round(x + wide * 0.2), at), (235,) * 3, stripe)
-    else:
-        lamp = SHEETING["red"] if rng.random() < 0.5 else COLOR_RGB["yellow"]
-        cv2.circle(
-            rgb, (round(x), round(y + size / 2)), max(1, round(size / 5)), lamp, -1, cv2.LINE_AA
         )

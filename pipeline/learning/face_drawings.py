@@ -26,7 +26,7 @@ SHEETING = {
 }
 """Colours of invented boards, RGB."""
 
-BOARD_WEIGHTS = (0.16, 0.08, 0.22, 0.03, 0.08, 0.17, 0.12, 0.04, 0.10)
+BOARD_WEIGHTS = (0.17, 0.08, 0.25, 0.02, 0.08, 0.18, 0.15, 0.04, 0.03)
 """How often an invented board has each of these colours."""
 
 WORDS = (
@@ -52,7 +52,7 @@ WORDS = (
     "ROAD WORK",
 )
 
-KINDS = (("vector", 0.52), ("cut", 0.16), ("board", 0.22), ("back", 0.10))
+KINDS = (("vector", 0.62), ("cut", 0.18), ("board", 0.08), ("back", 0.12))
 """What is drawn, and how often."""
 
 
