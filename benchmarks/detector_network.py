@@ -209,7 +209,7 @@ def main() -> int:
     args = parser.parse_args()
     cv2.setNumThreads(1)
     args.cache.mkdir(parents=True, exist_ok=True)
-    network = DetectionNetwork(args.model.read_bytes())
+    network = DetectionNetwork(str(args.model))
     rates = [f"at {rate:g}" for rate in RATES]
     heads = ["set", "detector", ">= 15 px", *rates, "own", "10-15 px", *rates, "own"]
     print("| " + " | ".join(heads) + " |\n|" + " --- |" * len(heads))

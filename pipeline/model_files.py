@@ -14,7 +14,14 @@ import cv2
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
-from wayside.schemas.models import GaussianModel, LinearModel, Model, NetworkModel, TreeModel
+from wayside.schemas.models import (
+    GaussianModel,
+    LinearModel,
+    Model,
+    NetworkModel,
+    OnnxFile,
+    TreeModel,
+)
 from wayside.schemas.settings import Settings
 from wayside.stages.detection import DetectionNetwork
 
@@ -32,8 +39,8 @@ class Models:
     boxes in one image; location_classes: where signs stand; landmark_classifier: of a landmark by all its observations;
     color_network, shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
     back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
-    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: ONNX bytes of
-    the network whose boxes join the proposals. None where there is no such file.
+    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the
+    network whose boxes join the proposals. None where there is no such file.
     """
 
     box_classifier: TreeModel
@@ -48,7 +55,7 @@ class Models:
     back_classifier: TreeModel | None = None
     back_landmark_classifier: TreeModel | None = None
     region_ranking: TreeModel | None = None
-    detection_network: bytes | None = None
+    detection_network: OnnxFile | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
@@ -70,7 +77,7 @@ class Models:
             name: digest(model_to_json(model)) for name, model in named.items() if model is not None
         }
         if self.detection_network is not None:
-            digests["network"] = sha256(self.detection_network).hexdigest()
+            digests["network"] = self.detection_network.sha256
         return digests
 
 
@@ -126,18 +133,18 @@ def _own_folder(name: str) -> Path | None:
     return folder
 
 
-def _detection_network(name: str) -> bytes | None:
+def _detection_network(name: str) -> OnnxFile | None:
     if not name:
         return None
     try:
-        onnx = Path(name).read_bytes()
-        DetectionNetwork(onnx)
-    except (OSError, cv2.error, ValueError) as error:
+        held = OnnxFile(name, sha256(Path(name).read_bytes()).hexdigest())
+        DetectionNetwork(name)
+    except (OSError, cv2.error) as error:
         raise InputError(
             f"models.network: wanted an ONNX file of a detection network, found {type(error).__name__} at {name}: "
             f"{error}; correct the path or leave the setting out"
         ) from error
-    return onnx
+    return held
 
 
 def _exists(folder: Path | None, name: str) -> bool:

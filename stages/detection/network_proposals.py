@@ -37,12 +37,14 @@ class NetworkBoxes:
 
 
 class DetectionNetwork:
-    """A network from an ONNX file. OpenCV's networks are not safe to share between threads: one each."""
+    """A network from an ONNX file. OpenCV's networks are not safe to share between threads: one each.
 
-    def __init__(self, onnx: bytes) -> None:
-        self._network = cv2.dnn.readNetFromONNX(
-            np.frombuffer(onnx, np.uint8), cv2.dnn.ENGINE_CLASSIC
-        )
+    Raises cv2.error where the file is none that OpenCV can read.
+    """
+
+    def __init__(self, path: str) -> None:
+        # The classic engine takes 0.6 of the time of the new one, which networks from memory always get.
+        self._network = cv2.dnn.readNetFromONNX(path, cv2.dnn.ENGINE_CLASSIC)
 
     def maps(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Maps (`MAPS`, rows, columns) of an image, padded at the right and below to whole multiples of 32."""

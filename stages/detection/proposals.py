@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import Camera
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import OnnxFile, TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_odds
 from wayside.stages.detection.contrast_maps import contrast_maps, foreground_means
@@ -44,14 +44,14 @@ def propose(
     *,
     settings: CandidateSettings,
     ranking: TreeModel | None = None,
-    network: bytes | None = None,
+    network: OnnxFile | None = None,
 ) -> Iterator[Segmentation]:
     """Add regions of the sources `level` and `stack` to each image's segments.
 
     Segments outside the size of a face are dropped, boxes that are nearly the same are merged. At most `settings.most`
     regions remain: the most probable faces by their size, position and mean colour, where a `ranking` of these is
     given, else those of the longest lifetime; the others are counted in `left_out`. The boxes of a detection `network`
-    (ONNX) join them without being ranked: it has seen more of them than their colour. An image that is not used passes
+    join them without being ranked: it has seen more of them than their colour. An image that is not used passes
     unchanged.
 
     Raises
@@ -62,7 +62,7 @@ def propose(
     if ranking is not None:
         require_names("ranking", ranking.features, REGION_FEATURES, exact=True)
     # not safe to share between threads, and each worker has its own instance of this stage
-    detection_network = None if network is None else DetectionNetwork(network)
+    detection_network = None if network is None else DetectionNetwork(network.path)
     for item in items:
         rgb, camera = item.image.rgb, item.frame.camera
         if rgb is None or camera is None:

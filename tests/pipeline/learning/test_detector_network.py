@@ -123,5 +123,5 @@ def test_the_network_gives_the_same_maps_in_opencv(tmp_path: Path):
     rgb = np.random.default_rng(0).integers(0, 256, (96, 128, 3)).astype(np.uint8)
     with torch.no_grad():
         expected = network(torch.from_numpy(rgb / 255).float().permute(2, 0, 1)[None])[0]
-    found = InOpenCV((tmp_path / "network.onnx").read_bytes()).maps(rgb)
+    found = InOpenCV(str(tmp_path / "network.onnx")).maps(rgb)
     np.testing.assert_allclose(found, expected, atol=1e-3)

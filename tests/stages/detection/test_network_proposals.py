@@ -7,6 +7,7 @@ import pytest
 
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
+from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection import propose
 from wayside.stages.detection.network_proposals import (
@@ -17,7 +18,7 @@ from wayside.stages.detection.network_proposals import (
     boxes_of_maps,
 )
 
-ONNX = (Path(__file__).parent / "red_cells.onnx").read_bytes()
+ONNX = str(Path(__file__).parent / "red_cells.onnx")
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 
 
@@ -91,7 +92,7 @@ def test_boxes_of_the_network_join_the_regions_of_the_band(status, camera):
     item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 480))
     settings = CandidateSettings()
     (without,) = propose(iter([item]), settings=settings)
-    (found,) = propose(iter([item]), settings=settings, network=ONNX)
+    (found,) = propose(iter([item]), settings=settings, network=OnnxFile(ONNX, ""))
     added = found.regions.select(found.regions.source == SOURCES.index("network"))
     if not (used and camera):
         assert found.regions is item.regions
@@ -106,5 +107,5 @@ def test_an_image_whose_band_lies_outside_has_no_boxes_of_the_network():
     camera = Camera(64, 64, 700.0, 700.0, 31.5, 2000.0)
     image = Image(Frame(0, 0, None, USED, "jpeg", b"", camera), cells(64, 64, red=(5, 5)), None)
     item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 64))
-    (found,) = propose(iter([item]), settings=CandidateSettings(), network=ONNX)
+    (found,) = propose(iter([item]), settings=CandidateSettings(), network=OnnxFile(ONNX, ""))
     assert len(found.regions) == 0
