@@ -25,7 +25,7 @@ CROP_PX, STRIDE = 256, 4
 ANCHOR_FRACTION = 0.8
 """Fraction of the crops that are cut around a face of their image; the others lie anywhere."""
 
-HEIGHTS_PX, SCALES = (7.0, 120.0), (0.22, 1.7)
+HEIGHTS_PX, SCALES = (7.0, 160.0), (0.22, 1.7)
 """Heights that faces are scaled to, log-uniform; limits of the scale."""
 
 MOST_DISTRACTORS = 2

@@ -19,7 +19,7 @@ from wayside.pipeline.learning.face_drawings import (
     chosen_face,
 )
 
-HEIGHTS_PX = (7.0, 130.0)
+HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
 
 

@@ -52,7 +52,7 @@ WORDS = (
     "ROAD WORK",
 )
 
-KINDS = (("vector", 0.62), ("cut", 0.18), ("board", 0.08), ("back", 0.12))
+KINDS = (("vector", 0.60), ("cut", 0.17), ("board", 0.12), ("back", 0.11))
 """What is drawn, and how often."""
 
 
