@@ -16,7 +16,6 @@ from wayside.stages.detection.network_proposals import (
     SIDE_PX,
     STRIDE,
     DetectionNetwork,
-    NetworkBoxes,
 )
 from wayside.stages.detection.patch_cnn import (
     PATCH_CNN_FEATURES,
@@ -40,7 +39,6 @@ __all__ = [
     "STRIDE",
     "BoxClassifier",
     "DetectionNetwork",
-    "NetworkBoxes",
     "box_feature_names",
     "box_features",
     "detect",

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detections import COLORS, SHAPES, NetworkBoxes
 from wayside.stages.geometry import non_maximum_suppression
 
 STRIDE, MULTIPLE = 4, 32
@@ -19,21 +17,6 @@ CENTRE_PX, SIDE_PX = 8.0, 16.0
 
 MAPS = 2 + 4 + len(COLORS) + len(SHAPES)
 """Maps: log odds of fronts and of backs, box (a, b, c, d), log odds of colours, of shapes."""
-
-
-@dataclass(frozen=True, slots=True)
-class NetworkBoxes:
-    """Boxes found in one image, n rows, best first.
-
-    box (n, 4) float32 pixels; score (n,) float32 log odds; is_back (n,) bool; color (n, colours) and shape (n, shapes)
-    float32 log probabilities.
-    """
-
-    box: NDArray[np.float32]
-    score: NDArray[np.float32]
-    is_back: NDArray[np.bool_]
-    color: NDArray[np.float32]
-    shape: NDArray[np.float32]
 
 
 class DetectionNetwork:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions, Segmentation
+from wayside.schemas.detections import SHAPES, SOURCES, NetworkBoxes, Regions, Segmentation
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import OnnxFile, TreeModel
 from wayside.schemas.settings import CandidateSettings
@@ -29,6 +29,9 @@ from wayside.stages.detection.stable_regions import find_stable_regions
 from wayside.stages.detection.stacked_regions import with_stacks
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import halved
+
+FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
+"""Area of a shape as a fraction of its box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +81,11 @@ def propose(
             regions = regions.select(np.arange(min(len(regions), settings.most)))
         else:
             regions = most_probable(regions, ranking, camera, settings.most)
+        found_by_network = None
         if detection_network is not None:
-            regions = regions.joined(network_regions(detection_network, rgb, camera, settings))
-        yield replace(item, regions=regions, left_out=left_out)
+            found_by_network = boxes_in_band(detection_network, rgb, camera, settings)
+            regions = regions.joined(network_regions(found_by_network, rgb, settings))
+        yield replace(item, regions=regions, left_out=left_out, network=found_by_network)
 
 
 def bands(
@@ -98,26 +103,36 @@ def bands(
         scale *= 2
 
 
-def network_regions(
+def boxes_in_band(
     network: DetectionNetwork,
     rgb: NDArray[np.uint8],
     camera: Camera,
     settings: CandidateSettings,
-) -> Regions:
-    """Boxes of the detection network in the rows of the widest band, as regions: best first."""
+) -> NetworkBoxes | None:
+    """Boxes of the detection network in the rows of the widest band, pixels of the image; None without such rows."""
     above, below = settings.bands[-1]
     top = max(0, round(camera.cy + above * camera.fy))
     bottom = min(rgb.shape[0], round(camera.cy + below * camera.fy))
     if bottom <= top:
-        return Regions.empty()
+        return None
     band = np.ascontiguousarray(rgb[top:bottom])
-    found = network.boxes(band, settings.network_score, settings.network_most, settings.network_iou)
-    keep = settings.fits_face(found.box)
-    box = found.box[keep]
-    means = [_mean_inside(band, corners) for corners in box]
+    found = network.boxes(band, settings.network_least, settings.network_most, settings.network_iou)
+    return replace(found, box=found.box + np.array([0, top, 0, top], np.float32))
+
+
+def network_regions(
+    found: NetworkBoxes | None, rgb: NDArray[np.uint8], settings: CandidateSettings
+) -> Regions:
+    """Those that are probable enough as regions, best first; their area is that of the most probable shape."""
+    if found is None:
+        return Regions.empty()
+    rows = np.flatnonzero(settings.fits_face(found.box) & (found.score >= settings.network_score))
+    box = found.box[rows]
+    filled = np.array([FILLED.get(SHAPES[k], 0.8) for k in found.shape[rows].argmax(axis=1)])
+    means = [_mean_inside(rgb, corners) for corners in box]
     return Regions(
-        box + np.array([0, top, 0, top], np.float32),
-        np.prod(box[:, 2:] - box[:, :2], axis=1).astype(np.int32),
+        box,
+        (filled * np.prod(box[:, 2:] - box[:, :2], axis=1)).astype(np.int32),
         np.array(means, np.float32).reshape(-1, 3),
         np.full(len(box), SOURCES.index("network"), np.uint8),
     )
