@@ -112,7 +112,7 @@ def load_models(settings: Settings) -> Models:
         optional(_trees, "back.json"),
         optional(_trees, "back_place.json"),
         optional(_trees, "ranking.json"),
-        None if by_report else _detection_network(settings.models.network),
+        None if by_report else _detection_network(folder, settings.models.network),
     )
 
 
@@ -133,12 +133,15 @@ def _own_folder(name: str) -> Path | None:
     return folder
 
 
-def _detection_network(name: str) -> OnnxFile | None:
+def _detection_network(folder: Path | None, name: str) -> OnnxFile | None:
+    """A network of a folder of models, of those that ship, or of a file of its own."""
     if not name:
         return None
+    listed = Path(str(_file(folder, name)))
+    path = listed if listed.is_file() else Path(name)
     try:
-        held = OnnxFile(name, sha256(Path(name).read_bytes()).hexdigest())
-        DetectionNetwork(name)
+        held = OnnxFile(str(path), sha256(path.read_bytes()).hexdigest())
+        DetectionNetwork(held.path)
     except (OSError, cv2.error) as error:
         raise InputError(
             f"models.network: wanted an ONNX file of a detection network, found {type(error).__name__} at {name}: "

@@ -3,7 +3,7 @@
     python -m wayside.pipeline.learn --drives FOLDER --real FOLDER -o FOLDER --network-steps N
 
 Crops are made in a second process. The folder holds `checkpoint.pt`, from which the same command goes on, and
-`curve.csv` (step; losses of heat, box, colour, shape; learning rate; seconds a step; of these, waiting for crops).
+`curve.csv` (step; losses of heat, box, colour, shape; seconds a step; of these, waiting for crops; learning rate).
 Every checkpoint has averaged weights, so that it can be used whenever the training is ended.
 """
 
@@ -63,6 +63,15 @@ WEIGHTS = {
     "scenes_mixed": 0.19,
 }
 """How often an image of a kind of source is drawn; within a kind, sources are alike."""
+
+LICENCES = {
+    "rendered": "own",
+    "us": "MIT (upstream)",
+    "scenes": "MIT (named by the source)",
+    "scenes_speed_us": "GPL-3.0 (file of the source)",
+    "scenes_mixed": "CC0 1.0 (as published elsewhere), pictures 0-156 left out",
+}
+"""Licences of the kinds of sources, as found; those of the drawn faces are stated with them."""
 
 BATCH_FIELDS = ("rgb", "heat", "doubt", "cell", "box", "weight", "color", "shape")
 
@@ -241,6 +250,7 @@ def train(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) 
 def _run(training: Training, queue: Queue[Any], folder: Path, steps: int) -> None:
     past: deque[Batch] = deque(maxlen=REUSED_AFTER)
     totals: defaultdict[str, float] = defaultdict(float)
+    reported = training.step
     since = time.monotonic()
     while training.step < steps:
         if training.step % 2 and len(past) == REUSED_AFTER:
@@ -253,21 +263,15 @@ def _run(training: Training, queue: Queue[Any], folder: Path, steps: int) -> Non
         for name, value in training.learn(batch, steps).items():
             totals[name] += value
         if training.step % REPORTED == 0:
-            means = {name: totals[name] / REPORTED for name in ("heat", "box", "color", "shape")}
-            now = time.monotonic()
-            line = ",".join(
-                [
-                    str(training.step),
-                    *(f"{value:.4f}" for value in means.values()),
-                    f"{learning_rate(training.step, steps):.2e}",
-                    f"{(now - since) / REPORTED:.4f}",
-                    f"{totals['wait'] / REPORTED:.4f}",
-                ]
-            )
+            count, now = training.step - reported, time.monotonic()
+            means = [totals[name] / count for name in ("heat", "box", "color", "shape")]
+            rate = learning_rate(training.step, steps)
+            times = (now - since) / count, totals["wait"] / count
+            cells = [f"{value:.4f}" for value in (*means, *times)]
             with (folder / "curve.csv").open("a", encoding="utf-8") as curve:
-                curve.write(line + "\n")
+                curve.write(",".join([str(training.step), *cells, f"{rate:.2e}"]) + "\n")
             totals.clear()
-            since = now
+            reported, since = training.step, now
         if training.step % SAVED == 0:
             training.save(folder / "checkpoint.pt")
 
@@ -280,12 +284,14 @@ def provenance(
     faces: Counter[str] = Counter()
     for image in images:
         faces[image.source] += len(image.box)
-    sources = "; ".join(
-        f"{name} {count[name]} images {faces[name]} faces" for name in sorted(count)
-    )
+    sources = [
+        f"{name}: {count[name]} images, {faces[name]} faces, {LICENCES[source_kind(name)]}"
+        for name in sorted(count)
+    ]
     return {
-        "sources": sources,
-        "faces drawn in": f"{len(library.vector)} vector faces, {len(library.cut)} crops of GTSRB",
+        "sources": "; ".join(sources),
+        "faces drawn in": f"{len(library.vector)} vector faces, MIT (mapillary_sprite_source, mutcd-ts); "
+        f"{len(library.cut)} crops of GTSRB, public research set",
         "seed": seed,
         "steps": step,
         "crops": step * BATCH,

@@ -46,5 +46,6 @@ class ModelSettings:
     network: str = setting(
         "",
         "file",
-        "ONNX file of a detection network, whose boxes join the proposals of preset default; empty: none",
+        "detection network whose boxes join the proposals of preset default: an ONNX file, or the name of one that "
+        "ships; empty: none",
     )
