@@ -149,3 +149,13 @@ def test_a_detection_network_is_read_where_it_is_named_and_its_digest_is_stated(
     for name in (broken, tmp_path / "missing.onnx"):
         with pytest.raises(InputError, match=r"models\.network"):
             load_models(load_settings("default", None, [], {"models.network": str(name)})[0])
+
+
+def test_the_detection_network_that_ships_is_used_only_where_it_is_named():
+    assert load_models(settings()).detection_network is None
+    named = load_settings("default", None, [], {"models.network": "network.onnx"})[0]
+    network = load_models(named).detection_network
+    assert network is not None
+    assert Path(network.path).parent == Path(str(shipped_models()))
+    report = load_settings("report", None, [], {"models.network": "network.onnx"})[0]
+    assert load_models(report).detection_network is None
