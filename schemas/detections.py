@@ -46,9 +46,10 @@ SHAPES = (
     "crossbuck",
     "other",
 )
-SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved")
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network")
 """Where a region comes from: K-means pass one or two, a level of a contrast map, two of these one above the other, a
-landmark of other frames projected into this one, or any of these with its box moved by box regression."""
+landmark of other frames projected into this one, any of these with its box moved by box regression, or a box of the
+detection network."""
 
 VERDICTS = (
     "open",
@@ -224,13 +225,28 @@ class Candidates:
 
 
 @dataclass(frozen=True, slots=True)
+class NetworkBoxes:
+    """Boxes found in one image, n rows, best first.
+
+    box (n, 4) float32 pixels; score (n,) float32 log odds; is_back (n,) bool; color (n, colours) and shape (n, shapes)
+    float32 log probabilities.
+    """
+
+    box: NDArray[np.float32]
+    score: NDArray[np.float32]
+    is_back: NDArray[np.bool_]
+    color: NDArray[np.float32]
+    shape: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
 class Segmentation:
     """An image with its regions.
 
     palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
     pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
     those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); left_out: candidates that
-    are not among the regions because others are likelier.
+    are not among the regions because others are likelier; network: boxes of the detection network, if one was asked.
     """
 
     image: Image
@@ -241,6 +257,7 @@ class Segmentation:
     rows: tuple[int, int]
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
     left_out: int = 0
+    network: NetworkBoxes | None = None
 
     @property
     def frame(self) -> Frame:

@@ -45,3 +45,9 @@ class ModelSettings:
     folder: str = setting(
         "", "folder", "model files here replace those that ship, each by its name; empty: none"
     )
+    network: str = setting(
+        "",
+        "file",
+        "detection network whose boxes join the proposals of preset default: an ONNX file, or the name of one that "
+        "ships; empty: none",
+    )

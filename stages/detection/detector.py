@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,
+    SOURCES,
     Candidates,
     Detections,
+    NetworkBoxes,
+    Regions,
     Segmentation,
     verdict_code,
 )
@@ -31,7 +34,7 @@ from wayside.stages.detection.feature_vectors import (
     feature_columns,
     require_names,
 )
-from wayside.stages.geometry import non_maximum_suppression
+from wayside.stages.geometry import iou_matrix, non_maximum_suppression
 from wayside.stages.imaging import pyramid
 
 
@@ -85,7 +88,8 @@ def detect(
         require_names("box network", regressor.features, box_feature_names())
         require_names("box network", regressor.classes, SIDES, exact=True)
     for item in items:
-        image, regions, candidates = item.image, item.regions, Candidates.of(item.regions)
+        image, regions = item.image, as_learned(item.regions)
+        candidates = Candidates.of(item.regions)
         if image.rgb is None or image.frame.camera is None or len(regions) == 0:
             yield Detections(item, candidates)
             continue
@@ -108,6 +112,8 @@ def detect(
             better = moved_scores > scores[near]
             scores[near[better]], values[near[better]] = moved_scores[better], moved_values[better]
             candidates = candidates.with_boxes(rows[near[better]], moved.box[better])
+        if item.network is not None:
+            scores += network_evidence(candidates.regions.box[rows], item.network, settings)
         candidates = with_scores(candidates, rows, scores, boxes.threshold, settings)
         above = scores >= boxes.threshold
         candidates = _with_names(candidates, color, shape, rows[above], values[above])
@@ -118,6 +124,27 @@ def detect(
             column[rows[behind]] = back_scores[behind]
             candidates = replace(candidates, back_score=column)
         yield Detections(item, candidates)
+
+
+def as_learned(regions: Regions) -> Regions:
+    """The regions as the classifiers know them: boxes of the detection network as stable regions."""
+    is_network = regions.source == SOURCES.index("network")
+    level = np.uint8(SOURCES.index("level"))
+    return replace(regions, source=np.where(is_network, level, regions.source))
+
+
+def network_evidence(
+    box: NDArray[np.float32], network: NetworkBoxes, settings: CandidateSettings
+) -> NDArray[np.float32]:
+    """What the detection network adds to the log odds of boxes (n, 4): (n,) float32."""
+    front = ~network.is_back
+    overlap = iou_matrix(box, network.box[front])
+    seen = np.where(overlap >= settings.network_iou, network.score[front], -np.inf)
+    score = np.maximum(seen.max(axis=1, initial=-np.inf), settings.network_least)
+    evidence = settings.network_gain * (score - settings.network_neutral)
+    tall = (box[:, 3] - box[:, 1]) / settings.network_sees_px
+    certain = np.clip(2 * tall - 1, 0, 1)
+    return np.asarray(np.where(evidence < 0, certain, 1) * evidence, np.float32)
 
 
 def regression_threshold(classifier: TreeModel, settings: CandidateSettings) -> float:
