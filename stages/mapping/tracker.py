@@ -223,9 +223,11 @@ class _Tracker:
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
+        panel_px = np.inf if panel is None else panel.residual_px
         known = self._sides[fit.back].landmark is not None
-        log_odds = one.score if known else settings.evidence_log_odds
-        stands = stands_still(fit, registered, log_odds, settings)
+        log_odds = one.score if known else settings.sure_log_odds
+        fewest = self._settings.track.fewest_views
+        stands = stands_still(fit, registered, panel_px, log_odds, fewest, settings)
         return "sign" if stands else "residual", panel
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:

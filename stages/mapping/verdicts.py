@@ -99,29 +99,44 @@ def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[fl
 
 
 def stands_still(
-    fit: LandmarkFit, registered: int, log_odds: float, settings: VerdictSettings
+    fit: LandmarkFit,
+    registered: int,
+    panel_px: float,
+    log_odds: float,
+    fewest: int,
+    settings: VerdictSettings,
 ) -> bool:
     """Whether the views of a landmark are of one panel that stands still; else the verdict is `residual`.
 
-    Any two rays meet somewhere: it takes more boxes, or images that show one panel. Each view and each registered image
-    counts as one; what lacks of `enough_evidence` must be made up by log odds that it is a panel. A predicted view
-    counts where enough boxes agree on the point that predicted it.
+    Any two rays meet somewhere: it takes a third box, or a panel that the registered images show. Two images of a
+    vehicle may be registered as well, so there the landmark must be `sure_log_odds` a panel. And of few boxes, which
+    may be of several panels in line, two images must register, if it is not `certain_log_odds` a panel.
 
     Parameters
     ----------
     fit
         The landmark.
     registered
-        Images of it that register with each other; 1 alone is none.
+        Images of it that register with each other.
+    panel_px
+        RMS residual of its panel in these, inf where there is no panel.
     log_odds
         Log odds that it is a panel.
+    fewest
+        Views that a sign needs.
     settings
         Limits of the rules.
     """
-    boxes = int(fit.used.sum())
-    views = len(fit.rows) if boxes >= settings.fewest_boxes else boxes
-    evidence = views + (registered if registered > 1 else 0)
-    return log_odds >= settings.evidence_log_odds * (settings.enough_evidence - evidence)
+    boxes = max(fewest, settings.fewest_boxes)
+    if log_odds >= settings.certain_log_odds and len(fit.rows) >= boxes:
+        return True
+    if fit.used.sum() >= boxes:
+        return len(fit.rows) >= settings.sufficient_boxes or registered >= 2
+    if registered < fewest:
+        return False
+    if registered >= settings.fewest_boxes:
+        return panel_px < settings.register_px
+    return log_odds >= settings.sure_log_odds and panel_px < settings.register_pair_px
 
 
 def location_verdict(landmark: Landmark, model: GaussianModel, settings: LocateSettings) -> str:
