@@ -246,7 +246,7 @@ class Segmentation:
     palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
     pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
     those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); left_out: candidates that
-    are not among the regions because others are likelier; network: boxes of the detection network, if one was asked.
+    are not among the regions because others are likelier.
     """
 
     image: Image
@@ -257,7 +257,6 @@ class Segmentation:
     rows: tuple[int, int]
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
     left_out: int = 0
-    network: NetworkBoxes | None = None
 
     @property
     def frame(self) -> Frame:

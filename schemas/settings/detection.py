@@ -209,36 +209,6 @@ class CandidateSettings:
         origin=_CHOSEN,
         expert=True,
     )
-    network_least: float = setting(
-        -5.0,
-        "log odds",
-        "boxes of the detection network from here on are evidence for the regions that they overlap",
-        origin=_CHOSEN,
-        expert=True,
-    )
-    network_gain: float = setting(
-        0.0,
-        "",
-        "what a box overlapped by one of the network gains in log odds, a log odd of the network above network_neutral",
-        origin=_CHOSEN,
-        expert=True,
-        low=0,
-    )
-    network_neutral: float = setting(
-        -2.5,
-        "log odds",
-        "of the network, at which it says nothing; boxes that it does not see count as network_least",
-        origin=_CHOSEN,
-        expert=True,
-    )
-    network_sees_px: float = setting(
-        24.0,
-        "px",
-        "height from which a box that the network does not see loses in full; at half of it nothing",
-        origin=_CHOSEN,
-        expert=True,
-        low=1,
-    )
     network_most: int = setting(
         60, "boxes", "most of them in an image", origin=_CHOSEN, expert=True, low=0
     )

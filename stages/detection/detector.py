@@ -18,7 +18,6 @@ from wayside.schemas.detections import (
     SOURCES,
     Candidates,
     Detections,
-    NetworkBoxes,
     Regions,
     Segmentation,
     verdict_code,
@@ -34,7 +33,7 @@ from wayside.stages.detection.feature_vectors import (
     feature_columns,
     require_names,
 )
-from wayside.stages.geometry import iou_matrix, non_maximum_suppression
+from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import pyramid
 
 
@@ -112,8 +111,6 @@ def detect(
             better = moved_scores > scores[near]
             scores[near[better]], values[near[better]] = moved_scores[better], moved_values[better]
             candidates = candidates.with_boxes(rows[near[better]], moved.box[better])
-        if item.network is not None:
-            scores += network_evidence(candidates.regions.box[rows], item.network, settings)
         candidates = with_scores(candidates, rows, scores, boxes.threshold, settings)
         above = scores >= boxes.threshold
         candidates = _with_names(candidates, color, shape, rows[above], values[above])
@@ -131,20 +128,6 @@ def as_learned(regions: Regions) -> Regions:
     is_network = regions.source == SOURCES.index("network")
     level = np.uint8(SOURCES.index("level"))
     return replace(regions, source=np.where(is_network, level, regions.source))
-
-
-def network_evidence(
-    box: NDArray[np.float32], network: NetworkBoxes, settings: CandidateSettings
-) -> NDArray[np.float32]:
-    """What the detection network adds to the log odds of boxes (n, 4): (n,) float32."""
-    front = ~network.is_back
-    overlap = iou_matrix(box, network.box[front])
-    seen = np.where(overlap >= settings.network_iou, network.score[front], -np.inf)
-    score = np.maximum(seen.max(axis=1, initial=-np.inf), settings.network_least)
-    evidence = settings.network_gain * (score - settings.network_neutral)
-    tall = (box[:, 3] - box[:, 1]) / settings.network_sees_px
-    certain = np.clip(2 * tall - 1, 0, 1)
-    return np.asarray(np.where(evidence < 0, certain, 1) * evidence, np.float32)
 
 
 def regression_threshold(classifier: TreeModel, settings: CandidateSettings) -> float:

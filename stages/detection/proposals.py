@@ -81,11 +81,10 @@ def propose(
             regions = regions.select(np.arange(min(len(regions), settings.most)))
         else:
             regions = most_probable(regions, ranking, camera, settings.most)
-        found_by_network = None
         if detection_network is not None:
-            found_by_network = boxes_in_band(detection_network, rgb, camera, settings)
-            regions = regions.joined(network_regions(found_by_network, rgb, settings))
-        yield replace(item, regions=regions, left_out=left_out, network=found_by_network)
+            boxes = boxes_in_band(detection_network, rgb, camera, settings)
+            regions = regions.joined(network_regions(boxes, rgb, settings))
+        yield replace(item, regions=regions, left_out=left_out)
 
 
 def bands(
@@ -116,17 +115,17 @@ def boxes_in_band(
     if bottom <= top:
         return None
     band = np.ascontiguousarray(rgb[top:bottom])
-    found = network.boxes(band, settings.network_least, settings.network_most, settings.network_iou)
+    found = network.boxes(band, settings.network_score, settings.network_most, settings.network_iou)
     return replace(found, box=found.box + np.array([0, top, 0, top], np.float32))
 
 
 def network_regions(
     found: NetworkBoxes | None, rgb: NDArray[np.uint8], settings: CandidateSettings
 ) -> Regions:
-    """Those that are probable enough as regions, best first; their area is that of the most probable shape."""
+    """Those of a size that faces have as regions, best first; their area is that of the most probable shape."""
     if found is None:
         return Regions.empty()
-    rows = np.flatnonzero(settings.fits_face(found.box) & (found.score >= settings.network_score))
+    rows = np.flatnonzero(settings.fits_face(found.box))
     box = found.box[rows]
     filled = np.array([FILLED.get(SHAPES[k], 0.8) for k in found.shape[rows].argmax(axis=1)])
     means = [_mean_inside(rgb, corners) for corners in box]

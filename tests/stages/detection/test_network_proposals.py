@@ -1,6 +1,5 @@
 """The network of `red_cells.onnx` calls a red cell of 4 x 4 pixels a yellow octagon of 16 px, a blue one a back."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from wayside.schemas.detections import (
     COLORS,
     SHAPES,
     SOURCES,
-    NetworkBoxes,
     Regions,
     Segmentation,
 )
@@ -18,7 +16,7 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection import propose
-from wayside.stages.detection.detector import as_learned, network_evidence
+from wayside.stages.detection.detector import as_learned
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
     MAPS,
@@ -110,8 +108,6 @@ def test_boxes_of_the_network_join_the_regions_of_the_band(status, camera):
     # the band begins at a row that is no multiple of 4: the red cell lies in two cells of the maps
     assert np.abs(added.box - [[314, 194, 330, 210]]).max() <= 3
     np.testing.assert_allclose(added.area_px, [0.83 * 256], atol=40)  # of an octagon
-    assert found.network is not None
-    np.testing.assert_allclose(found.network.box[0], added.box[0])
 
 
 def test_an_image_whose_band_lies_outside_has_no_boxes_of_the_network():
@@ -120,49 +116,6 @@ def test_an_image_whose_band_lies_outside_has_no_boxes_of_the_network():
     item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 64))
     (found,) = propose(iter([item]), settings=CandidateSettings(), network=OnnxFile(ONNX, ""))
     assert len(found.regions) == 0
-
-
-def seen_by_network(*faces):
-    """Boxes with scores, the side, as the network has found them."""
-    return NetworkBoxes(
-        np.array([box for box, *_ in faces], np.float32).reshape(-1, 4),
-        np.array([score for _, score, _ in faces], np.float32),
-        np.array([back for *_, back in faces], bool),
-        np.zeros((len(faces), len(COLORS)), np.float32),
-        np.zeros((len(faces), len(SHAPES)), np.float32),
-    )
-
-
-SETTINGS = replace(
-    CandidateSettings(),
-    network_gain=0.5,
-    network_neutral=-2.0,
-    network_least=-4.0,
-    network_sees_px=20,
-)
-BOX = (10.0, 10.0, 40.0, 40.0)
-
-
-def evidence(box, *faces):
-    return float(
-        network_evidence(np.array([box], np.float32), seen_by_network(*faces), SETTINGS)[0]
-    )
-
-
-def test_the_network_speaks_for_boxes_that_it_sees_and_against_those_it_does_not():
-    assert evidence(BOX, (BOX, 3.0, False)) == pytest.approx(2.5)
-    assert evidence(BOX, (BOX, -3.0, False)) == pytest.approx(-0.5)
-    assert evidence(BOX) == pytest.approx(-1.0)
-    assert evidence(BOX, ((100, 100, 130, 130), 3.0, False)) == pytest.approx(-1.0)
-
-
-def test_a_back_that_the_network_sees_is_no_evidence_for_a_front():
-    assert evidence(BOX, (BOX, 3.0, True)) == pytest.approx(-1.0)
-
-
-def test_small_boxes_that_the_network_does_not_see_lose_less():
-    assert evidence((10, 10, 25, 25)) == pytest.approx(-0.5)
-    assert evidence((10, 10, 20, 20)) == pytest.approx(0)
 
 
 def test_the_classifiers_are_shown_boxes_of_the_network_as_stable_regions():
