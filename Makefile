@@ -10,7 +10,7 @@ JOBS ?= 2
 # Real images with boxed signs, where they are at hand: they teach colours and shapes, too.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learn clean
+.PHONY: help demo test slow check wiring accept held-out drives learn learn-network clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
@@ -21,6 +21,7 @@ help:
 	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
 	@echo 'make drives   render all drives into .cache/drives'
 	@echo 'make learn    learn the models from the rendered drives'
+	@echo 'make learn-network  train the detection network: hours, resumable'
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
 
 demo: .venv/.ready
@@ -58,6 +59,12 @@ drives: .venv/.ready
 
 learn: drives .venv/.learn
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
+
+# Hours on one core; it can be interrupted, and goes on from its checkpoint.
+NETWORK_STEPS ?= 200000
+learn-network: drives .venv/.learn
+	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
+	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/network --network-steps $(NETWORK_STEPS)
 
 clean:
 	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -83,7 +83,13 @@ class Flow:
         """More regions, and a learned classifier on each."""
         stage, s, m = self.stage, self.settings, self.models
         proposed = stage(
-            "propose", propose(segmented, settings=s.candidates, ranking=m.region_ranking)
+            "propose",
+            propose(
+                segmented,
+                settings=s.candidates,
+                ranking=m.region_ranking,
+                network=m.detection_network,
+            ),
         )
         return stage(
             "detect",

@@ -346,8 +346,23 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--real", type=Path, help="folder of real images with boxed signs")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--network-steps",
+        type=int,
+        metavar="N",
+        help="train the detection network up to so many steps instead (hours; can be interrupted and goes on "
+        "from its checkpoint in the folder), and write network.onnx",
+    )
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
+    if given.network_steps is not None:
+        # PyTorch and onnx are wanted by no other model here
+        from wayside.pipeline.learning.detector_training import learn_network
+
+        if given.real is None:
+            parser.error("--network-steps wants --real")
+        learn_network(given.drives, given.real, given.out, given.network_steps, given.seed)
+        return 0
     try:
         learn(given.drives, given.real, given.out, given.seed, lambda text: print(text, flush=True))
     except WaysideError as error:

@@ -4,22 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TypeVar
 
+import cv2
+
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
+<<<<<<< HEAD
     EvidenceModel,
+=======
+>>>>>>> 354c6e0f3babd3be70058f0f428658fdb65c3066
     GaussianModel,
     LinearModel,
     Model,
     NetworkModel,
+<<<<<<< HEAD
+=======
+    OnnxFile,
+>>>>>>> 354c6e0f3babd3be70058f0f428658fdb65c3066
     TreeModel,
 )
 from wayside.schemas.settings import Settings
+from wayside.stages.detection import DetectionNetwork
 
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
@@ -35,7 +46,8 @@ class Models:
     boxes in one image; location_classes: where signs stand; landmark_classifier: of a landmark by all its observations;
     color_network, shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
     back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
-    outline_weights: which of several concentric outlines of a panel is the outer one. None where there is no such file.
+    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the
+    network whose boxes join the proposals. None where there is no such file.
     """
 
     box_classifier: TreeModel
@@ -50,6 +62,7 @@ class Models:
     back_classifier: TreeModel | None = None
     back_landmark_classifier: EvidenceModel | None = None
     region_ranking: TreeModel | None = None
+    detection_network: OnnxFile | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
@@ -67,9 +80,12 @@ class Models:
             "back_place": self.back_landmark_classifier,
             "ranking": self.region_ranking,
         }
-        return {
+        digests = {
             name: digest(model_to_json(model)) for name, model in named.items() if model is not None
         }
+        if self.detection_network is not None:
+            digests["network"] = self.detection_network.sha256
+        return digests
 
 
 def load_models(settings: Settings) -> Models:
@@ -103,6 +119,7 @@ def load_models(settings: Settings) -> Models:
         optional(_trees, "back.json"),
         optional(_evidence, "back_place.json"),
         optional(_trees, "ranking.json"),
+        None if by_report else _detection_network(folder, settings.models.network),
     )
 
 
@@ -121,6 +138,23 @@ def _own_folder(name: str) -> Path | None:
             "correct the path or leave the setting out for the models that ship"
         )
     return folder
+
+
+def _detection_network(folder: Path | None, name: str) -> OnnxFile | None:
+    """A network of a folder of models, of those that ship, or of a file of its own."""
+    if not name:
+        return None
+    listed = Path(str(_file(folder, name)))
+    path = listed if listed.is_file() else Path(name)
+    try:
+        held = OnnxFile(str(path), sha256(path.read_bytes()).hexdigest())
+        DetectionNetwork(held.path)
+    except (OSError, cv2.error) as error:
+        raise InputError(
+            f"models.network: wanted an ONNX file of a detection network, found {type(error).__name__} at {name}: "
+            f"{error}; correct the path or leave the setting out"
+        ) from error
+    return held
 
 
 def _exists(folder: Path | None, name: str) -> bool:

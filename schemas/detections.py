@@ -46,9 +46,10 @@ SHAPES = (
     "crossbuck",
     "other",
 )
-SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved")
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network")
 """Where a region comes from: K-means pass one or two, a level of a contrast map, two of these one above the other, a
-landmark of other frames projected into this one, or any of these with its box moved by box regression."""
+landmark of other frames projected into this one, any of these with its box moved by box regression, or a box of the
+detection network."""
 
 VERDICTS = (
     "open",
@@ -221,6 +222,21 @@ class Candidates:
             np.full(n, np.nan, np.float32),
             np.zeros(n, np.uint8),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkBoxes:
+    """Boxes found in one image, n rows, best first.
+
+    box (n, 4) float32 pixels; score (n,) float32 log odds; is_back (n,) bool; color (n, colours) and shape (n, shapes)
+    float32 log probabilities.
+    """
+
+    box: NDArray[np.float32]
+    score: NDArray[np.float32]
+    is_back: NDArray[np.bool_]
+    color: NDArray[np.float32]
+    shape: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)

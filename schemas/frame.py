@@ -13,8 +13,19 @@ from numpy.typing import NDArray
 
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
-FRAME_STATUSES = (USED, THINNED, OUTSIDE, SKIPPED, UNDECODABLE, WRONG_SIZE, NO_CALIBRATION)
-"""`outside` the part asked for by --from/--until, `skipped` by --every; the rest as they say."""
+NO_POSITION = "no_position"
+FRAME_STATUSES = (
+    USED,
+    THINNED,
+    OUTSIDE,
+    SKIPPED,
+    UNDECODABLE,
+    WRONG_SIZE,
+    NO_CALIBRATION,
+    NO_POSITION,
+)
+"""`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix; the
+rest as they say."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,14 @@ nothing that networks were learned with."""
 
 
 @dataclass(frozen=True, slots=True)
+class OnnxFile:
+    """A network that OpenCV reads from its file itself: `path`, and the SHA-256 of what it held when it was named."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class GaussianClass:
     """One class: mean (d,), covariance (d, d), largest accepted distance, the rule that set it, samples."""
 

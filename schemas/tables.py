@@ -178,7 +178,8 @@ OBSERVATIONS = Table(
             _CHOICE,
             "",
             "pass1, pass2: colour clusters; level: stable region of a contrast map; stack: two regions joined; "
-            "predicted: reprojected from other frames; moved: one of these after box regression",
+            "predicted: reprojected from other frames; moved: one of these after box regression; network: box of the "
+            "detection network",
             _SURE,
             SOURCES,
         ),

@@ -23,6 +23,7 @@ from wayside.pipeline.reading.thinning import Thinning, position_of
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_CALIBRATION,
+    NO_POSITION,
     OUTSIDE,
     SKIPPED,
     THINNED,
@@ -249,6 +250,12 @@ class _Reader:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
+        if report.statuses[NO_POSITION] and not report.statuses[USED]:
+            raise InputError(
+                f"{self.plan.survey.path}: wanted poses or fixes at the times of images, found "
+                f"{report.statuses[NO_POSITION]} images and none of them near; give the distance between images "
+                "(--spacing 26.4ft)"
+            )
         if report.statuses[WRONG_SIZE] and not report.statuses[USED]:
             size, camera = self.plan.camera.image_size, self.selection.last_camera
             found = "other sizes" if size is None else f"{size[0]} x {size[1]}"
@@ -327,6 +334,8 @@ class _Selection:
             return NO_CALIBRATION
         if size != (0, 0) and size != (camera.width, camera.height):
             return WRONG_SIZE
+        if self.last_used is None and pose is None and fix is None and not self.spacing_m:
+            return NO_POSITION
         return USED if self.thinning.keeps(one.number, position_of(pose, fix)) else THINNED
 
 

@@ -201,6 +201,27 @@ class CandidateSettings:
         2.0, "px", "the same, but at least this", origin=_CHOSEN, expert=True
     )
 
+    # --- boxes of the detection network ---
+    network_score: float = setting(
+        -2.2,
+        "log odds",
+        "boxes of the detection network from here on join the regions",
+        origin=_CHOSEN,
+        expert=True,
+    )
+    network_most: int = setting(
+        60, "boxes", "most of them in an image", origin=_CHOSEN, expert=True, low=0
+    )
+    network_iou: float = setting(
+        0.5,
+        "IoU",
+        "of the network's boxes, those that overlap a better one more are suppressed",
+        origin=_CHOSEN,
+        expert=True,
+        low=0.01,
+        high=0.99,
+    )
+
     # --- classification ---
     same_face_iou: float = setting(
         0.4,

@@ -133,20 +133,32 @@ class VerdictSettings:
     fewest_boxes: int = setting(
         3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
     )
-    enough_evidence: int = setting(
-        6,
-        "views",
-        "views and registered images together that show that a panel stands still",
-        origin="any two rays meet somewhere",
+    sufficient_boxes: int = setting(
+        5, "boxes", "that need no two images in register", origin=SET, expert=True
+    )
+    certain_log_odds: float = setting(
+        4.0,
+        "log odds",
+        "from which three boxes need no two images in register",
+        origin="fifty to one: a branch or the edge may make each image different",
         expert=True,
     )
-    evidence_log_odds: float = setting(
-        2.0,
+    sure_log_odds: float = setting(
+        2.2,
         "log odds",
-        "that it is a panel, needed for each view less",
-        origin="chosen on rendered drives of the kind that models are learned from",
+        "from which two images in register are enough",
+        origin="nine to one",
         expert=True,
-        low=0,
+    )
+    register_px: float = setting(
+        1.5, "px", "largest residual of three images in register", origin=SET, expert=True
+    )
+    register_pair_px: float = setting(
+        0.5,
+        "px",
+        "largest residual of only two",
+        origin="two rays nearly always meet: 19 of 20 standing panels are below",
+        expert=True,
     )
 
 
@@ -161,7 +173,7 @@ class LocateSettings:
         0.12, "m", "panels with a smaller side are refused", low=0, high=10
     )
     largest_side_m: float = setting(
-        7.0, "m", "panels with a larger side are refused", low=0, high=100
+        12.0, "m", "panels with a larger side are refused", low=0, high=100
     )
 
 

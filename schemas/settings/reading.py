@@ -19,7 +19,11 @@ class ReadSettings:
         0.0, "m", "distance between images where the log has no poses; 0: unknown", low=0
     )
     thin_m: float = setting(
-        8.0, "m", "images are thinned to about this distance; 0: use every image", low=0
+        2.0,
+        "m",
+        "images are thinned to about this distance; 0: use every image",
+        origin="nearer images add cost and no signs, and tell no direction of travel",
+        low=0,
     )
     from_s: float = setting(0.0, "s", "start this long after the first image", low=0)
     until_s: float = setting(0.0, "s", "stop this long after the first image; 0: at the end", low=0)
@@ -40,4 +44,10 @@ class ModelSettings:
 
     folder: str = setting(
         "", "folder", "model files here replace those that ship, each by its name; empty: none"
+    )
+    network: str = setting(
+        "",
+        "file",
+        "detection network whose boxes join the proposals of preset default: an ONNX file, or the name of one that "
+        "ships; empty: none",
     )

@@ -10,6 +10,13 @@ from wayside.stages.detection.feature_vectors import (
     prefilter_feature_names,
     prefilter_features,
 )
+from wayside.stages.detection.network_proposals import (
+    CENTRE_PX,
+    MAPS,
+    SIDE_PX,
+    STRIDE,
+    DetectionNetwork,
+)
 from wayside.stages.detection.patch_cnn import (
     PATCH_CNN_FEATURES,
     PATCH_DARK_LEVEL,
@@ -20,13 +27,18 @@ from wayside.stages.detection.patch_features import INNER, SIDE, drawn_patches
 from wayside.stages.detection.proposals import propose
 
 __all__ = [
+    "CENTRE_PX",
     "INNER",
+    "MAPS",
     "PATCH_CNN_FEATURES",
     "PATCH_DARK_LEVEL",
     "REGION_FEATURES",
     "SIDE",
     "SIDES",
+    "SIDE_PX",
+    "STRIDE",
     "BoxClassifier",
+    "DetectionNetwork",
     "box_feature_names",
     "box_features",
     "detect",

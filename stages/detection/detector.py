@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,
+    SOURCES,
     Candidates,
     Detections,
+    Regions,
     Segmentation,
     verdict_code,
 )
@@ -85,7 +87,8 @@ def detect(
         require_names("box network", regressor.features, box_feature_names())
         require_names("box network", regressor.classes, SIDES, exact=True)
     for item in items:
-        image, regions, candidates = item.image, item.regions, Candidates.of(item.regions)
+        image, regions = item.image, as_learned(item.regions)
+        candidates = Candidates.of(item.regions)
         if image.rgb is None or image.frame.camera is None or len(regions) == 0:
             yield Detections(item, candidates)
             continue
@@ -118,6 +121,13 @@ def detect(
             column[rows[behind]] = back_scores[behind]
             candidates = replace(candidates, back_score=column)
         yield Detections(item, candidates)
+
+
+def as_learned(regions: Regions) -> Regions:
+    """The regions as the classifiers know them: boxes of the detection network as stable regions."""
+    is_network = regions.source == SOURCES.index("network")
+    level = np.uint8(SOURCES.index("level"))
+    return replace(regions, source=np.where(is_network, level, regions.source))
 
 
 def regression_threshold(classifier: TreeModel, settings: CandidateSettings) -> float:

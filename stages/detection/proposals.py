@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions, Segmentation
+from wayside.schemas.detections import SHAPES, SOURCES, NetworkBoxes, Regions, Segmentation
 from wayside.schemas.frame import Camera
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import OnnxFile, TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_odds
 from wayside.stages.detection.contrast_maps import contrast_maps, foreground_means
@@ -24,10 +24,14 @@ from wayside.stages.detection.feature_vectors import (
     region_features,
     require_names,
 )
+from wayside.stages.detection.network_proposals import DetectionNetwork
 from wayside.stages.detection.stable_regions import find_stable_regions
 from wayside.stages.detection.stacked_regions import with_stacks
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import halved
+
+FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
+"""Area of a shape as a fraction of its box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +43,18 @@ class Proposals:
 
 
 def propose(
-    items: Iterator[Segmentation], *, settings: CandidateSettings, ranking: TreeModel | None = None
+    items: Iterator[Segmentation],
+    *,
+    settings: CandidateSettings,
+    ranking: TreeModel | None = None,
+    network: OnnxFile | None = None,
 ) -> Iterator[Segmentation]:
     """Add regions of the sources `level` and `stack` to each image's segments.
 
     Segments outside the size of a face are dropped, boxes that are nearly the same are merged. At most `settings.most`
     regions remain: the most probable faces by their size, position and mean colour, where a `ranking` of these is
-    given, else those of the longest lifetime; the others are counted in `left_out`. An image that is not used passes
+    given, else those of the longest lifetime; the others are counted in `left_out`. The boxes of a detection `network`
+    join them without being ranked: it has seen more of them than their colour. An image that is not used passes
     unchanged.
 
     Raises
@@ -55,6 +64,8 @@ def propose(
     """
     if ranking is not None:
         require_names("ranking", ranking.features, REGION_FEATURES, exact=True)
+    # not safe to share between threads, and each worker has its own instance of this stage
+    detection_network = None if network is None else DetectionNetwork(network.path)
     for item in items:
         rgb, camera = item.image.rgb, item.frame.camera
         if rgb is None or camera is None:
@@ -70,6 +81,9 @@ def propose(
             regions = regions.select(np.arange(min(len(regions), settings.most)))
         else:
             regions = most_probable(regions, ranking, camera, settings.most)
+        if detection_network is not None:
+            boxes = boxes_in_band(detection_network, rgb, camera, settings)
+            regions = regions.joined(network_regions(boxes, rgb, settings))
         yield replace(item, regions=regions, left_out=left_out)
 
 
@@ -86,6 +100,49 @@ def bands(
             band = halved(band)
         yield np.ascontiguousarray(band), top, scale
         scale *= 2
+
+
+def boxes_in_band(
+    network: DetectionNetwork,
+    rgb: NDArray[np.uint8],
+    camera: Camera,
+    settings: CandidateSettings,
+) -> NetworkBoxes | None:
+    """Boxes of the detection network in the rows of the widest band, pixels of the image; None without such rows."""
+    above, below = settings.bands[-1]
+    top = max(0, round(camera.cy + above * camera.fy))
+    bottom = min(rgb.shape[0], round(camera.cy + below * camera.fy))
+    if bottom <= top:
+        return None
+    band = np.ascontiguousarray(rgb[top:bottom])
+    found = network.boxes(band, settings.network_score, settings.network_most, settings.network_iou)
+    return replace(found, box=found.box + np.array([0, top, 0, top], np.float32))
+
+
+def network_regions(
+    found: NetworkBoxes | None, rgb: NDArray[np.uint8], settings: CandidateSettings
+) -> Regions:
+    """Those of a size that faces have as regions, best first; their area is that of the most probable shape."""
+    if found is None:
+        return Regions.empty()
+    rows = np.flatnonzero(settings.fits_face(found.box))
+    box = found.box[rows]
+    filled = np.array([FILLED.get(SHAPES[k], 0.8) for k in found.shape[rows].argmax(axis=1)])
+    means = [_mean_inside(rgb, corners) for corners in box]
+    return Regions(
+        box,
+        (filled * np.prod(box[:, 2:] - box[:, :2], axis=1)).astype(np.int32),
+        np.array(means, np.float32).reshape(-1, 3),
+        np.full(len(box), SOURCES.index("network"), np.uint8),
+    )
+
+
+def _mean_inside(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Mean colour of the inner half of a box: most of its corners show the background."""
+    quarter = (box[2:] - box[:2]) / 4
+    x0, y0 = np.floor(box[:2] + quarter).astype(int)
+    x1, y1 = np.maximum(np.ceil(box[2:] - quarter).astype(int), [x0 + 1, y0 + 1])
+    return np.asarray(rgb[y0:y1, x0:x1].reshape(-1, 3).mean(axis=0))
 
 
 def propose_in_band(

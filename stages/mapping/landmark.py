@@ -87,6 +87,7 @@ def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame], settings: Landmar
         facing_deg=0.0,
         sigma_facing_deg=settings.facing_sigma_deg,
         shape="",
+        residual_px=fit.rms_px,
     )
 
 

@@ -39,7 +39,8 @@ class Panel:
     """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
 
     frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `LandmarkFit`; centre_sigma
-    (2,): scatter of the centre across the face that all views share, metres.
+    (2,): scatter of the centre across the face that all views share, metres; residual_px: RMS distance of the centres
+    in the registered views from the point they were fitted to.
     """
 
     point: Array
@@ -53,6 +54,7 @@ class Panel:
     facing_deg: float
     sigma_facing_deg: float
     shape: str
+    residual_px: float
 
 
 def measure_panel(
@@ -145,6 +147,7 @@ def solve_panel(
             box_rays(fit, held) + projected(point, fit, held) - projected(fit.point, fit, held)
         )
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
+    residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
     change = size / fit.metric
     if not off < max(settings.farthest_off_m, settings.farthest_off * depth.min()):
@@ -174,6 +177,7 @@ def solve_panel(
         facing_deg=float(np.degrees(facing.angle)),
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
         shape=outline.shape,
+        residual_px=float(np.sqrt((residuals**2).sum(axis=1).mean())),
     )
 
 

@@ -1,4 +1,6 @@
 import json
+from hashlib import sha256
+from pathlib import Path
 
 import pytest
 
@@ -132,3 +134,28 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "location.json").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(InputError, match="readable"):
         load_models(settings(folder=tmp_path))
+
+
+def test_a_detection_network_is_read_where_it_is_named_and_its_digest_is_stated(tmp_path):
+    onnx = Path(__file__).parents[1] / "stages" / "detection" / "red_cells.onnx"
+    named = load_settings("default", None, [], {"models.network": str(onnx)})[0]
+    assert "network" not in load_models(settings()).digests()
+    models = load_models(named)
+    assert models.detection_network is not None
+    assert models.detection_network.path == str(onnx)
+    assert models.digests()["network"] == sha256(onnx.read_bytes()).hexdigest()
+    broken = tmp_path / "broken.onnx"
+    broken.write_bytes(b"no network")
+    for name in (broken, tmp_path / "missing.onnx"):
+        with pytest.raises(InputError, match=r"models\.network"):
+            load_models(load_settings("default", None, [], {"models.network": str(name)})[0])
+
+
+def test_the_detection_network_that_ships_is_used_only_where_it_is_named():
+    assert load_models(settings()).detection_network is None
+    named = load_settings("default", None, [], {"models.network": "network.onnx"})[0]
+    network = load_models(named).detection_network
+    assert network is not None
+    assert Path(network.path).parent == Path(str(shipped_models()))
+    report = load_settings("report", None, [], {"models.network": "network.onnx"})[0]
+    assert load_models(report).detection_network is None

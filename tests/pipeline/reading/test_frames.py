@@ -388,6 +388,29 @@ def test_a_calibration_attached_to_the_log_is_used(new_log):
     assert report.calibration_source == "attachment camera.yaml"
 
 
+def test_images_before_the_first_fix_are_counted_and_those_after_the_last_are_used(new_log):
+    log = new_log()
+    for index in range(40):
+        log.add("/camera/calibration", "calibration", index * STEP)
+        if 16 <= index < 20:
+            log.add("/gps", "fix", index * STEP, **place_at(index * STEP))
+        log.add_image(index)
+    frames, report = read(log.finish())
+    assert [f.status for f in frames] == ["no_position"] * 16 + ["used"] * 24
+    assert [f.fix is not None for f in frames if f.used] == [True] * 4 + [False] * 20
+    assert report.statuses == {"no_position": 16, "used": 24}
+
+
+def test_fixes_of_another_time_than_all_images_are_refused_with_the_option(new_log):
+    log = new_log()
+    for index in range(4):
+        log.add("/camera/calibration", "calibration", index * STEP)
+        log.add("/gps", "fix", 10**12 + index * STEP, **place_at(index * STEP))
+        log.add_image(index)
+    with pytest.raises(InputError, match=r"4 images and none of them near.*--spacing"):
+        read(log.finish())
+
+
 def test_spacing_comes_with_each_used_frame_where_there_are_no_poses(new_log):
     frames, report = read(fill(new_log(), 9, motion="", fixes=False), spacing_m=3.0, thin_m=9.0)
     used = [f for f in frames if f.used]
@@ -423,7 +446,7 @@ def test_thinning_goes_by_the_way_travelled(new_log, source):
             degrees = (way + jitter[0]) / 6_371_000 * 180 / np.pi
             log.add("/gps", "fix", time, place=(degrees, 11.0, 500.0 + 10 * jitter[1]))
         log.add_image(index)
-    frames, _ = read(log.finish())
+    frames, _ = read(log.finish(), thin_m=8.0)
     used = [f.index for f in frames if f.used]
     assert used[:6] == [0, 4, 8, 12, 16, 20]
     assert not any(21 < i < 50 for i in used[6:])

@@ -85,6 +85,7 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
             0.0,
             5.0,
             outline,
+            0.1,
         )
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)

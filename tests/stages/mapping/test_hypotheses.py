@@ -14,7 +14,7 @@ def test_a_hypothesis_lies_where_the_rays_meet(gates, window, standing):
 
 @pytest.mark.parametrize(
     ("right", "down", "wide", "tall"),
-    [(40.0, -1.0, 0.7, 0.7), (3.5, 6.5, 0.7, 0.7), (3.5, -14.0, 0.7, 0.7), (3.5, -1, 0.1, 0.1)],
+    [(60.0, -1.0, 0.7, 0.7), (3.5, 6.5, 0.7, 0.7), (3.5, -18.0, 0.7, 0.7), (3.5, -1, 0.1, 0.1)],
 )
 def test_implausible_points_and_sizes_make_no_hypothesis(
     right, down, wide, tall, gates, window, standing

@@ -17,8 +17,10 @@ from wayside.stages.mapping.verdicts import (
 )
 
 SETTINGS = VerdictSettings()
+SURE, CERTAIN = SETTINGS.sure_log_odds, SETTINGS.certain_log_odds
 NEWEST = Pose(np.eye(3), np.array([0.0, 0.0, 8.0]))
 """The later of the two cameras."""
+NO_PANEL = np.inf
 
 
 @pytest.fixture
@@ -33,6 +35,10 @@ def fit_at(window, standing):
         return replace(fit, covariance=np.diag([0.01, 0.01, sigma_ahead**2]))
 
     return make
+
+
+def stands(fit, registered, panel_px, fewest, log_odds):
+    return stands_still(fit, registered, panel_px, log_odds, fewest, SETTINGS)
 
 
 @pytest.mark.parametrize(("sigma_ahead", "same"), [(0.5, False), (6.0, True)])
@@ -66,28 +72,41 @@ def test_the_first_rule_that_applies_decides(fit_at, right, passes, known, verdi
     assert found == verdict
 
 
-def stands(fit, views, registered, missing, short=0.0):
-    """With log odds that make up for so many missing views, less `short`."""
-    seen = replace(fit, rows=np.arange(views), used=np.ones(views, bool))
-    log_odds = missing * SETTINGS.evidence_log_odds - short
-    return stands_still(seen, registered, log_odds, SETTINGS)
-
-
-@pytest.mark.parametrize(
-    ("views", "registered", "missing"),
-    [(2, 1, 4), (2, 2, 2), (2, 3, 1), (3, 1, 3), (3, 2, 1), (5, 1, 1), (6, 1, 0), (3, 3, 0)],
-)
-def test_log_odds_make_up_for_views_and_registered_images_that_are_missing(
-    fit_at, views, registered, missing
+@pytest.mark.parametrize(("registered", "passes"), [(1, False), (2, True)])
+def test_few_boxes_stand_where_two_images_register_though_their_outline_is_of_no_known_shape(
+    fit_at, registered, passes
 ):
-    assert stands(fit_at(130.0), views, registered, missing)
-    assert not stands(fit_at(130.0), views, registered, missing, short=0.1)
+    three = replace(fit_at(130.0), rows=np.arange(3), used=np.ones(3, bool))
+    assert stands(three, registered, NO_PANEL, 3, SURE) == passes
 
 
-@pytest.mark.parametrize(("boxes", "passes"), [(2, False), (3, True)])
-def test_predicted_views_count_where_three_boxes_agree(fit_at, boxes, passes):
-    fit = replace(fit_at(130.0), rows=np.arange(8), used=np.arange(8) < boxes)
-    assert stands_still(fit, 1, 0.0, SETTINGS) == passes
+def test_two_boxes_stand_where_as_many_images_as_are_asked_for_show_one_panel(fit_at):
+    pair = fit_at(130.0)
+    assert not stands(pair, 3, NO_PANEL, 3, SURE)
+    assert not stands(pair, 2, 0.1, 3, SURE)
+    assert stands(pair, 3, 0.9, 3, SURE)
+    assert stands(pair, 2, 0.1, 2, SURE)
+
+
+def test_two_images_must_meet_nearer_than_three(fit_at):
+    pair = fit_at(130.0)
+    assert not stands(pair, 2, 0.9, 2, SURE)
+    assert stands(pair, 3, 0.9, 2, SURE)
+
+
+def test_two_images_of_what_may_be_no_sign_do_not_show_that_it_stands(fit_at):
+    pair = fit_at(130.0)
+    assert not stands(pair, 2, 0.1, 2, SURE - 0.1)
+    assert stands(pair, 3, 0.1, 2, SURE - 0.1)
+
+
+def test_three_views_of_what_is_certainly_a_panel_need_not_register(fit_at):
+    pair = fit_at(130.0)
+    three = replace(pair, rows=np.arange(3))
+    assert stands(three, 1, NO_PANEL, 2, CERTAIN)
+    assert not stands(three, 1, NO_PANEL, 2, CERTAIN - 0.1)
+    assert not stands(three, 1, NO_PANEL, 4, CERTAIN)
+    assert not stands(pair, 1, NO_PANEL, 2, CERTAIN)
 
 
 def test_candidates_without_a_landmark_are_named_by_their_pairs():

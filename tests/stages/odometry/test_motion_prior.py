@@ -105,8 +105,8 @@ def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_d
 def test_without_any_source_the_last_speed_is_held_and_its_scatter_grows_with_time():
     soon, late = (expect(FRAME, replace(FRAME, log_time_ns=t), None, 12.0) for t in (10**8, 10**9))
     assert soon.source == late.source == "speed"
-    assert (soon.baseline_m, late.baseline_m) == pytest.approx((1.2, 12.0))
-    assert late.sigma_m == pytest.approx(100 * soon.sigma_m)
+    assert (soon.prior.length_m, late.prior.length_m) == pytest.approx((1.2, 12.0))
+    assert late.prior.sigma_m == pytest.approx(100 * soon.prior.sigma_m)
 
 
 def test_no_source_of_the_distance_is_an_error_that_names_the_frame_and_the_option():

@@ -1,0 +1,313 @@
+"""Crops with targets for the detection network: a face at some scale, other faces drawn in, through some camera.
+
+A crop is the same for the same seed and number, so that a learning run can be taken up again where it stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.detector_images import BACK, FRONT, LabelledImage
+from wayside.pipeline.learning.distractor_drawings import draw_distractor
+from wayside.pipeline.learning.face_compositing import draw_faces
+from wayside.pipeline.learning.face_drawings import FaceLibrary
+from wayside.schemas.detections import NONE
+
+CROP_PX, STRIDE = 256, 4
+"""Side of a crop; pixels a cell of the maps."""
+
+ANCHOR_FRACTION = 0.8
+"""Fraction of the crops that are cut around a face of their image; the others lie anywhere."""
+
+HEIGHTS_PX, SCALES = (7.0, 160.0), (0.22, 1.7)
+"""Heights that faces are scaled to, log-uniform; limits of the scale."""
+
+MOST_DISTRACTORS = 2
+"""Things that are no signs are drawn into a crop up to so many times."""
+
+FILLED = 0.85
+"""Small images are not made smaller than this fraction of the crop."""
+
+SMALLEST_PX, SHOWN_FRACTION = 6.5, 0.55
+"""Height of a face in the crop, and fraction of it inside, from which it is a positive; else it is ignored."""
+
+SPREAD, LEAST_SPREAD, REGRESSED = 0.08, 0.5, 0.3
+"""Sigma of the peak on the heat map as a fraction of the face; at least, cells; heat from which a cell is regressed."""
+
+KNOWN, UNSURE, UNKNOWN = 0, 1, 2
+"""A cell off all boxes is a negative; one unless the network thinks otherwise; nothing is known of it."""
+
+CELLS = 48
+"""Most cells of a crop that are regressed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crop:
+    """Pixels and targets of a crop; n = `CELLS` rows, unused ones of weight 0.
+
+    rgb (side, side, 3) uint8; heat (2, cells, cells) float16: fronts and backs; doubt (2, cells, cells) uint8: `KNOWN`,
+    `UNSURE` or `UNKNOWN`; cell (n,) int32 row-major, side first; box (n, 4) float32 pixels; weight (n,) float32, 1 a
+    face; color, shape (n,) int64 or `NONE`.
+    """
+
+    rgb: NDArray[np.uint8]
+    heat: NDArray[np.float16]
+    doubt: NDArray[np.uint8]
+    cell: NDArray[np.int32]
+    box: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    color: NDArray[np.int64]
+    shape: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise drawn once: smooth (side, side) of deviation 1, and grain (side, side, 3) of deviation 1."""
+
+    smooth: NDArray[np.float32]
+    grain: NDArray[np.float32]
+
+
+def make_noise(rng: np.random.Generator, side: int = 768) -> Noise:
+    """Noise of several scales for dirt and shade, and of one for grain."""
+    smooth = np.zeros((side, side), np.float32)
+    for cells in (6, 24, 96):
+        coarse = rng.normal(0, 1, (cells, cells)).astype(np.float32)
+        smooth += cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC)
+    grain = rng.normal(0, 1, (side, side, 3)).astype(np.float32)
+    grain[::2] = cv2.GaussianBlur(grain, (3, 3), 0.7)[::2] * 1.6
+    return Noise(smooth / smooth.std(), grain)
+
+
+@dataclass(frozen=True, slots=True)
+class Labels:
+    """Faces of a crop while it is made: box (n, 4), side, color, shape (n,), ignored (m, 4)."""
+
+    box: NDArray[np.float32]
+    side: NDArray[np.int8]
+    color: NDArray[np.int8]
+    shape: NDArray[np.int8]
+    ignored: NDArray[np.float32]
+
+
+def make_crop(
+    images: Sequence[LabelledImage],
+    probability: NDArray[np.float64],
+    library: FaceLibrary,
+    noise: Noise,
+    rng: np.random.Generator,
+) -> Crop:
+    """A crop of one of the images, drawn by `probability` (images,), with its targets."""
+    image = images[int(rng.choice(len(images), p=probability))]
+    pixels, labels = _cut(image, rng)
+    if rng.random() < 0.55:
+        posts = int(rng.integers(1, 5))
+        known = np.concatenate([labels.box, labels.ignored])
+        drawn = draw_faces(pixels, known, library, noise.smooth, rng, posts)
+        labels = Labels(
+            np.concatenate(
+                [labels.box, np.array([d.box for d in drawn], np.float32).reshape(-1, 4)]
+            ),
+            np.append(labels.side, [d.side for d in drawn]).astype(np.int8),
+            np.append(labels.color, [d.color for d in drawn]).astype(np.int8),
+            np.append(labels.shape, [d.shape for d in drawn]).astype(np.int8),
+            labels.ignored,
+        )
+    for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
+        draw_distractor(pixels, np.concatenate([labels.box, labels.ignored]), rng)
+    pixels = through_a_camera(pixels, noise, rng)
+    return targets(pixels, labels, image)
+
+
+def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uint8], Labels]:
+    """A window of the image at some scale, mirrored or not, with the faces in it."""
+    height, width = image.rgb.shape[:2]
+    wanted = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
+    if len(image.box) and rng.random() < ANCHOR_FRACTION:
+        box = image.box[rng.integers(len(image.box))]
+        scale = np.clip(wanted / max(box[3] - box[1], 1), *SCALES)
+        scale = min(scale, 1.4 * CROP_PX / max(box[2] - box[0], 1))
+        middle = (box[:2] + box[2:]) / 2 + rng.uniform(-0.42, 0.42, 2) * CROP_PX / scale
+    else:
+        scale = float(np.exp(rng.uniform(np.log(0.4), np.log(1.4))))
+        middle = rng.uniform(0, 1, 2) * [width, height]
+    scale = max(scale, FILLED * CROP_PX / min(width, height))
+    stretch = float(np.exp(rng.normal(0, 0.05)))
+    scales = np.array([scale * stretch, scale / stretch])
+    extent = CROP_PX / scales
+    size = np.array([width, height])
+    start = np.clip(middle - extent / 2, np.minimum(0, size - extent), np.maximum(0, size - extent))
+    start = np.round(start)
+    x0, y0 = np.maximum(start, 0).astype(int)
+    x1, y1 = np.minimum(np.ceil(start + extent), size).astype(int)
+    window = image.rgb[y0:y1, x0:x1]
+    to = np.maximum(np.round((np.array([x1, y1]) - [x0, y0]) * scales), 1).astype(int)
+    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    scaled = cv2.resize(window, (int(to[0]), int(to[1])), interpolation=way)
+    at = np.maximum(np.round((np.array([x0, y0]) - start) * scales), 0).astype(int)
+    if at.any() or (to < CROP_PX).any():
+        pixels = np.empty((CROP_PX, CROP_PX, 3), np.uint8)
+        pixels[:] = rng.integers(0, 256, 3)
+        shown = scaled[: CROP_PX - at[1], : CROP_PX - at[0]]
+        pixels[at[1] : at[1] + shown.shape[0], at[0] : at[0] + shown.shape[1]] = shown
+    else:
+        pixels = np.ascontiguousarray(scaled[:CROP_PX, :CROP_PX])
+    factor = to / (np.array([x1, y1]) - [x0, y0])
+    shift, by = np.tile([x0, y0], 2), np.tile(factor, 2)
+    box = ((image.box - shift) * by + np.tile(at, 2)).astype(np.float32)
+    ignored = ((image.ignored - shift) * by + np.tile(at, 2)).astype(np.float32)
+    if rng.random() < 0.5:
+        pixels = np.ascontiguousarray(pixels[:, ::-1])
+        box, ignored = _mirrored(box), _mirrored(ignored)
+    return pixels, Labels(box, image.side, image.color, image.shape, ignored)
+
+
+def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
+    left, right = CROP_PX - box[:, 2], CROP_PX - box[:, 0]
+    return np.stack([left, box[:, 1], right, box[:, 3]], 1)
+
+
+def through_a_camera(
+    rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """The image as another camera takes it in another light: cast, exposure, haze, blur, resolution, grain, JPEG."""
+    gains = np.exp(rng.normal(0, 0.1, 3) + rng.normal(0, 0.3))
+    if rng.random() < 0.25:  # white balance far off: mostly bluish, at times yellowish
+        cast = rng.normal(0.25, 0.2)
+        gains *= np.exp([-cast, rng.normal(0, 0.06), 0.8 * cast])
+    gamma, haze = np.exp(rng.normal(0, 0.22)), rng.uniform(0, 0.45) * (rng.random() < 0.35)
+    if rng.random() < 0.08:
+        gains *= rng.uniform(0.15, 0.5)
+    levels = np.linspace(0, 1, 256)[:, None] ** gamma * gains
+    veil = rng.uniform(0.3, 0.9) * np.exp(rng.normal(0, 0.06, 3))
+    levels = levels * (1 - haze) + veil * haze
+    table = np.clip(255 * levels, 0, 255).astype(np.uint8)
+    rgb = np.asarray(cv2.LUT(rgb, table.reshape(1, 256, 3)), np.uint8)
+    saturation = float(np.clip(np.exp(rng.normal(-0.08, 0.35)), 0.15, 2))
+    if abs(saturation - 1) > 0.08:
+        mix = saturation * np.eye(3) + (1 - saturation) * np.array([0.3, 0.59, 0.11])
+        rgb = np.asarray(cv2.transform(rgb, mix), np.uint8)
+    if rng.random() < 0.08:
+        rgb = _shaded(rgb, noise, rng)
+    if rng.random() < 0.15:  # a camera of lower resolution
+        small = round(CROP_PX * rng.uniform(0.45, 0.9))
+        coarse = cv2.resize(rgb, (small, small), interpolation=cv2.INTER_AREA)
+        rgb = _pixels(cv2.resize(coarse, (CROP_PX, CROP_PX), interpolation=cv2.INTER_LINEAR))
+    draw = rng.random()
+    if draw < 0.35:
+        sigma = float(np.exp(rng.uniform(np.log(0.35), np.log(1.6))))
+        rgb = _pixels(cv2.GaussianBlur(rgb, (0, 0), sigma))
+    elif draw < 0.45:
+        rgb = _motion_blurred(rgb, rng)
+    elif draw < 0.6:  # a camera that sharpens
+        soft = cv2.GaussianBlur(rgb, (0, 0), 1.0)
+        amount = rng.uniform(0.3, 1.5)
+        rgb = _pixels(cv2.addWeighted(rgb, 1 + amount, soft, -amount, 0))
+    if rng.random() < 0.4:
+        y, x = rng.integers(noise.grain.shape[0] - CROP_PX, size=2)
+        grain = noise.grain[y : y + CROP_PX, x : x + CROP_PX]
+        noisy = rgb + grain * np.float32(np.exp(rng.uniform(np.log(1.5), np.log(12))))
+        rgb = np.clip(noisy, 0, 255).astype(np.uint8)
+    if rng.random() < 0.6:
+        quality = int(rng.integers(22, 96))
+        done, data = cv2.imencode(".jpg", rgb, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if done:
+            rgb = _pixels(cv2.imdecode(data, cv2.IMREAD_COLOR))
+    return rgb
+
+
+def _pixels(values: Any) -> NDArray[np.uint8]:
+    return np.asarray(values, np.uint8)
+
+
+def _shaded(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -> NDArray[np.uint8]:
+    y, x = rng.integers(noise.smooth.shape[0] - CROP_PX, size=2)
+    piece = noise.smooth[y : y + CROP_PX, x : x + CROP_PX]
+    dark = np.clip(0.5 + piece * rng.uniform(0.5, 2), 0, 1) * rng.uniform(0.2, 0.6)
+    return np.asarray(rgb * (1 - dark[..., None]), np.uint8)
+
+
+def _motion_blurred(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    length = int(rng.integers(3, 9))
+    kernel = np.zeros((length, length), np.float32)
+    angle = rng.normal(0, 0.35)
+    reach = (length - 1) / 2 * np.array([np.cos(angle), np.sin(angle)])
+    middle = (length - 1) / 2
+    ends = [tuple(round(middle + sign * v) for v in reach) for sign in (-1, 1)]
+    cv2.line(kernel, ends[0], ends[1], 1.0, 1)
+    return np.asarray(cv2.filter2D(rgb, -1, kernel / kernel.sum()), np.uint8)
+
+
+def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Crop:
+    """Maps and regressed cells of the faces of a crop."""
+    cells = CROP_PX // STRIDE
+    heat = np.zeros((2, cells, cells), np.float32)
+    doubt = np.zeros((2, cells, cells), np.uint8)
+    doubt[FRONT] = KNOWN if image.fronts_complete else UNSURE
+    doubt[BACK] = KNOWN if image.backs_complete else UNSURE
+    inside = np.clip(labels.box, 0, CROP_PX)
+    full = np.maximum(np.prod(labels.box[:, 2:] - labels.box[:, :2], axis=1), 1e-3)
+    area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
+    tall = inside[:, 3] - inside[:, 1] >= SMALLEST_PX
+    positive = (area >= SHOWN_FRACTION * full) & tall & (inside[:, 2] - inside[:, 0] >= 2.5)
+    for x0, y0, x1, y1 in np.concatenate([labels.ignored, inside[~positive & (area > 0)]]):
+        left, top = max(0, int(x0 // STRIDE)), max(0, int(y0 // STRIDE))
+        doubt[:, top : max(0, int(-(-y1 // STRIDE))), left : max(0, int(-(-x1 // STRIDE)))] = (
+            UNKNOWN
+        )
+    for x0, y0, x1, y1 in inside[positive]:
+        rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
+        doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = KNOWN
+    found: list[tuple[int, int, float]] = []
+    # small faces last: where two peaks meet, the smaller face keeps its cells
+    for row in sorted(np.flatnonzero(positive).tolist(), key=lambda r: -area[r]):
+        found += _peak(heat[labels.side[row]], inside[row], row, int(labels.side[row]))
+    owner = {cell: (row, weight) for cell, row, weight in found}
+    best = sorted(owner.items(), key=lambda item: -item[1][1])[:CELLS]
+    total: dict[int, float] = {}
+    for _, (row, weight) in best:
+        total[row] = total.get(row, 0.0) + weight
+    crop = Crop(
+        rgb,
+        heat.astype(np.float16),
+        doubt,
+        np.zeros(CELLS, np.int32),
+        np.zeros((CELLS, 4), np.float32),
+        np.zeros(CELLS, np.float32),
+        np.full(CELLS, NONE, np.int64),
+        np.full(CELLS, NONE, np.int64),
+    )
+    for place, (cell, (row, weight)) in enumerate(best):
+        crop.cell[place], crop.box[place] = cell, inside[row]
+        crop.weight[place] = weight / total[row]
+        crop.color[place], crop.shape[place] = labels.color[row], labels.shape[row]
+    return crop
+
+
+def _peak(
+    heat: NDArray[np.float32], box: NDArray[np.float32], row: int, side: int
+) -> list[tuple[int, int, float]]:
+    """Raise the heat around the middle of a face, in place; cells that are regressed, the face's row, their weights."""
+    cells = heat.shape[0]
+    middle = np.clip((box[:2] + box[2:]) / 2 / STRIDE - 0.5, 0, cells - 1)
+    spread = np.maximum(SPREAD * (box[2:] - box[:2]) / STRIDE, LEAST_SPREAD)
+    centre = np.round(middle).astype(int)
+    reach = np.ceil(3 * spread).astype(int)
+    low, high = np.maximum(centre - reach, 0), np.minimum(centre + reach + 1, cells)
+    across = np.arange(low[0], high[0]) - centre[0]
+    down = np.arange(low[1], high[1]) - centre[1]
+    values = np.exp(-((across / spread[0]) ** 2)[None] / 2 - ((down / spread[1]) ** 2)[:, None] / 2)
+    part = heat[low[1] : high[1], low[0] : high[0]]
+    np.maximum(part, values, out=part)
+    ys, xs = np.nonzero(values >= REGRESSED)
+    offset = side * cells * cells
+    return [
+        (int(offset + (y + low[1]) * cells + x + low[0]), row, float(values[y, x]))
+        for y, x in zip(ys, xs, strict=True)
+    ]

@@ -1,0 +1,201 @@
+"""The detection network in PyTorch: fully convolutional, one set of maps at a quarter of the image's size.
+
+A residual network down to stride 32 and a feature pyramid back up to stride 4. Each cell says how likely it is the
+middle of a face seen from the front or from behind (centre points after Zhou, Wang and Kraehenbuehl 2019, "Objects as
+points"), where the box of that face is, and its colour and shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.stages.detection import CENTRE_PX, MAPS, SIDE_PX, STRIDE
+
+CHANNELS, BLOCKS, HEAD = (24, 40, 64, 80), (1, 2, 2, 1), 32
+"""Filters and residual blocks at stride 4, 8, 16 and 32; filters of the head."""
+
+PRIOR = 0.01
+"""Probability of a middle that a cell starts with."""
+
+DOUBTED, DOUBTED_WEIGHTS = 0.3, (0.5, 0.2)
+"""Where an image's boxes may be incomplete: probability from which a cell off them may show a sign without a box;
+weights of the cell as a negative below and above it."""
+
+BOX_WEIGHT, CLASS_WEIGHT = 2.0, 0.3
+"""Weights of the loss of boxes, and of colour and shape, beside that of the heat map."""
+
+
+def _layer(inputs: int, outputs: int, side: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, side, stride, side // 2, bias=False), nn.BatchNorm2d(outputs)
+    )
+
+
+class Residual(nn.Module):  # type: ignore[misc]
+    """Two 3 x 3 convolutions beside the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            _layer(channels, channels, 3), nn.ReLU(), _layer(channels, channels, 3)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """The same shape."""
+        return torch.relu(x + self.layers(x))
+
+
+class DetectionNetwork(nn.Module):  # type: ignore[misc]
+    """RGB (n, 3, height, width) in 0 to 1, multiples of 32, to maps (n, `MAPS`, height / 4, width / 4)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, *rest = CHANNELS
+        self.stem = nn.Sequential(
+            _layer(3, 16, 3, 2), nn.ReLU(), _layer(16, first, 3, 2), nn.ReLU(), *_blocks(0)
+        )
+        self.down = nn.ModuleList(
+            nn.Sequential(_layer(before, after, 3, 2), nn.ReLU(), *_blocks(level + 1))
+            for level, (before, after) in enumerate(zip(CHANNELS, rest, strict=False))
+        )
+        self.across = nn.ModuleList(
+            nn.Conv2d(after, before, 1) for before, after in zip(CHANNELS, rest, strict=False)
+        )
+        self.smooth = nn.ModuleList(Residual(channels) for channels in CHANNELS[1:-1])
+        self.up = nn.Upsample(scale_factor=2, mode="nearest")
+        self.head = nn.Sequential(
+            _layer(first, HEAD, 3), nn.ReLU(), _layer(HEAD, HEAD, 3), nn.ReLU()
+        )
+        self.maps = nn.Conv2d(HEAD, MAPS, 1)
+        with torch.no_grad():
+            self.maps.weight.mul_(0.3)
+            self.maps.bias.zero_()
+            self.maps.bias[:2] = torch.logit(torch.tensor(PRIOR))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Maps in the order of `network_proposals`: heat of fronts and backs as log odds, box, colour, shape."""
+        levels = [self.stem(x)]
+        for down in self.down:
+            levels.append(down(levels[-1]))
+        found = levels[-1]
+        for level in (2, 1, 0):
+            found = levels[level] + self.up(self.across[level](found))
+            if level:
+                found = self.smooth[level - 1](found)
+        found = self.head(found)
+        with torch.autocast("cpu", enabled=False):
+            return self.maps(found.float())
+
+
+def _blocks(level: int) -> list[Residual]:
+    return [Residual(CHANNELS[level]) for _ in range(BLOCKS[level])]
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Crops as tensors, n of them, k regressed cells each; the fields of `Crop`."""
+
+    rgb: Tensor
+    heat: Tensor
+    doubt: Tensor
+    cell: Tensor
+    box: Tensor
+    weight: Tensor
+    color: Tensor
+    shape: Tensor
+
+
+def losses(maps: Tensor, batch: Batch, *, sure: bool) -> dict[str, Tensor]:
+    """Heat, box, colour and shape losses, a face each; `sure`: the network may doubt that a cell is a negative."""
+    faces = (batch.weight.sum()).clamp(min=1.0)
+    box, color, shape = _at_cells(maps, batch.cell)
+    wide = maps.shape[-1]
+    place = batch.cell % (wide * maps.shape[-2])
+    centre = torch.stack([place % wide, place // wide], -1).float() * STRIDE + STRIDE / 2
+    overlap = _generalised_iou(_decoded(box, centre), batch.box)
+    return {
+        "heat": _heat_loss(maps[:, :2], batch, sure=sure) / faces,
+        "box": BOX_WEIGHT * ((1 - overlap) * batch.weight).sum() / faces,
+        "color": CLASS_WEIGHT * _class_loss(color, batch.color, batch.weight) / faces,
+        "shape": CLASS_WEIGHT * _class_loss(shape, batch.shape, batch.weight) / faces,
+    }
+
+
+def _heat_loss(heat: Tensor, batch: Batch, *, sure: bool) -> Tensor:
+    """The focal loss of Zhou et al. with what is not known left out."""
+    log_p, log_not = nn.functional.logsigmoid(heat), nn.functional.logsigmoid(-heat)
+    p, target = log_p.exp(), batch.heat
+    is_middle = target == 1
+    known = (batch.doubt == KNOWN).float()
+    below, above = DOUBTED_WEIGHTS
+    unsure = (batch.doubt == UNSURE).float() * below
+    if sure:
+        unsure = unsure * torch.where(p.detach() < DOUBTED, 1.0, above / below)
+    negative = (1 - target) ** 4 * p**2 * log_not * (known + unsure)
+    positive = (1 - p) ** 2 * log_p
+    return -torch.where(is_middle, positive, negative).sum()
+
+
+def _at_cells(maps: Tensor, cell: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Box (n, k, 4), colour (n, k, c) and shape (n, k, s) at the regressed cells."""
+    place = cell % (maps.shape[-1] * maps.shape[-2])
+    flat = maps[:, 2:].flatten(2)
+    rows = flat.gather(2, place[:, None].expand(-1, flat.shape[1], -1)).transpose(1, 2)
+    box, color, shape = rows.split([4, len(COLORS), len(SHAPES)], dim=-1)
+    return box, color, shape
+
+
+def _decoded(box: Tensor, centre: Tensor) -> Tensor:
+    """Corners, pixels, of boxes as the maps give them; see `network_proposals`."""
+    middle = centre + CENTRE_PX * box[..., :2]
+    half = SIDE_PX / 2 * box[..., 2:].clamp(-4, 5).exp()
+    return torch.cat([middle - half, middle + half], -1)
+
+
+def _generalised_iou(found: Tensor, true: Tensor) -> Tensor:
+    """IoU less the part of the enclosing box that neither fills (Rezatofighi et al. 2019)."""
+    shared = _area(
+        torch.maximum(found[..., :2], true[..., :2]), torch.minimum(found[..., 2:], true[..., 2:])
+    )
+    around = _area(
+        torch.minimum(found[..., :2], true[..., :2]), torch.maximum(found[..., 2:], true[..., 2:])
+    )
+    both = _area(found[..., :2], found[..., 2:]) + _area(true[..., :2], true[..., 2:]) - shared
+    return shared / both.clamp(min=1e-3) - 1 + both / around.clamp(min=1e-3)
+
+
+def _area(low: Tensor, high: Tensor) -> Tensor:
+    return (high - low).clamp(min=0).prod(-1)
+
+
+def _class_loss(logits: Tensor, true: Tensor, weight: Tensor) -> Tensor:
+    loss = nn.functional.cross_entropy(
+        logits.flatten(0, 1), true.flatten(), ignore_index=NONE, reduction="none"
+    )
+    return (loss * weight.flatten()).sum()
+
+
+def export(network: DetectionNetwork, path: Path, provenance: dict[str, Any]) -> None:
+    """Write the network as ONNX of free height and width, with its provenance as metadata; needs the package onnx."""
+    import onnx
+
+    network.eval()
+    torch.onnx.export(
+        network,
+        (torch.zeros(1, 3, 256, 512),),
+        str(path),
+        dynamo=False,
+        input_names=["image"],
+        output_names=["maps"],
+        dynamic_axes={"image": {2: "height", 3: "width"}, "maps": {2: "rows", 3: "columns"}},
+    )
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, {key: str(value) for key, value in provenance.items()})
+    onnx.save(model, str(path))

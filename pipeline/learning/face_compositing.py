@@ -1,0 +1,220 @@
+"""Sign faces drawn into images.
+
+Each is seen from an angle, faded, dirty, shaded and as bright as its surroundings, then blended in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.detector_images import FRONT
+from wayside.pipeline.learning.face_drawings import (
+    KINDS,
+    FaceDrawing,
+    FaceLibrary,
+    chosen_face,
+)
+
+HEIGHTS_PX = (7.0, 160.0)
+"""Heights of drawn faces, log-uniform."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnFace:
+    """Where a face was drawn: box in pixels, side, classes."""
+
+    box: tuple[float, float, float, float]
+    side: int
+    color: int
+    shape: int
+
+
+def draw_faces(
+    rgb: NDArray[np.uint8],
+    taken: NDArray[np.float32],
+    library: FaceLibrary,
+    noise: NDArray[np.float32],
+    rng: np.random.Generator,
+    wanted: int,
+) -> list[DrawnFace]:
+    """Draw up to `wanted` posts with faces into an image, in place, off the boxes `taken` (n, 4).
+
+    `noise` is a square of smooth noise of mean 0 and deviation 1, larger than the image, for dirt and shade.
+    """
+    height, width = rgb.shape[:2]
+    drawn: list[DrawnFace] = []
+    boxes: list[tuple[float, ...]] = [tuple(box) for box in taken.tolist()]
+    for _ in range(wanted):
+        kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
+        face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
+        left, top = rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
+        light = float(rng.uniform(0.45, 1.6))
+        stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
+        post_from = None
+        beside = stack > 1 and rng.random() < 0.35
+        for number in range(stack):
+            drawing, side = chosen_face(
+                kind if number == 0 or kind == "back" else "board", library, rng
+            )
+            patch = _seen(drawing, face_height, rng)
+            high, wide = patch.shape[:2]
+            x = round(left if beside or number == 0 else left - wide / 2)
+            if number == 0 and not beside:
+                left = left + wide / 2
+            box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
+            if overlaps(box, boxes):
+                break
+            _worn(patch, side, light, rgb, box, noise, rng)
+            clipped = _blend(rgb, patch, x, round(top))
+            boxes.append(box)
+            if clipped is not None:
+                drawn.append(DrawnFace(clipped, side, drawing.color, drawing.shape))
+            post_from = box
+            if beside:
+                left += wide * rng.uniform(1.0, 1.08) + 1
+                face_height *= rng.uniform(0.9, 1.0)
+                continue
+            top += high * rng.uniform(1.0, 1.12) + 1
+            face_height *= rng.uniform(0.3, 1.0)
+            if face_height < HEIGHTS_PX[0]:
+                break
+        if post_from is not None and rng.random() < 0.6:
+            _post(rgb, post_from, max(top, post_from[3]), light, rng)
+    return drawn
+
+
+def overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
+    """Whether a box has area in common with any of the others."""
+    return any(
+        min(box[2], b[2]) > max(box[0], b[0]) and min(box[3], b[3]) > max(box[1], b[1])
+        for b in others
+    )
+
+
+def _seen(drawing: FaceDrawing, height_px: float, rng: np.random.Generator) -> NDArray[np.float32]:
+    """A face from an angle, so many pixels high; (h, w, 4) float32, colours multiplied by alpha, 0 to 1."""
+    source = drawing.rgba
+    rows, columns = source.shape[:2]
+    yaw = np.cos(np.radians(min(abs(rng.normal(0, 22)), 65)))
+    high = height_px
+    wide = max(3.0, height_px * columns / rows * yaw * np.exp(rng.normal(0, 0.03)))
+    shrink = max(rows / high / 2, columns / wide / 2, 1.0)
+    if shrink > 1.0:
+        size = max(2, round(columns / shrink)), max(2, round(rows / shrink))
+        scaled = _premultiplied(source, size)
+    else:
+        scaled = _premultiplied(source, (columns, rows))
+    rows, columns = scaled.shape[:2]
+    lean, angle = rng.normal(0, 0.03), np.radians(rng.normal(0, 2.5 if rng.random() < 0.9 else 9))
+    corners = np.array([[0, 0], [wide, 0], [wide, high], [0, high]])
+    side = rng.normal(0, 0.03) * high
+    corners += np.array([[0, -side], [0, side], [0, -side], [0, side]]) / 2
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle) + lean, np.cos(angle)]])
+    corners = corners @ turn.T
+    corners -= corners.min(axis=0) - rng.uniform(0.5, 1.5, 2)
+    across, down = np.ceil(corners.max(axis=0)).astype(int) + 2
+    flat = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], np.float32) - 0.5
+    matrix = cv2.getPerspectiveTransform(flat, (corners - 0.5).astype(np.float32))
+    return np.asarray(
+        cv2.warpPerspective(scaled, matrix, (int(across), int(down)), flags=cv2.INTER_LINEAR),
+        np.float32,
+    )
+
+
+def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
+    values = rgba.astype(np.float32) * np.float32(1 / 255)
+    values[..., :3] *= values[..., 3:]
+    if size != (rgba.shape[1], rgba.shape[0]):
+        values = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+    return values
+
+
+def _worn(
+    patch: NDArray[np.float32],
+    side: int,
+    light: float,
+    rgb: NDArray[np.uint8],
+    box: tuple[float, float, float, float],
+    noise: NDArray[np.float32],
+    rng: np.random.Generator,
+) -> None:
+    """Fade, dirt, shade and the brightness of the surroundings, in place."""
+    alpha = patch[..., 3:]
+    x0, y0 = max(0, int(box[0]) - 10), max(0, int(box[1]) - 10)
+    around = rgb[y0 : int(box[3]) + 10 : 3, x0 : int(box[2]) + 10 : 3]
+    mean = float(around.mean()) / 255 if around.size else 0.4
+    level = np.clip((0.35 * mean + 0.45) * light, 0.1, 1.0)
+    black = level * rng.uniform(0.02, 0.2)
+    fade = rng.uniform(0, 0.35) if side == FRONT else 0.0
+    colors = patch[..., :3]
+    grey = colors.mean(axis=2, keepdims=True)
+    colors += fade * (grey - colors)
+    gains = np.exp(rng.normal(0, 0.06, 3)) * (level / 0.85)
+    colors *= gains.astype(np.float32)
+    colors += np.float32(black) * alpha
+    high, wide = patch.shape[:2]
+    if rng.random() < 0.6:
+        colors *= np.exp(_piece(noise, high, wide, rng) * rng.uniform(0.02, 0.25))[..., None]
+    if rng.random() < 0.25:  # the edge of a shadow
+        across, down = np.meshgrid(np.linspace(-1, 1, wide), np.linspace(-1, 1, high))
+        angle = rng.uniform(0, 2 * np.pi)
+        inside = np.cos(angle) * across + np.sin(angle) * down > rng.normal(0, 0.4)
+        colors *= np.where(inside, rng.uniform(0.3, 0.8), 1.0).astype(np.float32)[..., None]
+
+
+def _piece(
+    noise: NDArray[np.float32], high: int, wide: int, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    y = int(rng.integers(max(1, noise.shape[0] - high)))
+    x = int(rng.integers(max(1, noise.shape[1] - wide)))
+    piece = noise[y : y + high, x : x + wide]
+    if piece.shape != (high, wide):
+        piece = np.asarray(cv2.resize(piece, (wide, high)), np.float32)
+    return piece
+
+
+def _blend(
+    rgb: NDArray[np.uint8], patch: NDArray[np.float32], x: int, y: int
+) -> tuple[float, float, float, float] | None:
+    """Put a patch at (x, y), in place; the box of what is opaque, None where less than half of it is in the image."""
+    height, width = rgb.shape[:2]
+    solid = patch[..., 3] > 0.5
+    columns, rows = np.flatnonzero(solid.any(axis=0)), np.flatnonzero(solid.any(axis=1))
+    x0, y0 = max(x, 0), max(y, 0)
+    x1, y1 = min(x + patch.shape[1], width), min(y + patch.shape[0], height)
+    if x0 >= x1 or y0 >= y1 or not len(columns):
+        return None
+    part = patch[y0 - y : y1 - y, x0 - x : x1 - x]
+    below = rgb[y0:y1, x0:x1]
+    below[:] = np.clip(below * (1 - part[..., 3:]) + 255 * part[..., :3], 0, 255)
+    full = np.array([columns[0] + x, rows[0] + y, columns[-1] + 1 + x, rows[-1] + 1 + y], float)
+    clipped = np.clip(full, 0, [width, height, width, height])
+    area = np.prod(clipped[2:] - clipped[:2]) / np.prod(full[2:] - full[:2])
+    return None if area < 0.5 else (clipped[0], clipped[1], clipped[2], clipped[3])
+
+
+def _post(
+    rgb: NDArray[np.uint8],
+    box: tuple[float, float, float, float],
+    top: float,
+    light: float,
+    rng: np.random.Generator,
+) -> None:
+    """A post below a face, in place."""
+    wide, high = box[2] - box[0], box[3] - box[1]
+    half = max(0.5, min(wide, high) * rng.uniform(0.02, 0.06))
+    grey = float(np.clip(rng.uniform(60, 160) * light, 20, 230))
+    for middle in [0.5] if wide < 2 * high else [0.2, 0.8]:
+        x = box[0] + wide * middle
+        bottom = top + high * rng.uniform(0.5, 6)
+        cv2.rectangle(
+            rgb,
+            (round(x - half), round(top - 1)),
+            (round(x + half) - (half < 1), round(bottom)),
+            (grey, grey * 0.99, grey * 0.97),
+            -1,
+        )

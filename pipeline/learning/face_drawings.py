@@ -1,0 +1,227 @@
+"""Faces that can be drawn into images: vector faces of many countries, cut-out real ones, invented boards, backs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.detector_images import BACK, FRONT
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+
+SHEETING = {
+    "white": (235, 235, 232),
+    "yellow": (250, 190, 10),
+    "green": (10, 110, 70),
+    "red": (190, 25, 40),
+    "orange": (245, 120, 10),
+    "blue": (15, 75, 165),
+    "brown": (95, 55, 35),
+    "fluorescent_yellow_green": (190, 235, 30),
+    "black": (25, 25, 27),
+}
+"""Colours of invented boards, RGB."""
+
+BOARD_WEIGHTS = (0.17, 0.08, 0.25, 0.02, 0.08, 0.18, 0.15, 0.04, 0.03)
+"""How often an invented board has each of these colours."""
+
+WORDS = (
+    "EXIT",
+    "NORTH",
+    "Madrid",
+    "A 96",
+    "City",
+    "Main St",
+    "Park",
+    "1/2 MILE",
+    "ONE WAY",
+    "Ausfahrt",
+    "LANE",
+    "ONLY",
+    "Hospital",
+    "Centre",
+    "280",
+    "BUS",
+    "P",
+    "12 km",
+    "Lake",
+    "ROAD WORK",
+)
+
+KINDS = (("vector", 0.60), ("cut", 0.17), ("board", 0.12), ("back", 0.11))
+"""What is drawn, and how often."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceDrawing:
+    """A face as pixels (h, w, 4) uint8 RGBA with its classes, `NONE` where they are none of ours."""
+
+    rgba: NDArray[np.uint8]
+    color: int
+    shape: int
+
+
+@dataclass(frozen=True, slots=True)
+class FaceLibrary:
+    """All faces that can be drawn: vector faces and cut-out real ones."""
+
+    vector: tuple[FaceDrawing, ...]
+    cut: tuple[FaceDrawing, ...]
+
+
+def read_face_library(real: Path) -> FaceLibrary:
+    """The vector faces and the cut-out real ones of a folder of real data."""
+    index = json.loads((real / "faces" / "index.json").read_text(encoding="utf-8"))
+    vector = []
+    for entry in index:
+        rgba = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
+        if rgba is None or rgba.ndim != 3 or rgba.shape[2] != 4:
+            continue
+        pixels = np.asarray(cv2.cvtColor(rgba, cv2.COLOR_BGRA2RGBA), np.uint8)
+        vector.append(FaceDrawing(pixels, _code(COLORS, entry["color"]), _shape_of(entry["shape"])))
+    cut = []
+    for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
+        rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
+        if rgb is not None:
+            cut.append(_cut_out(np.asarray(rgb, np.uint8), entry))
+    return FaceLibrary(tuple(vector), tuple(cut))
+
+
+def _code(names: tuple[str, ...], name: str | None) -> int:
+    return names.index(name) if name in names else NONE
+
+
+def _shape_of(name: str | None) -> int:
+    return _code(SHAPES, name)
+
+
+def _cut_out(rgb: NDArray[np.uint8], entry: dict[str, object]) -> FaceDrawing:
+    """A crop of GTSRB without its margin (a tenth of the sign, at least 5 px), masked by its outline."""
+    height, width = rgb.shape[:2]
+    margins = [max(5.0, side / 12) for side in (width, height)]
+    box = np.array([margins[0], margins[1], width - margins[0], height - margins[1]])
+    down = entry["class"] == 13
+    outline = _outline(str(entry["shape"]), down=down)
+    points = box[:2] + (outline + 1) / 2 * (box[2:] - box[:2])
+    mask = np.zeros((height, width), np.uint8)
+    cv2.fillPoly(mask, [np.round(points * 8).astype(np.int32)], 255, cv2.LINE_AA, 3)
+    x0, y0, x1, y1 = np.round(box + np.array([-1, -1, 1, 1])).astype(int)
+    rgba = np.dstack([rgb, mask])[max(y0, 0) : y1, max(x0, 0) : x1]
+    return FaceDrawing(
+        np.ascontiguousarray(rgba),
+        _code(COLORS, str(entry["color"])),
+        _shape_of(str(entry["shape"])),
+    )
+
+
+def _outline(shape: str, *, down: bool = False) -> NDArray[np.float64]:
+    """Corners (n, 2) of a shape in -1 to 1."""
+    if shape == "triangle":
+        corners = np.array([[-0.93, 1], [-1, 0.88], [-0.07, -1], [0.07, -1], [1, 0.88], [0.93, 1]])
+        return corners * [1, -1] if down else corners
+    if shape == "diamond":
+        return np.array([[0, -1.0], [1, 0], [0, 1], [-1, 0]])
+    if shape == "octagon":
+        t = np.tan(np.pi / 8)
+        half = np.array([[-t, -1], [t, -1], [1, -t], [1, t]])
+        return np.concatenate([half, -half])
+    if shape == "circle":
+        angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+        return np.stack([np.cos(angle), np.sin(angle)], 1)
+    return np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+
+
+def chosen_face(
+    kind: str, library: FaceLibrary, rng: np.random.Generator
+) -> tuple[FaceDrawing, int]:
+    """A face of a kind and the side of it that is seen."""
+    if kind == "vector" and library.vector:
+        face = library.vector[rng.integers(len(library.vector))]
+        return _recolored(face, rng), FRONT
+    if kind == "cut" and library.cut:
+        face = library.cut[rng.integers(len(library.cut))]
+        return (
+            FaceDrawing(_relit(face.rgba, rng), face.color, face.shape),
+            FRONT,
+        )
+    if kind == "back" and library.vector:
+        face = library.vector[rng.integers(len(library.vector))]
+        rgba = face.rgba.copy()
+        grey = rng.uniform(70, 190)
+        rgba[..., :3] = np.clip(grey + rng.normal(0, 6, 3), 0, 255).astype(np.uint8)
+        if rng.random() < 0.7:  # the post stands in front of the back
+            middle, half = rgba.shape[1] // 2, max(2, int(rgba.shape[1] * rng.uniform(0.02, 0.06)))
+            rgba[:, middle - half : middle + half, :3] = int(grey * rng.uniform(0.5, 0.9))
+        return FaceDrawing(rgba, face.color, face.shape), BACK
+    return _board(rng), FRONT
+
+
+def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
+    """Now and then a yellow face as an orange or a fluorescent one."""
+    if face.color != COLORS.index("yellow") or rng.random() > 0.3:
+        return face
+    name = str(rng.choice(["orange", "fluorescent_yellow_green"]))
+    rgb = face.rgba[..., :3].astype(np.int16)
+    is_yellow = (rgb[..., 0] > 150) & (rgb[..., 1] > 110) & (rgb[..., 2] < 120)
+    rgba = face.rgba.copy()
+    rgba[is_yellow, :3] = SHEETING[name]
+    return FaceDrawing(rgba, COLORS.index(name), face.shape)
+
+
+def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """A cut-out face brought to a brightness in the middle: many are dark."""
+    bright = float(np.percentile(rgba[..., :3].max(axis=2), 90))
+    gain = np.clip(200 / max(bright, 20), 0.8, 4) * rng.uniform(0.7, 1.1)
+    lit = rgba.copy()
+    lit[..., :3] = np.clip(rgba[..., :3] * gain, 0, 255).astype(np.uint8)
+    return lit
+
+
+def _board(rng: np.random.Generator) -> FaceDrawing:
+    """An invented board of a few words, numbers and arrows."""
+    color = str(rng.choice(list(SHEETING), p=BOARD_WEIGHTS))
+    aspect = float(np.exp(rng.uniform(np.log(0.5), np.log(4.5))))
+    width = 256 if aspect >= 1 else max(80, round(256 * aspect))
+    height = max(48, round(width / aspect))
+    ground = np.array(SHEETING[color], np.float64) + rng.normal(0, 12, 3)
+    is_light = color in ("white", "yellow", "orange", "fluorescent_yellow_green")
+    ink = (20, 20, 22) if is_light else (238, 238, 235)
+    if color == "white" and rng.random() < 0.35:
+        name = str(rng.choice(["red", "blue", "green"]))
+        ink = SHEETING[name]
+    pixels = np.empty((height, width, 3), np.uint8)
+    pixels[:] = np.clip(ground, 0, 255)
+    edge = int(rng.integers(0, 3) * max(1, height // 48))
+    if edge:
+        inset = int(rng.integers(0, 2)) * edge
+        cv2.rectangle(pixels, (inset, inset), (width - 1 - inset, height - 1 - inset), ink, edge)
+    rows = int(rng.integers(1, 4))
+    for row in range(rows):
+        text = str(rng.choice(WORDS)) if rng.random() < 0.85 else str(rng.integers(1, 999))
+        scale = height / rows / 45 * rng.uniform(0.7, 1.2)
+        weight = max(1, round(scale * 2 * rng.uniform(0.7, 1.8)))
+        (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, weight)
+        scale *= min(1.0, 0.85 * width / max(wide, 1))
+        high = round(high * min(1.0, 0.85 * width / max(wide, 1)))
+        y = round(height * (row + 0.5) / rows + high / 2)
+        x = round(width * rng.uniform(0.06, 0.15))
+        font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX]))
+        cv2.putText(pixels, text, (x, y), font, scale, ink, weight, cv2.LINE_AA)
+    if rng.random() < 0.4:
+        x, tip = round(width * rng.uniform(0.6, 0.9)), height * rng.uniform(0.1, 0.3)
+        tail = (x + round(rng.normal(0, width * 0.1)), round(height * 0.85))
+        cv2.arrowedLine(
+            pixels, tail, (x, round(tip)), ink, max(2, height // 16), cv2.LINE_AA, tipLength=0.35
+        )
+    alpha = np.zeros((height, width), np.uint8)
+    radius = int(min(width, height) * rng.choice([0.0, 0.06, 0.14]))
+    cv2.rectangle(alpha, (radius, 0), (width - 1 - radius, height - 1), 255, -1)
+    cv2.rectangle(alpha, (0, radius), (width - 1, height - 1 - radius), 255, -1)
+    for x in (radius, width - 1 - radius):
+        for y in (radius, height - 1 - radius):
+            cv2.circle(alpha, (x, y), radius, 255, -1)
+    return FaceDrawing(np.dstack([pixels, alpha]), _code(COLORS, color), SHAPES.index("rectangle"))

@@ -1,0 +1,145 @@
+"""Crops and targets of the detection network: where faces are, what is known of the rest."""
+
+import numpy as np
+import pytest
+
+from wayside.pipeline.learning.detector_crops import (
+    CROP_PX,
+    KNOWN,
+    STRIDE,
+    UNKNOWN,
+    UNSURE,
+    Labels,
+    make_crop,
+    make_noise,
+    targets,
+    through_a_camera,
+)
+from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
+from wayside.pipeline.learning.face_compositing import draw_faces
+from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+
+CELLS = CROP_PX // STRIDE
+NOISE = make_noise(np.random.default_rng(0))
+
+
+def image(faces=(), ignored=(), complete=True, size=(400, 500)):
+    rgb = np.full((*size, 3), 90, np.uint8)
+    for box, *_ in faces:
+        x0, y0, x1, y1 = (round(v) for v in box)
+        rgb[y0:y1, x0:x1] = (250, 200, 20)
+    return labelled_image(
+        "set", "one", rgb, faces, ignored, fronts_complete=complete, backs_complete=False
+    )
+
+
+def crop_of(faces=(), ignored=(), complete=True):
+    labelled = image(faces, ignored, complete, (CROP_PX, CROP_PX))
+    labels = Labels(labelled.box, labelled.side, labelled.color, labelled.shape, labelled.ignored)
+    return targets(labelled.rgb, labels, labelled)
+
+
+def library():
+    rgba = np.zeros((64, 64, 4), np.uint8)
+    rgba[4:60, 4:60] = (20, 80, 200, 255)
+    face = FaceDrawing(rgba, COLORS.index("blue"), SHAPES.index("rectangle"))
+    return FaceLibrary((face,), (face,))
+
+
+def test_the_heat_peaks_at_the_cell_of_the_middle_and_its_cells_hold_the_box():
+    crop = crop_of([((100, 60, 140, 80), FRONT, "yellow", "diamond")])
+    row, column = np.unravel_index(crop.heat[FRONT].argmax(), (CELLS, CELLS))
+    assert (row, column) == (17, 30)
+    assert crop.heat[FRONT].max() == 1
+    assert crop.heat[BACK].max() == 0
+    used = crop.weight > 0
+    assert used.any()
+    assert crop.weight.sum() == pytest.approx(1)
+    np.testing.assert_allclose(crop.box[used], [[100, 60, 140, 80]] * used.sum())
+    assert set(crop.color[used]) == {COLORS.index("yellow")}
+    assert (crop.color[~used] == NONE).all()
+
+
+def test_a_back_has_its_own_heat_map():
+    crop = crop_of([((100, 60, 140, 100), BACK, None, None)])
+    assert crop.heat[BACK].max() == 1
+    assert crop.heat[FRONT].max() == 0
+    assert (crop.cell[crop.weight > 0] >= CELLS * CELLS).all()
+    assert (crop.color == NONE).all()
+
+
+def test_two_faces_weigh_the_same_however_many_cells_they_have():
+    crop = crop_of(
+        [
+            ((10, 10, 190, 190), FRONT, "white", "circle"),
+            ((200, 200, 210, 210), FRONT, "red", "octagon"),
+        ]
+    )
+    large = crop.box[:, 2] == 190
+    assert crop.weight[large].sum() == pytest.approx(1)
+    assert crop.weight[~large].sum() == pytest.approx(1)
+
+
+def test_what_is_off_the_boxes_is_known_only_where_the_labels_are_complete():
+    face = [((100, 100, 140, 140), FRONT, "white", "circle")]
+    assert (crop_of(face).doubt[FRONT] == KNOWN).all()
+    incomplete = crop_of(face, [(40, 40, 80, 80)], complete=False)
+    assert incomplete.doubt[FRONT, 0, 0] == UNSURE
+    assert incomplete.doubt[FRONT, 15, 15] == UNKNOWN
+    assert (incomplete.doubt[:, 25:35, 25:35] == KNOWN).all()
+
+
+@pytest.mark.parametrize("box", [(100, 100, 104, 104), (-60, 100, 20, 180)])
+def test_faces_that_are_too_small_or_hardly_in_the_crop_are_neither(box):
+    crop = crop_of([(box, FRONT, "white", "circle")])
+    assert crop.weight.sum() == 0
+    x, y = max(box[0], 1) // STRIDE, (box[1] + box[3]) // 2 // STRIDE
+    assert crop.doubt[FRONT, y, x] == UNKNOWN
+
+
+def test_the_same_seed_gives_the_same_crop_and_another_one_another():
+    images = [image([((200, 150, 260, 210), FRONT, "yellow", "diamond")]), image()]
+    one, same, other = (
+        make_crop(images, np.array([0.5, 0.5]), library(), NOISE, np.random.default_rng(seed))
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(one.rgb, same.rgb)
+    np.testing.assert_array_equal(one.box, same.box)
+    assert (one.rgb != other.rgb).any()
+
+
+def test_boxes_follow_their_faces_through_scale_and_mirror():
+    images = [image([((200, 150, 260, 210), FRONT, "yellow", "diamond")])]
+    empty = FaceLibrary((), ())
+    seen = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        crop = make_crop(images, np.array([1.0]), empty, NOISE, rng)
+        for box in crop.box[crop.weight > 0]:
+            if box[3] - box[1] > 20 and crop.rgb.std() > 5:
+                x0, y0, x1, y1 = box.astype(int)
+                inside = crop.rgb[y0 + 4 : y1 - 4, x0 + 4 : x1 - 4].astype(float).mean(axis=(0, 1))
+                assert inside.max() - inside.min() > 0
+                seen += 1
+    assert seen > 10
+
+
+def test_drawn_faces_change_the_image_inside_their_boxes_and_spare_what_is_taken():
+    taken = np.array([[0, 0, 256, 120]], np.float32)
+    for seed in range(20):
+        rgb = np.full((256, 256, 3), 90, np.uint8)
+        drawn = draw_faces(rgb, taken, library(), NOISE.smooth, np.random.default_rng(seed), 3)
+        assert (rgb[:118] == 90).all()
+        for face in drawn:
+            x0, y0, x1, y1 = (int(v) for v in face.box)
+            assert (rgb[y0:y1, x0:x1] != 90).any()
+            assert 0 <= x0 < x1 <= 256
+
+
+def test_a_camera_changes_the_pixels_but_not_their_number():
+    rgb = np.random.default_rng(1).integers(0, 256, (CROP_PX, CROP_PX, 3)).astype(np.uint8)
+    seen = through_a_camera(rgb, NOISE, np.random.default_rng(2))
+    assert seen.shape == rgb.shape
+    assert seen.dtype == np.uint8
+    assert (seen != rgb).any()

@@ -1,0 +1,97 @@
+"""What an image of the detection network's learning says of its faces, and of what is not known of it."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.pipeline.learning.detector_images import (
+    BACK,
+    FRONT,
+    rendered_images,
+    scene_set_images,
+)
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.errors import InputError
+
+DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+
+
+def write_set(folder, *scenes):
+    folder.mkdir()
+    for scene in scenes:
+        cv2.imwrite(str(folder / scene["file"]), np.full((60, 80, 3), 128, np.uint8))
+    (folder / "scenes.json").write_text(json.dumps(scenes))
+    return folder
+
+
+def scene(file, *, complete=True, **rest):
+    sign = {"box": [30, 20, 40, 30], "color": "white", "shape": "circle"}
+    return {"file": file, "signs": [sign], "complete": complete} | rest
+
+
+def test_boxes_of_single_images_bear_their_classes(tmp_path):
+    other = {"box": [1, 2, 9, 9], "color": "black", "shape": "rectangle"}
+    folder = write_set(tmp_path / "set", scene("mi_1.png"), scene("mi_2.png", signs=[other]))
+    first, second = scene_set_images(folder, ("mi_",))
+    np.testing.assert_array_equal(first.box, [[30, 20, 40, 30]])
+    assert first.side.tolist() == [FRONT]
+    assert first.color.tolist() == [COLORS.index("white")]
+    assert first.shape.tolist() == [SHAPES.index("circle")]
+    assert second.color.tolist() == [NONE]
+    assert first.source == "set/mi"
+    assert first.fronts_complete
+    assert not first.backs_complete
+
+
+def test_around_the_boxes_of_incomplete_images_nothing_is_known(tmp_path):
+    folder = write_set(tmp_path / "set", scene("mi_1.png"), scene("mi_2.png", complete=False))
+    complete, incomplete = scene_set_images(folder)
+    assert len(complete.ignored) == 0
+    ((x0, y0, x1, y1),) = incomplete.ignored
+    assert x0 < 30
+    assert y0 < 0
+    assert x1 > 40
+    assert y1 > 60
+
+
+def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):
+    things = [{"box": [0, 0, 5, 9], "kind": "traffic light"}, {"box": [50, 0, 60, 9], "kind": "x"}]
+    (image,) = scene_set_images(
+        write_set(tmp_path / "set", scene("ro_200.png", distractors=things))
+    )
+    np.testing.assert_array_equal(image.ignored, [[50, 0, 60, 9]])
+
+
+def test_pictures_of_doubtful_origin_and_of_other_sources_are_left_out(tmp_path):
+    names = ("ro_156.png", "ro_157.png", "mb_001.png")
+    folder = write_set(tmp_path / "set", *(scene(name) for name in names))
+    assert [image.name for image in scene_set_images(folder, ("ro_",))] == ["ro_157.png"]
+
+
+def test_a_missing_picture_is_an_error_that_names_it(tmp_path):
+    folder = write_set(tmp_path / "set", scene("mi_1.png"))
+    (folder / "mi_1.png").unlink()
+    with pytest.raises(InputError, match=r"mi_1\.png"):
+        list(scene_set_images(folder))
+
+
+def test_boxes_of_a_rendered_drive_lie_on_the_same_pixels_in_the_band_and_in_the_whole_image():
+    band = list(rendered_images(DEMO, 8))
+    whole = list(rendered_images(DEMO, 8, band=False))
+    assert len(band) == len(whole) == 3
+    assert sum(len(image.box) for image in band) > 10
+    for part, full in zip(band, whole, strict=True):
+        assert full.camera is not None
+        assert part.camera is None
+        assert part.rgb.shape[0] < full.rgb.shape[0]
+        np.testing.assert_array_equal(part.side, full.side)
+        assert set(part.side.tolist()) <= {FRONT, BACK}
+        for one, other in zip(part.box, full.box, strict=True):
+            x0, y0, x1, y1 = np.round(one).astype(int)
+            shift = round(float(other[1] - one[1]))
+            if y0 >= 0 and y1 <= part.rgb.shape[0] and x0 >= 0:
+                same = full.rgb[y0 + shift : y1 + shift, x0:x1]
+                np.testing.assert_array_equal(part.rgb[y0:y1, x0:x1], same)

@@ -1,0 +1,128 @@
+"""The network of `red_cells.onnx` calls a red cell of 4 x 4 pixels a yellow octagon of 16 px, a blue one a back."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wayside.schemas.detections import (
+    COLORS,
+    SHAPES,
+    SOURCES,
+    Regions,
+    Segmentation,
+)
+from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
+from wayside.schemas.models import OnnxFile
+from wayside.schemas.settings import CandidateSettings
+from wayside.stages.detection import propose
+from wayside.stages.detection.detector import as_learned
+from wayside.stages.detection.network_proposals import (
+    CENTRE_PX,
+    MAPS,
+    SIDE_PX,
+    DetectionNetwork,
+    boxes_of_maps,
+)
+
+ONNX = str(Path(__file__).parent / "red_cells.onnx")
+RED, BLUE = (255, 0, 0), (0, 0, 255)
+
+
+def cells(height, width, **marked):
+    rgb = np.zeros((height, width, 3), np.uint8)
+    for color, (row, column) in marked.items():
+        rgb[4 * row : 4 * row + 4, 4 * column : 4 * column + 4] = RED if color == "red" else BLUE
+    return rgb
+
+
+def test_a_face_is_found_where_it_is_with_its_side_colour_and_shape():
+    found = DetectionNetwork(ONNX).boxes(cells(64, 96, red=(5, 7), blue=(12, 3)), 0.0, 10, 0.5)
+    expected = [[30 - 8, 22 - 8, 30 + 8, 22 + 8], [14 - 8, 50 - 8, 14 + 8, 50 + 8]]
+    rows = np.argsort(found.is_back)
+    np.testing.assert_allclose(found.box[rows], expected, atol=1e-3)
+    assert found.is_back[rows].tolist() == [False, True]
+    assert {COLORS[k] for k in found.color.argmax(axis=1)} == {"yellow"}
+    assert {SHAPES[k] for k in found.shape.argmax(axis=1)} == {"octagon"}
+    np.testing.assert_allclose(np.exp(found.color).sum(axis=1), 1, atol=1e-5)
+
+
+def test_images_that_are_no_multiple_of_the_stride_are_padded_not_scaled():
+    network = DetectionNetwork(ONNX)
+    for size in ((64, 96), (61, 90), (50, 70)):
+        found = network.boxes(cells(*size, red=(5, 7)), 0.0, 10, 0.5)
+        np.testing.assert_allclose(found.box, [[22, 14, 38, 30]], atol=1e-3)
+
+
+def test_a_box_lies_inside_the_image():
+    found = DetectionNetwork(ONNX).boxes(cells(64, 64, red=(0, 0)), 0.0, 10, 0.5)
+    np.testing.assert_allclose(found.box, [[0, 0, 10, 10]], atol=1e-3)
+
+
+def maps_with(*faces):
+    """Maps of 16 x 16 cells with (row, column, score, box values)."""
+    maps = np.zeros((MAPS, 16, 16), np.float32)
+    maps[:2] = -9
+    for row, column, score, values in faces:
+        maps[0, row, column] = score
+        maps[2:6, row, column] = values
+    return maps
+
+
+def test_the_middle_and_the_sides_of_a_box_are_read_from_its_cell():
+    maps = maps_with((4, 6, 2.0, (0.5, -0.25, np.log(2), np.log(0.5))))
+    found = boxes_of_maps(maps, (64, 64), 0.0, 10, 0.5)
+    middle = np.array([26 + 0.5 * CENTRE_PX, 18 - 0.25 * CENTRE_PX])
+    half = np.array([SIDE_PX, SIDE_PX / 4])
+    np.testing.assert_allclose(found.box, [[*(middle - half), *(middle + half)]], rtol=1e-5)
+
+
+def test_of_boxes_on_one_face_the_best_stays_and_the_best_are_first():
+    same = (0, 0, 0, 0)
+    one = (4, 4, 1.0, same), (4, 5, 3.0, same), (12, 12, 2.0, same)
+    found = boxes_of_maps(maps_with(*one), (64, 64), 0.0, 10, 0.5)
+    assert found.score.tolist() == [3.0, 2.0]
+    assert len(boxes_of_maps(maps_with(*one), (64, 64), 0.0, 1, 0.5).score) == 1
+    assert len(boxes_of_maps(maps_with(*one), (64, 64), 4.0, 9, 0.5).score) == 0
+
+
+@pytest.mark.parametrize(("status", "camera"), [(USED, True), (USED, False), (THINNED, True)])
+def test_boxes_of_the_network_join_the_regions_of_the_band(status, camera):
+    sees = Camera(640, 480, 700.0, 700.0, 319.5, 239.5) if camera else None
+    rgb = cells(480, 640, red=(50, 80))
+    used = status == USED
+    image = Image(
+        Frame(0, 0, None, status, "jpeg", b"", sees),
+        rgb if used else None,
+        rgb[..., 0] if used else None,
+    )
+    item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 480))
+    settings = CandidateSettings()
+    (without,) = propose(iter([item]), settings=settings)
+    (found,) = propose(iter([item]), settings=settings, network=OnnxFile(ONNX, ""))
+    added = found.regions.select(found.regions.source == SOURCES.index("network"))
+    if not (used and camera):
+        assert found.regions is item.regions
+        return
+    assert len(found.regions) == len(without.regions) + 1
+    # the band begins at a row that is no multiple of 4: the red cell lies in two cells of the maps
+    assert np.abs(added.box - [[314, 194, 330, 210]]).max() <= 3
+    np.testing.assert_allclose(added.area_px, [0.83 * 256], atol=40)  # of an octagon
+
+
+def test_an_image_whose_band_lies_outside_has_no_boxes_of_the_network():
+    camera = Camera(64, 64, 700.0, 700.0, 31.5, 2000.0)
+    image = Image(Frame(0, 0, None, USED, "jpeg", b"", camera), cells(64, 64, red=(5, 5)), None)
+    item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 64))
+    (found,) = propose(iter([item]), settings=CandidateSettings(), network=OnnxFile(ONNX, ""))
+    assert len(found.regions) == 0
+
+
+def test_the_classifiers_are_shown_boxes_of_the_network_as_stable_regions():
+    level, stack, network = (SOURCES.index(name) for name in ("level", "stack", "network"))
+    one = np.zeros((3, 4), np.float32)
+    regions = Regions(
+        one, np.zeros(3, np.int32), one[:, :3], np.array([stack, network, level], np.uint8)
+    )
+    assert as_learned(regions).source.tolist() == [stack, level, level]
+    assert as_learned(regions).source.dtype == np.uint8
