@@ -15,18 +15,12 @@ import cv2
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
-<<<<<<< HEAD
     EvidenceModel,
-=======
->>>>>>> 354c6e0f3babd3be70058f0f428658fdb65c3066
     GaussianModel,
     LinearModel,
     Model,
     NetworkModel,
-<<<<<<< HEAD
-=======
     OnnxFile,
->>>>>>> 354c6e0f3babd3be70058f0f428658fdb65c3066
     TreeModel,
 )
 from wayside.schemas.settings import Settings

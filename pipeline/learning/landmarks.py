@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.learning.cross_validation import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
@@ -24,7 +25,7 @@ from wayside.stages.panel import PanelMethod
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a landmark is that face; overlap with one
-above which it is no example."""
+above which it may be a part of it."""
 NEAREST = 3
 FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
@@ -33,7 +34,7 @@ EVIDENCE = (
     ("score_best", "appearance", -4.0, 6.0, FOR),
     ("score_mean", "appearance", -4.0, 6.0, FOR),
     ("log_views", "views", 0.0, 2.5, FOR),
-    ("missed", "views", 0.0, 6.0, AGAINST),
+    ("missed", "views", 0.0, 1.0, AGAINST),
     ("log_width", "size", -2.0, -0.7, FOR),
     ("log_width", "size", 0.0, 2.0, AGAINST),
     ("log_height", "size", -2.0, -0.7, FOR),
@@ -43,13 +44,13 @@ EVIDENCE = (
     ("residual_px", "rigidity", 0.0, 4.0, AGAINST),
     ("size_scatter", "rigidity", 0.0, 0.4, AGAINST),
     ("depth_sigma", "rigidity", 0.0, 0.3, AGAINST),
-    ("registered", "registration", 0.0, 5.0, FOR),
+    ("agreement", "registration", 0.0, 20.0, FOR),
 )
 """Feature, term, the bounds within which it counts, and the direction in which it may count: what is known from the
 nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
-FALSE_ALARM = 0.1
+FALSE_ALARM = 0.03
 """Share of the landmarks that are no signs to be reported as signs, on drives held out in turn."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
@@ -104,7 +105,7 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     names: list[str] = []
     backs: list[bool] = []
     for drive in drives:
-        known = panels_by_frame(drive.truth)
+        known = KnownPanels.of(drive.truth)
         settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
         front, back = (
             SideClassifiers(
@@ -217,34 +218,57 @@ def _calibration(
     return float(slope), -float(slope * np.quantile(held_out[~sign], 1 - FALSE_ALARM))
 
 
-Panel = tuple[int, bool, tuple[float, float, float, float]]
-"""Sign, whether it is seen from behind, box."""
+@dataclass(frozen=True, slots=True)
+class KnownPanels:
+    """Panels of a drive with truth: boxes by frame, and where each stands from the camera of a frame.
+
+    boxes: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel; centres:
+    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame.
+    """
+
+    boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]]
+    centres: dict[int, Values]
+    poses: dict[int, tuple[Values, Values]]
+
+    @classmethod
+    def of(cls, truth: dict[str, Any]) -> KnownPanels:
+        """From the content of a `truth.json`."""
+        boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]] = {}
+        for sign in truth["signs"]:
+            for view in sign["frames"]:
+                back = view["side"] == "back"
+                if back or sign["faces_travel"]:
+                    entry = (sign["id"], back, tuple(view["box"]))
+                    boxes.setdefault(view["frame"], []).append(entry)
+        centres = {sign["id"]: np.array(sign["centre"], np.float64) for sign in truth["signs"]}
+        poses = {frame["index"]: camera_pose(frame) for frame in truth["frames"]}
+        return cls(boxes, centres, poses)
+
+    def stands_at(self, landmark: Landmark, sign: int) -> bool:
+        """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them."""
+        rotation, origin = self.poses[landmark.best_frame]
+        actual = (self.centres[sign] - origin) @ rotation
+        return bool(np.isfinite(match_distance(landmark.position - actual, actual)))
 
 
-def panels_by_frame(truth: dict[str, Any]) -> dict[int, list[Panel]]:
-    """True boxes of each frame; fronts as far as they face the travel."""
-    known: dict[int, list[Panel]] = {}
-    for sign in truth["signs"]:
-        for view in sign["frames"]:
-            back = view["side"] == "back"
-            if back or sign["faces_travel"]:
-                known.setdefault(view["frame"], []).append((sign["id"], back, tuple(view["box"])))
-    return known
+def label_of(landmark: Landmark, known: KnownPanels) -> int:
+    """`SIGN` where the nearest views lie on one true panel, seen from its side, and it was measured there.
 
-
-def label_of(place: Landmark, known: dict[int, list[Panel]]) -> int:
-    """Whether the nearest views of a landmark lie on one true panel, seen from its side, on none, or in between."""
-    near = sorted(place.views, key=lambda view: -view.frame)[:NEAREST]
+    Without the boxes it is `NEITHER`: perhaps a part of that panel. All else is `NOTHING`: half a face at a wrong
+    depth, or rays that met by chance, are no signs either.
+    """
+    near = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
     overlaps: dict[int, list[float]] = {}
     for view in near:
-        for sign, back, box in known.get(view.frame, ()):
-            if back == place.back:
+        for sign, back, box in known.boxes.get(view.frame, ()):
+            if back == landmark.back:
                 overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
                 overlaps.setdefault(sign, []).append(float(overlap))
-    if any(_on_face(own, near) for own in overlaps.values()):
+    touched = [sign for sign, own in overlaps.items() if max(own) > NEAR_FACE]
+    there = [sign for sign in touched if known.stands_at(landmark, sign)]
+    if any(_on_face(overlaps[sign], near) for sign in there):
         return SIGN
-    between = any(max(own) > NEAR_FACE for own in overlaps.values())
-    return NEITHER if between else NOTHING
+    return NEITHER if there else NOTHING
 
 
 def _on_face(overlaps: Sequence[float], near: Sequence[Observation]) -> bool:

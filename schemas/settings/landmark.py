@@ -130,36 +130,6 @@ class VerdictSettings:
     same_cover: float = setting(
         0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
-    fewest_boxes: int = setting(
-        3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
-    )
-    sufficient_boxes: int = setting(
-        5, "boxes", "that need no two images in register", origin=SET, expert=True
-    )
-    certain_log_odds: float = setting(
-        4.0,
-        "log odds",
-        "from which three boxes need no two images in register",
-        origin="fifty to one: a branch or the edge may make each image different",
-        expert=True,
-    )
-    sure_log_odds: float = setting(
-        2.2,
-        "log odds",
-        "from which two images in register are enough",
-        origin="nine to one",
-        expert=True,
-    )
-    register_px: float = setting(
-        1.5, "px", "largest residual of three images in register", origin=SET, expert=True
-    )
-    register_pair_px: float = setting(
-        0.5,
-        "px",
-        "largest residual of only two",
-        origin="two rays nearly always meet: 19 of 20 standing panels are below",
-        expert=True,
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from wayside.schemas.models import EvidenceModel, GaussianModel
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import LandmarkFit
+from wayside.stages.mapping.panel import Panel
 from wayside.stages.mapping.window import WindowFrame
 
 FEATURES = (
@@ -30,13 +31,15 @@ FEATURES = (
     "residual_px",
     "size_scatter",
     "depth_sigma",
-    "registered",
+    "agreement",
 )
-"""Names in the order of the values. score_best: mean of the three highest scores of its views; missed: frames that
-should show it and have no candidate there; elongation: absolute logarithm of the aspect ratio; place_sigmas:
-Mahalanobis distance from the nearest class of locations; size_scatter, depth_sigma: relative; registered: images in
-register."""
+"""Names in the order of the values. score_best: mean of the three highest scores of its views; missed: share of the frames
+that should show it in which it has no candidate; elongation: absolute logarithm of the aspect ratio; place_sigmas:
+Mahalanobis distance from the nearest class of locations; size_scatter, depth_sigma: relative; agreement: see
+`registration_agreement`."""
 BEST = 3
+FREE_PX, EXACT_PX = 3.0, 0.1
+"""Residuals of registered images that show different things, and below which no residual is better than another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,8 @@ class LandmarkEvidence:
 class LandmarkClassifier:
     """Classifies landmarks of one side by a model of their evidence; location: where signs stand (right, above; m).
 
-    model None: nothing is known of signs, each further view is one more in favour; location None: they stand anywhere.
+    model None: nothing is known of signs, and what stands is one: any two rays meet somewhere, so it takes a third box
+    or images in register. location None: signs stand anywhere.
     """
 
     model: EvidenceModel | None = None
@@ -68,15 +72,16 @@ class LandmarkClassifier:
         fit: LandmarkFit,
         window: Sequence[WindowFrame],
         offset: FrenetOffset,
-        registered: float = nan,
+        agreement: float = nan,
     ) -> LandmarkEvidence:
         """The evidence for a landmark in its window at an offset from the path.
 
-        registered: number of images in register; nan: the panel is not measured yet.
+        agreement: of its registered images; nan: the panel is not measured yet.
         """
-        features = landmark_features(fit, window, offset, self.location, registered)
+        features = landmark_features(fit, window, offset, self.location, agreement)
         if self.model is None:
-            return LandmarkEvidence(features, (), len(fit.rows) - 1.0)
+            confirmed = float(fit.used.sum()) + float(not agreement <= 0) - 2.5
+            return LandmarkEvidence(features, (("rigidity", confirmed),), confirmed)
         named = dict(zip(FEATURES, features.tolist(), strict=True))
         ratios = tuple(self.model.ratios(named).items())
         return LandmarkEvidence(
@@ -85,7 +90,7 @@ class LandmarkClassifier:
 
     def accepts(self, evidence: LandmarkEvidence) -> bool:
         """Whether the log odds reach the model's threshold."""
-        return self.model is None or evidence.log_odds >= self.model.threshold
+        return evidence.log_odds >= (0.0 if self.model is None else self.model.threshold)
 
 
 def landmark_features(
@@ -93,7 +98,7 @@ def landmark_features(
     window: Sequence[WindowFrame],
     offset: FrenetOffset,
     location: GaussianModel | None,
-    registered: float,
+    agreement: float,
 ) -> NDArray[np.float64]:
     """Numbers (12,) on a landmark, named by `FEATURES`."""
     scores = np.array([window[f].score[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
@@ -106,7 +111,7 @@ def landmark_features(
             np.sort(scores)[-BEST:].mean(),
             scores.mean(),
             np.log(len(fit.rows)),
-            fit.missed,
+            fit.missed / (fit.missed + len(fit.rows)),
             width,
             height,
             abs(width - height),
@@ -114,6 +119,18 @@ def landmark_features(
             fit.rms_px,
             (fit.spread / fit.metric).max(),
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
-            registered,
+            agreement,
         ]
     )
+
+
+def registration_agreement(registered: int, panel: Panel | None) -> float:
+    """How much likelier the registered images of a landmark are under one standing panel than at random.
+
+    n images give 2 n coordinates of its centre, of which three are the point itself: two images of anything nearly
+    always meet. Each of the others counts the logarithm of the residual expected at random over that found.
+    """
+    if panel is None or registered < 2:
+        return 0.0
+    spare = 2 * registered - 3
+    return spare * float(np.log(FREE_PX / np.clip(panel.residual_px, EXACT_PX, FREE_PX)))

@@ -24,11 +24,11 @@ from wayside.stages.mapping.association import AssociationGates
 from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_evidence import LandmarkEvidence
+from wayside.stages.mapping.landmark_evidence import LandmarkEvidence, registration_agreement
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import Panel, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face, stands_still
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -224,22 +224,10 @@ class _Tracker:
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
-<<<<<<< HEAD
-        evidence = classifier.classify(fit, self._window, one.offset, registered)
-        if not classifier.accepts(evidence):
-            return VERDICT_OF_TERM[evidence.weakest], evidence, panel
-        known = classifier.model is not None
-        log_odds = evidence.log_odds if known else settings.evidence_log_odds
-        stands = stands_still(fit, registered, log_odds, settings)
-        return "sign" if stands else "residual", evidence, panel
-=======
-        panel_px = np.inf if panel is None else panel.residual_px
-        known = self._sides[fit.back].landmark is not None
-        log_odds = one.score if known else settings.sure_log_odds
-        fewest = self._settings.track.fewest_views
-        stands = stands_still(fit, registered, panel_px, log_odds, fewest, settings)
-        return "sign" if stands else "residual", panel
->>>>>>> 354c6e0f3babd3be70058f0f428658fdb65c3066
+        agreement = registration_agreement(registered, panel)
+        evidence = classifier.classify(fit, self._window, one.offset, agreement)
+        verdict = "sign" if classifier.accepts(evidence) else VERDICT_OF_TERM[evidence.weakest]
+        return verdict, evidence, panel
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

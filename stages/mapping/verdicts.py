@@ -74,16 +74,6 @@ def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[fl
     return float(of_one), float(of_other)
 
 
-def stands_still(
-    fit: LandmarkFit, registered: int, log_odds: float, settings: VerdictSettings
-) -> bool:
-    """Whether the views of a landmark are of one panel that stands still; else the verdict is `residual`."""
-    boxes = int(fit.used.sum())
-    views = len(fit.rows) if boxes >= settings.fewest_boxes else boxes
-    evidence = views + (registered if registered > 1 else 0)
-    return log_odds >= settings.evidence_log_odds * (settings.enough_evidence - evidence)
-
-
 def location_verdict(
     landmark: Landmark, model: GaussianModel | None, settings: LocateSettings
 ) -> str:
