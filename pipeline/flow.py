@@ -141,11 +141,13 @@ class Flow:
         by_report = s.candidates.judge == "report"
         boxes = None if by_report else BoxClassifier(m.box_classifier)
         front = SideClassifiers(
-            boxes, LandmarkClassifier(m.landmark_classifier, m.location_classes)
+            boxes, LandmarkClassifier(m.landmark_classifier, m.location_classes, s.landmark)
         )
         back = None
         if m.back_classifier is not None:
-            landmark = LandmarkClassifier(m.back_landmark_classifier, m.location_classes)
+            landmark = LandmarkClassifier(
+                m.back_landmark_classifier, m.location_classes, s.landmark
+            )
             back = SideClassifiers(BoxClassifier(m.back_classifier), landmark)
         return track(
             posed,

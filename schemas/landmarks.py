@@ -11,6 +11,16 @@ from wayside.schemas.detections import Candidates
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion
 
+EVIDENCE_TERMS = {
+    "appearance": "how the classifier of boxes scored its views",
+    "views": "how many views it has, and how many are missing",
+    "size": "width, height and their ratio",
+    "place": "where it stands beside and above the path",
+    "rigidity": "how well its boxes agree on a standing point",
+    "registration": "how well its registered images agree on one panel",
+}
+"""Terms of the evidence for a landmark: what each log-likelihood ratio, sign against anything else, rests on."""
+
 
 @dataclass(frozen=True, slots=True)
 class Observation:

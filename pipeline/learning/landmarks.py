@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
+from scipy.stats import norm
 
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.learning.cross_validation import platt
@@ -33,15 +34,14 @@ FOR, AGAINST = 1, -1
 EVIDENCE = (
     ("score_best", "appearance", -4.0, 6.0, FOR),
     ("score_mean", "appearance", -4.0, 6.0, FOR),
+    ("color_certainty", "appearance", -2.0, 0.0, FOR),
+    ("shape_certainty", "appearance", -2.0, 0.0, FOR),
     ("log_views", "views", 0.0, 2.5, FOR),
     ("missed", "views", 0.0, 1.0, AGAINST),
-    ("log_width", "size", -2.0, -0.7, FOR),
     ("log_width", "size", 0.0, 2.0, AGAINST),
     ("log_height", "size", -2.0, -0.7, FOR),
     ("log_height", "size", 0.0, 2.0, AGAINST),
-    ("elongation", "size", 0.0, 2.0, AGAINST),
     ("place_sigmas", "place", 0.0, 5.0, AGAINST),
-    ("residual_px", "rigidity", 0.0, 4.0, AGAINST),
     ("size_scatter", "rigidity", 0.0, 0.4, AGAINST),
     ("depth_sigma", "rigidity", 0.0, 0.3, AGAINST),
     ("agreement", "registration", 0.0, 20.0, FOR),
@@ -50,8 +50,8 @@ EVIDENCE = (
 nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
-FALSE_ALARM = 0.03
-"""Share of the landmarks that are no signs to be reported as signs, on drives held out in turn."""
+FALSE_ALARM, FALSE_ALARM_BACK = 0.05, 0.1
+"""Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
 ACCEPT, ACCEPT_BACK = -1.4, 0.0
@@ -140,7 +140,10 @@ def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
 
 
 def learn_landmark_classifier(
-    samples: LandmarkSamples, provenance: str, accept: float = ACCEPT
+    samples: LandmarkSamples,
+    provenance: str,
+    accept: float = ACCEPT,
+    false_alarm: float = FALSE_ALARM,
 ) -> EvidenceModel:
     """Fit the log-likelihood ratios of all terms together and calibrate their sum on drives held out in turn.
 
@@ -152,9 +155,8 @@ def learn_landmark_classifier(
     InputError
         Where there are too few landmarks of either kind.
     """
-    measured = ~np.isnan(samples.values).any(
-        axis=1
-    )  # neither duplicates nor what the vehicle drove over
+    # neither duplicates nor what the vehicle drove over
+    measured = ~np.isnan(samples.values).any(axis=1)
     known = measured & (samples.label != NEITHER)
     sign, drive = samples.label[known] == SIGN, samples.drive[known]
     if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(drive)) < 2:
@@ -167,7 +169,7 @@ def learn_landmark_classifier(
     columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
     bounded = np.clip(columns, low, high)
     middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
-    slope, shift = _calibration(bounded - middle, sign, drive, direction)
+    slope, shift = _calibration(bounded - middle, sign, drive, direction, false_alarm)
     weight, constant = _logistic_regression(bounded - middle, sign, direction)
     numbers = {"low": low, "high": high, "middle": middle, "weight": slope * weight}
     return EvidenceModel(
@@ -201,12 +203,17 @@ def _logistic_regression(
 
 
 def _calibration(
-    values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64], direction: Values
+    values: Values,
+    sign: NDArray[np.bool_],
+    drive: NDArray[np.int64],
+    direction: Values,
+    false_alarm: float,
 ) -> tuple[float, float]:
     """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999).
 
-    Log odds of 0, where landmarks are reported as signs, are put where `FALSE_ALARM` of what is no sign lies above, as
-    Neyman and Pearson do: how much looks like a sign differs from road to road, what it looks like much less.
+    Log odds of 0, where landmarks are reported as signs, are put where that share of what is no sign lies above, as
+    Neyman and Pearson do (report chapter 9): how much looks like a sign differs from road to road, what it looks like
+    much less. As in the report a normal density is fitted to what is no sign: its largest values are too few to count.
     """
     held_out = np.empty(len(values))
     folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
@@ -215,7 +222,8 @@ def _calibration(
         weight, constant = _logistic_regression(values[~own], sign[~own], direction)
         held_out[own] = values[own] @ weight + constant
     (slope,), _ = platt(held_out[:, None], sign)
-    return float(slope), -float(slope * np.quantile(held_out[~sign], 1 - FALSE_ALARM))
+    others = held_out[~sign]
+    return float(slope), -float(slope * norm.ppf(1 - false_alarm, others.mean(), others.std()))
 
 
 @dataclass(frozen=True, slots=True)

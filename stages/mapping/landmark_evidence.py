@@ -7,14 +7,16 @@ all views of a landmark together. A term that has never seen such a road can the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import EvidenceModel, GaussianModel
+from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.geometry import FrenetOffset
+from wayside.stages.mapping.class_votes import mean_log_probabilities
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import Panel
 from wayside.stages.mapping.window import WindowFrame
@@ -26,17 +28,17 @@ FEATURES = (
     "missed",
     "log_width",
     "log_height",
-    "elongation",
+    "color_certainty",
+    "shape_certainty",
     "place_sigmas",
-    "residual_px",
     "size_scatter",
     "depth_sigma",
     "agreement",
 )
-"""Names in the order of the values. score_best: mean of the three highest scores of its views; missed: share of the frames
-that should show it in which it has no candidate; elongation: absolute logarithm of the aspect ratio; place_sigmas:
-Mahalanobis distance from the nearest class of locations; size_scatter, depth_sigma: relative; agreement: see
-`registration_agreement`."""
+"""Names in the order of the values. score_best: mean of the three highest scores of its views; missed: share of the
+frames that should show it in which it has no candidate; color_certainty, shape_certainty: mean log probability of the
+class that the views together give; place_sigmas: Mahalanobis distance from the nearest class of locations;
+size_scatter, depth_sigma: relative; agreement: see `registration_agreement`."""
 BEST = 3
 FREE_PX, EXACT_PX = 3.0, 0.1
 """Residuals of registered images that show different things, and below which no residual is better than another."""
@@ -58,14 +60,16 @@ class LandmarkEvidence:
 
 @dataclass(frozen=True, slots=True)
 class LandmarkClassifier:
-    """Classifies landmarks of one side by a model of their evidence; location: where signs stand (right, above; m).
+    """Classifies landmarks of one side by a model of their evidence.
 
     model None: nothing is known of signs, and what stands is one: any two rays meet somewhere, so it takes a third box
-    or images in register. location None: signs stand anywhere.
+    or images in register. location: where signs stand (right, above; metres), None: anywhere; settings: weights of views
+    in the votes for colour and shape.
     """
 
     model: EvidenceModel | None = None
     location: GaussianModel | None = None
+    settings: LandmarkSettings = field(default_factory=LandmarkSettings)
 
     def classify(
         self,
@@ -78,10 +82,11 @@ class LandmarkClassifier:
 
         agreement: of its registered images; nan: the panel is not measured yet.
         """
-        features = landmark_features(fit, window, offset, self.location, agreement)
+        features = landmark_features(fit, window, offset, self.location, agreement, self.settings)
         if self.model is None:
-            confirmed = float(fit.used.sum()) + float(not agreement <= 0) - 2.5
-            return LandmarkEvidence(features, (("rigidity", confirmed),), confirmed)
+            confirmed = fit.used.sum() > 2 or not agreement <= 0
+            log_odds = max(fit.value, 0.0) if confirmed else -1.0
+            return LandmarkEvidence(features, (("rigidity", log_odds),), log_odds)
         named = dict(zip(FEATURES, features.tolist(), strict=True))
         ratios = tuple(self.model.ratios(named).items())
         return LandmarkEvidence(
@@ -99,6 +104,7 @@ def landmark_features(
     offset: FrenetOffset,
     location: GaussianModel | None,
     agreement: float,
+    settings: LandmarkSettings,
 ) -> NDArray[np.float64]:
     """Numbers (12,) on a landmark, named by `FEATURES`."""
     scores = np.array([window[f].score[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
@@ -114,14 +120,23 @@ def landmark_features(
             fit.missed / (fit.missed + len(fit.rows)),
             width,
             height,
-            abs(width - height),
+            _certainty(fit, window, "color", settings),
+            _certainty(fit, window, "shape", settings),
             nan if location is None else location.distances(place).min(),
-            fit.rms_px,
             (fit.spread / fit.metric).max(),
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
             agreement,
         ]
     )
+
+
+def _certainty(
+    fit: LandmarkFit, window: Sequence[WindowFrame], what: str, settings: LandmarkSettings
+) -> float:
+    """Mean log probability of the likeliest colour or shape; 0 where no network classified the views."""
+    own = ((window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True))
+    means = mean_log_probabilities(own, what, settings)
+    return 0.0 if means is None else float(means.max())
 
 
 def registration_agreement(registered: int, panel: Panel | None) -> float:

@@ -51,16 +51,17 @@ def test_the_features_say_how_a_landmark_was_seen(panel, drive):
     named = dict(zip(FEATURES, landmark.features, strict=True))
     assert named["log_views"] == pytest.approx(np.log(len(landmark.views)))
     assert named["missed"] == pytest.approx(1 / (1 + len(landmark.views)))
-    assert named["elongation"] == pytest.approx(np.log(1.5), abs=0.02)
+    assert named["log_height"] - named["log_width"] == pytest.approx(np.log(1.5), abs=0.02)
+    assert named["color_certainty"] == named["shape_certainty"] == 0
     assert named["place_sigmas"] == pytest.approx(1.0, abs=0.02)
-    assert named["residual_px"] == pytest.approx(0, abs=0.01)
+    assert named["size_scatter"] < 0.05
     assert named["agreement"] == 0
 
 
 @given(value=st.floats(-1e6, 1e6) | st.just(float("nan")))
 def test_nothing_outside_what_was_learned_from_says_more_than_its_edge(value, evidence_model):
-    model = replace(evidence_model(residual_px=-3.0), low=np.array([0.5]), high=np.array([2.0]))
-    (ratio,) = model.ratios({"residual_px": value}).values()
+    model = replace(evidence_model(size_scatter=-3.0), low=np.array([0.5]), high=np.array([2.0]))
+    (ratio,) = model.ratios({"size_scatter": value}).values()
     assert -6.0 <= ratio <= -1.5
 
 
@@ -79,8 +80,8 @@ def test_a_model_of_evidence_is_the_same_after_a_file(evidence_model):
 
 
 @given(st.integers(0, 20), st.floats(0, 100))
-def test_images_in_register_never_count_against_a_landmark(registered, residual_px):
-    assert registration_agreement(registered, Outlined(residual_px)) >= 0
+def test_images_in_register_never_count_against_a_landmark(registered, size_scatter):
+    assert registration_agreement(registered, Outlined(size_scatter)) >= 0
 
 
 def test_one_image_or_no_panel_agrees_with_nothing():

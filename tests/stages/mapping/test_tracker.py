@@ -191,7 +191,7 @@ def test_a_landmark_below_the_threshold_is_refused_for_its_weakest_term(
     panel, drive, evidence_model
 ):
     model = replace(
-        evidence_model(-3.0, score_mean=0.1, residual_px=-1.0), terms=("appearance", "rigidity")
+        evidence_model(-3.0, score_mean=0.1, depth_sigma=-9.0), terms=("appearance", "rigidity")
     )
     frames = drive([panel(3.5, 1.2, 120.0)], 20)
     tracked = run(frames, classifier=LandmarkClassifier(model))
