@@ -70,10 +70,10 @@ def bin_names(edges: Sequence[float], unit: str) -> list[str]:
     return [*named, f"{edges[-1]:g} {unit} and more"]
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Lines of a table, the first column to the left."""
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---:") -> list[str]:
+    """Lines of a table, the first column to the left, the others as `align` says."""
     return [
         "| " + " | ".join(head) + " |",
-        "| --- |" + " ---: |" * (len(head) - 1),
+        "| --- |" + f" {align} |" * (len(head) - 1),
         *("| " + " | ".join(row) + " |" for row in rows),
     ]
