@@ -120,7 +120,8 @@ def _duplicates(
 ) -> Iterator[Duplicate]:
     """Rows whose best box shows best a front that another row (`owner`, by number of the panel) is matched with.
 
-    The place is not asked: a second row on a face often stands far before or behind it.
+    The place is not asked: a second row on a face often stands far before or behind it. A front that is mostly hidden
+    does not count: the row is on what hides it.
     """
     for sign in unmatched:
         own = np.array([sign["best_box"]])
@@ -128,7 +129,9 @@ def _duplicates(
             (float(overlap(own, view["box"])[0]), j)
             for j, panel in enumerate(panels)
             for view in panel["frames"]
-            if view["frame"] == sign["best_frame"] and view["side"] == "front"
+            if view["frame"] == sign["best_frame"]
+            and view["side"] == "front"
+            and view["visible_fraction"] >= SMALLEST_VISIBLE
         ]
         shared, best = max(shown, default=(0.0, -1))
         if shared > 0 and best in owner:

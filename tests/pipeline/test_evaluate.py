@@ -214,6 +214,14 @@ def test_a_row_on_a_face_that_no_row_found_is_no_duplicate(tmp_path: Path) -> No
     assert (evaluation.duplicates, len(evaluation.others)) == ((), 1)
 
 
+def test_a_row_on_what_hides_a_found_face_is_no_duplicate(tmp_path: Path) -> None:
+    hidden = AT_30_M["frames"][0] | {"frame": 3, "visible_fraction": 0.2}
+    truth = {"frames": FRAMES, "signs": [AT_30_M | {"frames": [*AT_30_M["frames"], hidden]}]}
+    before = sign(1, (1.0, 0.0, 3.0), best_frame=3)
+    evaluation = evaluated(tmp_path, [before, sign(2, ON_IT)], truth)
+    assert (evaluation.duplicates, len(evaluation.false)) == ((), 1)
+
+
 def test_a_row_on_a_neighbour_of_a_found_face_is_no_duplicate(tmp_path: Path) -> None:
     below = sign(1, (4.0, 0.0, 30.0), best_box=[100.0, 122.0, 120.0, 140.0])
     evaluation = evaluated(
