@@ -3,8 +3,9 @@
     .venv/bin/python benchmarks/accept.py [--quick] [--only NAME] [--preset report]
 
 Renders the development drives once into .cache/drives, runs both presets on each and on real drives where they are at
-hand, evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. The models never saw
-these drives. Speed is printed only: it belongs to the machine. With --quick, --only or --preset nothing is written.
+hand, evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. A rendered drive that a
+model was learned from is refused; a real one stands in a table of its own. Speed is printed only: it belongs to the
+machine. With --quick, --only or --preset nothing is written.
 """
 
 from __future__ import annotations
@@ -108,6 +109,7 @@ def main() -> int:
         for outcome in by_drive
         if outcome.evaluation is None
     ]
+    broken += learned_from(outcomes)
     if not args.only:
         broken += below_floor(outcomes)
     for line in broken:
@@ -178,6 +180,15 @@ def below_floor(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
         for figure, value in (("recall", total.recall), ("precision", total.precision)):
             if value < floor[preset][figure]:
                 yield f"{preset}: {figure} {value:.4f} is below the floor of {floor[preset][figure]}"
+
+
+def learned_from(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
+    """Rendered drives that a model of their run was learned from, in words: they measure nothing."""
+    for preset, by_drive in outcomes.items():
+        for outcome in by_drive:
+            e = outcome.evaluation
+            if isinstance(e, RenderedEvaluation) and e.learned_by:
+                yield f"{preset}: {', '.join(e.learned_by)} learned from {outcome.drive.name}"
 
 
 def rendered(outcomes: Iterable[Outcome]) -> list[RenderedEvaluation]:

@@ -105,6 +105,22 @@ def test_a_total_below_the_floor_is_named(
     ]
 
 
+def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept: ModuleType) -> None:
+    real = RealEvaluation(1, ("R1",), 1, (), (), learned_by=("network",))
+    outcomes = [
+        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
+        for name, evaluation in (
+            ("clean", replace(GOOD, learned_by=())),
+            ("seen", replace(GOOD, learned_by=("judge", "place"))),
+            ("road", real),
+            ("lost", None),
+        )
+    ]
+    assert list(accept.learned_from({"default": outcomes})) == [
+        "default: judge, place learned from seen"
+    ]
+
+
 def test_a_run_that_fails_is_told_and_not_evaluated(
     accept: ModuleType,
     tmp_path: Path,
