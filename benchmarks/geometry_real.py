@@ -10,7 +10,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from wayside.pipeline.evaluate_real import same_thing
+from wayside.pipeline.box_matching import same_thing
 
 DRIVE, SPACING = "de_road_kitti0015", "6.15m"
 SIZES = {"R1": (0.90, 0.78), "R3": (0.60, 0.60)}

@@ -19,6 +19,7 @@ from accept import (
     BenchmarkDrive,
     evaluate_drive,
     in_short,
+    learned_from,
     render,
     rendered,
     rendered_table,
@@ -75,6 +76,9 @@ def main() -> int:
             for name, spacing in HELD_OUT.items()
         ]
         broken |= any(outcome.evaluation is None for outcome in outcomes)
+        for line in learned_from({preset: outcomes}):
+            print(f"NOT HELD OUT  {line}")
+            broken = True
         print(
             f"{preset:8} {'held-out drives together':24} {in_short(together(rendered(outcomes)))}"
         )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.statistics import share_interval
 from wayside.stages.geometry import iou_matrix
 
 ON_FACE = 0.5
@@ -48,15 +49,22 @@ def reached(
     return max((_REACHED.get(str(verdict), KEPT) for verdict in verdicts[on]), default=NOWHERE)
 
 
-def shares(levels: Iterable[int], stages: Iterable[int]) -> list[str]:
-    """How many faces there are, and the fraction of them that went so far, in per cent, as cells of a table."""
+def shares(levels: Iterable[int], stages: Iterable[int], *, sure: bool = False) -> list[str]:
+    """How many faces there are, and the fraction of them that went so far, in per cent, as cells of a table.
+
+    With `sure`, both ends of its 95 % interval follow in brackets.
+    """
     all_of = list(levels)
-    if not all_of:
-        return ["0", *("-" for _ in stages)]
-    return [
-        str(len(all_of)),
-        *(f"{100 * sum(level >= s for level in all_of) / len(all_of):.0f} %" for s in stages),
-    ]
+    counts = [sum(level >= stage for level in all_of) for stage in stages]
+    return [str(len(all_of)), *(_share(count, len(all_of), sure=sure) for count in counts)]
+
+
+def _share(count: int, total: int, *, sure: bool) -> str:
+    interval = share_interval(count, total)
+    if interval is None:
+        return "-"
+    ends = f" ({100 * interval.low:.0f} to {100 * interval.high:.0f})" if sure else ""
+    return f"{100 * count / total:.0f} %{ends}"
 
 
 def bin_of(value: float, edges: Sequence[float]) -> int:
@@ -70,10 +78,10 @@ def bin_names(edges: Sequence[float], unit: str) -> list[str]:
     return [*named, f"{edges[-1]:g} {unit} and more"]
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Lines of a table, the first column to the left."""
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---:") -> list[str]:
+    """Lines of a table, the first column to the left, the others as `align` says."""
     return [
         "| " + " | ".join(head) + " |",
-        "| --- |" + " ---: |" * (len(head) - 1),
+        "| --- |" + f" {align} |" * (len(head) - 1),
         *("| " + " | ".join(row) + " |" for row in rows),
     ]

@@ -235,8 +235,8 @@ def page(sources: Sequence[Source], learned: str) -> str:
         "and",
         f"every other of {learned}: the one of the group that it is not in. Ranking and pre-filter",
         "are learned from these drives alone.",
-        "Many images show one place and the sources are few: a fraction of 50 faces has a standard error of seven per",
-        "cent at best, that of a rare colour hardly at all.",
+        "In brackets the 95 % interval (Wilson's score; exact for none and all) as if faces were independent; many",
+        "images show one place and the sources are few, so the truth is wider.",
         "",
         "*candidate*: a box on the face (IoU .5); *passed pre-filter*, *passed classifier*: one above the threshold of",
         "that model; *detected*: one that survives non-maximum suppression and goes on to tracking. *False*: boxes",
@@ -272,7 +272,7 @@ def page(sources: Sequence[Source], learned: str) -> str:
 def source_row(source: Source) -> list[str]:
     """One line of the first table."""
     rate = f"{len(source.false) / source.complete:.1f}" if source.complete else "-"
-    cells = shares((f.level for f in source.faces), STAGES)
+    cells = shares((f.level for f in source.faces), STAGES, sure=True)
     return [source.name, str(source.images), *cells, rate, str(source.complete)]
 
 
@@ -283,7 +283,7 @@ def groups(
     for name in (*names, "**all**"):
         own = [face for face in faces if name in (name_of(face), "**all**")]
         if own:
-            yield [name.replace("_", " "), *shares((f.level for f in own), STAGES)]
+            yield [name.replace("_", " "), *shares((f.level for f in own), STAGES, sure=True)]
 
 
 def missed_lines(sources: Sequence[Source]) -> Iterator[str]:

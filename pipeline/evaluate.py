@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evaluate_real import evaluate_against_labels
-from wayside.pipeline.evaluate_rendered import evaluate_against_truth
-from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation, Spread
-from wayside.pipeline.result import read_rows
+from wayside.pipeline import evaluate_real, evaluate_rendered
+from wayside.pipeline.evaluate_misses import (
+    STEPS,
+    Candidates,
+    cause_words,
+    count_steps,
+    miss_causes,
+)
+from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation
+from wayside.pipeline.result import RUN_FILE, read_rows, read_run, read_table
+from wayside.pipeline.statistics import Interval, Spread, share_interval
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.tables import OBSERVATIONS, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _SIGN_COLUMNS = (
     "sign_id status color shape best_frame best_box right_m down_m ahead_m panel_width_m panel_height_m bottom_m "
@@ -39,16 +47,56 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     """
     facts = _read_truth(truth)
     rows = read_rows(out, SIGNS, _SIGN_COLUMNS)
-    signs, backs = ([row for row in rows if row["status"] == kind] for kind in ("sign", "back"))
+    frames = {row["frame"]: row["status"] for row in read_rows(out, FRAMES, ["frame", "status"])}
+    run = read_run(out) if (out / RUN_FILE).is_file() else {}
+    learned_by = run.get("learned_from_log")
     try:
-        if _LABEL_KEYS <= facts.keys():
-            observations = read_rows(out, OBSERVATIONS, ["sign_id", "frame", "box"])
-            return evaluate_against_labels(signs, observations, facts)
-        return evaluate_against_truth(signs, facts, backs)
+        compare = _on_labels if _LABEL_KEYS <= facts.keys() else _on_truth
+        evaluation = compare(out, rows, frames, facts)
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
         ) from error
+    return replace(
+        evaluation,
+        images=len(frames),
+        learned_by=None if learned_by is None else tuple(learned_by),
+    )
+
+
+def _on_truth(
+    out: Path, rows: Sequence[dict[str, Any]], frames: dict[int, str], truth: dict[str, Any]
+) -> Evaluation:
+    signs, backs = ([row for row in rows if row["status"] == kind] for kind in ("sign", "back"))
+    evaluation = evaluate_rendered.evaluate_against_truth(signs, truth, backs)
+    missed = evaluate_rendered.missed_faces(evaluation, truth)
+    causes = miss_causes(
+        missed,
+        _candidates(out, {frame for face in missed for frame in face.views}),
+        frames,
+        {row["sign_id"]: row["status"] for row in rows},
+        evaluate_rendered.false_distances(evaluation, signs, truth),
+    )
+    return replace(evaluation, causes=causes)
+
+
+def _on_labels(
+    out: Path, rows: Sequence[dict[str, Any]], frames: dict[int, str], labels: dict[str, Any]
+) -> Evaluation:
+    candidates = _candidates(out, evaluate_real.labelled_frames(labels))
+    signs = [row for row in rows if row["status"] == "sign"]
+    evaluation = evaluate_real.evaluate_against_labels(signs, candidates.of_signs(), labels)
+    causes = miss_causes(
+        evaluate_real.missed_faces(evaluation, labels),
+        candidates,
+        frames,
+        {row["sign_id"]: row["status"] for row in rows},
+    )
+    return replace(evaluation, causes=causes)
+
+
+def _candidates(out: Path, frames: Collection[int]) -> Candidates:
+    return Candidates(read_table(out, OBSERVATIONS, Candidates.COLUMNS, {"frame": frames}))
 
 
 def write_evaluation(evaluation: Evaluation, file: Path) -> None:
@@ -67,26 +115,68 @@ def write_evaluation(evaluation: Evaluation, file: Path) -> None:
 
 def format_evaluation(evaluation: Evaluation) -> str:
     """All figures as plain text."""
-    lines = [
-        f"recall     {evaluation.recall:.3f}   {evaluation.found_count} of {evaluation.wanted} found",
-        f"precision  {evaluation.precision:.3f}   {len(evaluation.false)} false",
-    ]
+    lines = list(_share_lines(evaluation))
     if isinstance(evaluation, RenderedEvaluation):
         lines += ["", *_error_lines(evaluation), "", *_class_lines(evaluation)]
         seen = evaluation.backs
         lines += ["", f"backs      {seen.right} of {seen.reported} right, {seen.in_view} in view"]
-    lines += _false_lines(evaluation)
-    if evaluation.missed:
-        lines += ["", "missed"]
+    else:
+        lines += _kind_lines(evaluation)
+    return "\n".join([*lines, *_false_lines(evaluation), *_missed_lines(evaluation)])
+
+
+def _share_lines(evaluation: Evaluation) -> Iterator[str]:
+    e = evaluation
+    yield f"recall     {e.recall:.3f}   {e.found_count} of {e.wanted} found{_between(e.recall_interval)}"
+    precision, between = f"precision  {e.precision:.3f}", _between(e.precision_interval)
+    rate = ""
+    if e.false_per_100_images is not None:
+        rate = f"; {e.false_per_100_images:.2f} per 100 images"
+        rate += _between(e.false_per_100_images_interval, places=2)
+    twice = len(e.duplicates)
+    if isinstance(e, RenderedEvaluation):
+        yield f"{precision}   {e.right} of {e.counted} rows{between}"
+        yield f"false      {len(e.false):<5}   duplicates {twice}, others {len(e.others)}{rate}"
+    else:
+        yield f"{precision}   {e.right} of {e.counted} rows on a label{between}; at least, labels are not complete"
+        yield f"false      {len(e.false):<5}   on no label{rate}"
+        yield f"duplicates {twice:<5}   of the {e.right} rows on a label: it has another, better one"
+    if e.learned_by is not None:
+        yield f"learned    {', '.join(e.learned_by) or 'no model'} of this run from this log"
+
+
+def _kind_lines(evaluation: RealEvaluation) -> Iterator[str]:
+    if evaluation.kinds:
+        yield ""
+        yield f"{'kind':<44}{'wanted':>7}{'found':>7}{'recall':>8}   95 %"
+    for kind in evaluation.kinds:
+        share, interval = kind.found / kind.wanted, share_interval(kind.found, kind.wanted)
+        counts = f"{kind.wanted:>7}{kind.found:>7}{share:>8.3f}"
+        yield f"{kind.kind:<44}{counts}   {_ends(interval)}"
+
+
+def _missed_lines(evaluation: Evaluation) -> Iterator[str]:
+    if not evaluation.missed:
+        return
+    yield ""
+    yield "missed"
+    causes = {cause.id: cause_words(cause) for cause in evaluation.causes}
     if isinstance(evaluation, RealEvaluation):
-        lines += [f"  {name}" for name in evaluation.missed]
-        return "\n".join(lines)
-    for panel in evaluation.missed:
-        face = f"{panel.kind}, {panel.color} {panel.shape}"
-        size = f"{_number(panel.width_m)} x {_number(panel.height_m)} m"
-        where = f"{_number(panel.station_m)} m along, {_number(panel.lateral_m)} m right"
-        lines.append(f"  {panel.id:>4}  {face:<44} {size}   {where}")
-    return "\n".join(lines)
+        for name in evaluation.missed:
+            yield f"  {name:<6}  {causes.get(name, '')}".rstrip()
+    else:
+        for panel in evaluation.missed:
+            face = f"{panel.kind}, {panel.color} {panel.shape}"
+            size = f"{_number(panel.width_m)} x {_number(panel.height_m)} m"
+            where = f"{_number(panel.station_m)} m along, {_number(panel.lateral_m)} m right"
+            yield f"  {panel.id:>4}  {face:<44} {size}   {where}"
+            if panel.id in causes:
+                yield f"        {causes[panel.id]}"
+    if len(evaluation.causes) > 1:
+        yield ""
+        yield "missed, by the step that lost them"
+        for step, count in count_steps(evaluation.causes).items():
+            yield f"  {count:>4}  {STEPS[step]}"
 
 
 def _error_lines(evaluation: RenderedEvaluation) -> Iterator[str]:
@@ -121,16 +211,29 @@ def _class_lines(evaluation: RenderedEvaluation) -> Iterator[str]:
 
 
 def _false_lines(evaluation: Evaluation) -> Iterator[str]:
-    if evaluation.false:
+    if evaluation.duplicates:
+        yield ""
+        yield "duplicates"
+    for row in evaluation.duplicates:
+        yield f"  {row.sign_id}  of {row.better}, on sign {row.panel}"
+    if evaluation.others:
         yield ""
         yield "false"
-    for sign in evaluation.false:
+    for sign in evaluation.others:
         face = f"{sign.color or '?'} {sign.shape or '?'}"
         yield f"  {sign.sign_id}  frame {sign.best_frame}  {face}  on: {sign.cause}"
 
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
+
+
+def _between(interval: Interval | None, places: int = 3) -> str:
+    return "" if interval is None else f", 95 %: {_ends(interval, places)}"
+
+
+def _ends(interval: Interval | None, places: int = 3) -> str:
+    return "-" if interval is None else f"{interval.low:.{places}f} to {interval.high:.{places}f}"
 
 
 def _percent(value: float | None) -> str:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
-from wayside.pipeline.evaluation import FalseSign, RealEvaluation
-from wayside.stages.geometry import box_areas, iou_matrix
+from wayside.pipeline.box_matching import Box, overlap
+from wayside.pipeline.evaluate_misses import Face
+from wayside.pipeline.evaluation import Duplicate, FalseSign, KindCount, RealEvaluation
 
-SMALLEST_IOU, LARGEST_AREA_RATIO = 0.3, 5.0
+NO_KIND = "other"
+"""Kind of a wanted sign whose label names none, where others do."""
 
 Row = Mapping[str, Any]
-Box = Sequence[float]
 
 
 def evaluate_against_labels(
@@ -26,7 +30,7 @@ def evaluate_against_labels(
     signs
         Rows of `signs.parquet` with status `sign`.
     observations
-        Rows of `observations.parquet`: `sign_id`, `frame`, `box`.
+        Rows of `observations.parquet` in frames where anything is boxed: `sign_id`, `frame`, `box`.
     labels
         Content of a `labels.json`.
     """
@@ -35,15 +39,15 @@ def evaluate_against_labels(
         if row["sign_id"] in seen:
             seen[row["sign_id"]][row["frame"]] = row["box"]
 
-    found, touching = set(), set()
-    for label in labels["signs"]:
-        boxes = {entry["i"]: entry["box"] for entry in label.get("boxes", ())}
-        on_it = [name for name, views in seen.items() if _meet(views, boxes)]
-        touching.update(on_it)
-        if on_it and label["wanted"]:
-            found.add(label["id"])
-
-    wanted = [label["id"] for label in labels["signs"] if label["wanted"]]
+    names = list(seen)
+    boxes = [_boxes(label, labels["stride"]) for label in labels["signs"]]
+    on_label = np.array(
+        [[_overlap(views, known) for known in boxes] for views in seen.values()], np.float64
+    ).reshape(len(names), len(boxes))
+    touching = {names[i] for i in np.flatnonzero(on_label.any(axis=1))}
+    wanted = [label for label in labels["signs"] if label["wanted"]]
+    seen_labels = {labels["signs"][j]["id"] for j in np.flatnonzero(on_label.any(axis=0))}
+    found = {label["id"] for label in wanted} & seen_labels
     return RealEvaluation(
         wanted=len(wanted),
         found=tuple(sorted(found)),
@@ -53,33 +57,67 @@ def evaluate_against_labels(
             for sign in signs
             if sign["sign_id"] not in touching
         ),
-        missed=tuple(name for name in wanted if name not in found),
+        missed=tuple(label["id"] for label in wanted if label["id"] not in found),
+        duplicates=_duplicates(names, on_label, [label["id"] for label in labels["signs"]]),
+        kinds=_kinds(wanted, found),
     )
 
 
-def same_thing(a: Box, b: Box) -> bool:
-    """Whether boxes overlap well, or `a` has its centre in `b` and about its size."""
-    first, second = np.array([a]), np.array([b])
-    if iou_matrix(first, second)[0, 0] >= SMALLEST_IOU:
-        return True
-    ratio = max(box_areas(first)[0], 1e-9) / max(box_areas(second)[0], 1e-9)
-    u, v = (a[0] + a[2]) / 2, (a[1] + a[3]) / 2
-    inside = b[0] <= u <= b[2] and b[1] <= v <= b[3]
-    return bool(inside and 1 / LARGEST_AREA_RATIO <= ratio <= LARGEST_AREA_RATIO)
+def missed_faces(evaluation: RealEvaluation, labels: Row) -> list[Face]:
+    """The missed labels with all their boxes."""
+    by_id = {label["id"]: label for label in labels["signs"]}
+    return [Face(name, _boxes(by_id[name], labels["stride"])) for name in evaluation.missed]
 
 
-def _meet(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> bool:
-    return any(frame in boxes and same_thing(box, boxes[frame]) for frame, box in views.items())
+def labelled_frames(labels: Row) -> set[int]:
+    """Frames in which anything is boxed."""
+    things = [*labels["signs"], *labels["distractors"]]
+    boxes = [_boxes(thing, labels["stride"]) for thing in things]
+    return {frame for views in boxes for frame in views}
+
+
+def _duplicates(
+    names: Sequence[str], on_label: NDArray[np.float64], labels: Sequence[str]
+) -> tuple[Duplicate, ...]:
+    """Rows that are left over where each label has one row of its own, so that all overlap most (rows, labels)."""
+    rows, columns = linear_sum_assignment(on_label, maximize=True)
+    owner = {int(j): int(i) for i, j in zip(rows, columns, strict=True) if on_label[i, j] > 0}
+    left = set(range(len(names))) - set(owner.values())
+    best = {i: int(on_label[i].argmax()) for i in sorted(left) if on_label[i].any()}
+    return tuple(Duplicate(names[i], labels[j], names[owner[j]]) for i, j in best.items())
+
+
+def _kinds(wanted: Sequence[Row], found: set[str]) -> tuple[KindCount, ...]:
+    """The wanted by kind, the most frequent first; none where no label names its kind."""
+    kinds = Counter(label.get("kind", NO_KIND) for label in wanted)
+    right = Counter(label.get("kind", NO_KIND) for label in wanted if label["id"] in found)
+    if set(kinds) <= {NO_KIND}:
+        return ()
+    return tuple(KindCount(kind, count, right[kind]) for kind, count in kinds.most_common())
+
+
+def _boxes(thing: Row, stride: int) -> dict[int, Box]:
+    """Boxes of a label or a distractor by frame; some distractors are boxed in one source image alone."""
+    boxes = {entry["i"]: entry["box"] for entry in thing.get("boxes", ())}
+    if "box" in thing:
+        boxes[thing["source_frame"] // stride] = thing["box"]
+    return boxes
+
+
+def _overlap(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> float:
+    """Sum of the overlaps (IoU) over the frames where views and boxes show the same thing."""
+    return sum(
+        float(overlap(np.array([box]), boxes[frame])[0])
+        for frame, box in views.items()
+        if frame in boxes
+    )
 
 
 def _false(sign: Row, views: Mapping[int, Box], labels: Row) -> FalseSign:
     """A sign on no label, with the known distractor it lies on; distractors are boxed in one source image."""
     cause = "unlabelled"
     for distractor in labels["distractors"]:
-        boxes = {entry["i"]: entry["box"] for entry in distractor.get("boxes", ())}
-        if "box" in distractor:
-            boxes[distractor["source_frame"] // labels["stride"]] = distractor["box"]
-        if _meet(views, boxes):
+        if _overlap(views, _boxes(distractor, labels["stride"])):
             cause = distractor["what"]
             break
     return FalseSign(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.evaluation import Backs, FalseSign, Match, MissedPanel, RenderedEvaluation
+from wayside.pipeline.box_matching import overlap
+from wayside.pipeline.evaluate_misses import Face
+from wayside.pipeline.evaluation import (
+    Backs,
+    Duplicate,
+    FalseSign,
+    Match,
+    MissedPanel,
+    RenderedEvaluation,
+)
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
@@ -42,6 +51,7 @@ def evaluate_against_truth(
     panels = [p for p in truth["signs"] if any(view["side"] == "front" for view in p["frames"])]
     eligible = {p["id"] for p in panels if is_eligible(p)}
     errors, pairs = _matched(signs, panels, truth["frames"])
+    owner = {j: signs[i]["sign_id"] for i, j in pairs}
     matched = {i for i, _ in pairs}
     hits = [(i, j) for i, j in pairs if panels[j]["id"] in eligible]
     found = {panels[j]["id"] for _, j in hits}
@@ -55,18 +65,77 @@ def evaluate_against_truth(
             if p["id"] in eligible - found
         ),
         backs=_evaluate_backs(backs, truth),
+        duplicates=tuple(
+            _duplicates((sign for i, sign in enumerate(signs) if i not in matched), panels, owner)
+        ),
     )
+
+
+def missed_faces(evaluation: RenderedEvaluation, truth: Row) -> list[Face]:
+    """The missed panels with their views that count: those that make a panel one that should be found."""
+    missed = {panel.id for panel in evaluation.missed}
+    by_id = {panel["id"]: panel for panel in truth["signs"] if panel["id"] in missed}
+    return [
+        Face(
+            panel.id,
+            {view["frame"]: view["box"] for view in by_id[panel.id]["frames"] if _counts(view)},
+        )
+        for panel in evaluation.missed
+    ]
+
+
+def false_distances(
+    evaluation: RenderedEvaluation, signs: Sequence[Row], truth: Row
+) -> dict[tuple[str, int | str], float]:
+    """Distance of each row that is matched with no panel from each missed panel, metres, by their names."""
+    unmatched = {sign.sign_id for sign in evaluation.false}
+    rows = [sign for sign in signs if sign["sign_id"] in unmatched]
+    missed = {panel.id for panel in evaluation.missed}
+    panels = [panel for panel in truth["signs"] if panel["id"] in missed]
+    lengths = np.linalg.norm(_matched(rows, panels, truth["frames"])[0], axis=2)
+    return {
+        (row["sign_id"], panel["id"]): float(lengths[i, j])
+        for i, row in enumerate(rows)
+        for j, panel in enumerate(panels)
+    }
 
 
 def is_eligible(panel: Row) -> bool:
     """Whether a panel should be found: it faces the camera, tall and visible enough, in enough images."""
-    good = sum(
+    good = sum(_counts(view) for view in panel["frames"])
+    return bool(panel["faces_travel"]) and good >= FEWEST_FRAMES
+
+
+def _counts(view: Row) -> bool:
+    """Whether a view shows the front tall and clear enough to be found by."""
+    return bool(
         view["side"] == "front"
         and view["box"][3] - view["box"][1] >= SMALLEST_HEIGHT_PX
         and view["visible_fraction"] >= SMALLEST_VISIBLE
-        for view in panel["frames"]
     )
-    return bool(panel["faces_travel"]) and good >= FEWEST_FRAMES
+
+
+def _duplicates(
+    unmatched: Iterable[Row], panels: Sequence[Row], owner: Mapping[int, str]
+) -> Iterator[Duplicate]:
+    """Rows whose best box shows best a front that another row (`owner`, by number of the panel) is matched with.
+
+    The place is not asked: a second row on a face often stands far before or behind it. A front that is mostly hidden
+    does not count: the row is on what hides it.
+    """
+    for sign in unmatched:
+        own = np.array([sign["best_box"]])
+        shown = [
+            (float(overlap(own, view["box"])[0]), j)
+            for j, panel in enumerate(panels)
+            for view in panel["frames"]
+            if view["frame"] == sign["best_frame"]
+            and view["side"] == "front"
+            and view["visible_fraction"] >= SMALLEST_VISIBLE
+        ]
+        shared, best = max(shown, default=(0.0, -1))
+        if shared > 0 and best in owner:
+            yield Duplicate(sign["sign_id"], panels[best]["id"], owner[best])
 
 
 def _evaluate_backs(rows: Sequence[Row], truth: Row) -> Backs:

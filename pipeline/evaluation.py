@@ -1,36 +1,24 @@
-"""How a result compares with the truth: the figures, their JSON form, and the statistics they are made of."""
+"""How a result compares with the truth: the figures and their JSON form."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Median and 95th percentile of n values, None where there are none; rounded to four decimals."""
-
-    n: int
-    median: float | None
-    p95: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class SigmaShare:
-    """Fraction of n errors within one and two stated standard deviations (a normal error: 0.68 and 0.95)."""
-
-    n: int
-    one: float | None
-    two: float | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Keys `n`, `1`, `2`."""
-        return {"n": self.n, "1": self.one, "2": self.two}
+from wayside.pipeline.statistics import (
+    Interval,
+    SigmaShare,
+    Spread,
+    confusion,
+    fraction,
+    rate_interval,
+    share_interval,
+    sigma_share,
+    spread,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +40,41 @@ class FalseSign:
         if position is not None:
             values |= dict(zip(("right_m", "down_m", "ahead_m"), position, strict=True))
         return values | {"best_box": list(self.best_box), "cause": cause}
+
+
+@dataclass(frozen=True, slots=True)
+class Duplicate:
+    """A reported row on a panel of the truth that a better row is on: `better` is that row, `panel` the true one."""
+
+    sign_id: str
+    panel: int | str
+    better: str
+
+
+@dataclass(frozen=True, slots=True)
+class MissCause:
+    """Why a wanted sign was not found.
+
+    `step` is where it was lost (see `evaluate_misses.STEPS`), `reason` the verdict or status there. `views`: how many
+    of its views in images came to each verdict. `row` is the reported row on it, if there is one, and `distance_m` how
+    far from it that row stands.
+    """
+
+    id: int | str
+    step: str
+    reason: str
+    views: dict[str, int]
+    row: str | None = None
+    distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KindCount:
+    """Wanted signs of one kind, and how many of them were found."""
+
+    kind: str
+    wanted: int
+    found: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +126,85 @@ class Backs:
 AXES = ("lateral", "up", "along")
 
 
+class _Shares:
+    """What every evaluation counts, as shares with their intervals."""
+
+    __slots__ = ()
+    wanted: int
+    false: tuple[FalseSign, ...]
+    duplicates: tuple[Duplicate, ...]
+    images: int | None
+
+    @property
+    def found_count(self) -> int:
+        """Wanted signs that were found."""
+        raise NotImplementedError
+
+    @property
+    def right(self) -> int:
+        """Reported rows that count as right in the precision."""
+        raise NotImplementedError
+
+    @property
+    def recall(self) -> float:
+        """Fraction of the wanted signs that were found; 1 where none was wanted."""
+        return self.found_count / self.wanted if self.wanted else 1.0
+
+    @property
+    def recall_interval(self) -> Interval | None:
+        """95 % interval of the recall; None where nothing was wanted."""
+        return share_interval(self.found_count, self.wanted)
+
+    @property
+    def counted(self) -> int:
+        """Reported rows that the precision is a share of."""
+        return self.right + len(self.false)
+
+    @property
+    def precision(self) -> float:
+        """Fraction of the reported rows that are right; 1 where none counts."""
+        return self.right / self.counted if self.counted else 1.0
+
+    @property
+    def precision_interval(self) -> Interval | None:
+        """95 % interval of the precision; None where no row counts."""
+        return share_interval(self.right, self.counted)
+
+    @property
+    def others(self) -> tuple[FalseSign, ...]:
+        """False rows that are no duplicates."""
+        twice = {duplicate.sign_id for duplicate in self.duplicates}
+        return tuple(sign for sign in self.false if sign.sign_id not in twice)
+
+    @property
+    def false_per_100_images(self) -> float | None:
+        """False rows per 100 images; None where the images are not known."""
+        return 100 * len(self.false) / self.images if self.images else None
+
+    @property
+    def false_per_100_images_interval(self) -> Interval | None:
+        """95 % interval of that rate."""
+        return rate_interval(len(self.false), (self.images or 0) / 100)
+
+
 @dataclass(frozen=True, slots=True)
-class RenderedEvaluation:
-    """Figures of a rendered drive, whose truth is exact; errors are absolute, of wanted panels that were found."""
+class RenderedEvaluation(_Shares):
+    """Figures of a rendered drive, whose truth is exact; errors are absolute, of wanted panels that were found.
+
+    `false` are all rows that no panel was matched with, duplicates among them. Panels that need not be found count in
+    the precision as neither. `images`: read by the run, None where not known; `learned_by`: models of the run that were
+    learned from this drive, None where not known; `causes`: of the missed, in their order.
+    """
 
     wanted: int
     matches: tuple[Match, ...]
     false: tuple[FalseSign, ...]
     missed: tuple[MissedPanel, ...]
     backs: Backs = Backs(0, 0, 0)
+    duplicates: tuple[Duplicate, ...] = ()
+    causes: tuple[MissCause, ...] = ()
+    images: int | None = None
+    learned_by: tuple[str, ...] | None = None
 
     @property
     def found_count(self) -> int:
@@ -119,15 +212,9 @@ class RenderedEvaluation:
         return len(self.matches)
 
     @property
-    def recall(self) -> float:
-        """Fraction of the wanted panels that were found; 1 where none was wanted."""
-        return self.found_count / self.wanted if self.wanted else 1.0
-
-    @property
-    def precision(self) -> float:
-        """Fraction of the reported panels that are true ones; panels that need not be found count as neither."""
-        counted = self.found_count + len(self.false)
-        return self.found_count / counted if counted else 1.0
+    def right(self) -> int:
+        """Rows matched with a wanted panel."""
+        return len(self.matches)
 
     @property
     def found(self) -> tuple[tuple[str, int], ...]:
@@ -217,15 +304,19 @@ def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
         backs=Backs(
             *(sum(getattr(e.backs, field.name) for e in all_of) for field in fields(Backs))
         ),
+        duplicates=tuple(row for e in all_of for row in e.duplicates),
+        causes=tuple(cause for e in all_of for cause in e.causes),
+        images=_sum_images(all_of),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class RealEvaluation:
+class RealEvaluation(_Shares):
     """Figures of a real drive with hand-made boxes.
 
     The labels are not complete: `precision` is a lower bound, and every false sign is worth a look. `touching` counts
-    reported signs that lie on a label, wanted or not.
+    reported signs that lie on a label, wanted or not; `duplicates` are among them, not among the false ones. `kinds`:
+    the wanted by what the labels say they are, where they do. The rest as in `RenderedEvaluation`.
     """
 
     wanted: int
@@ -233,6 +324,11 @@ class RealEvaluation:
     touching: int
     false: tuple[FalseSign, ...]
     missed: tuple[str, ...]
+    duplicates: tuple[Duplicate, ...] = ()
+    kinds: tuple[KindCount, ...] = ()
+    causes: tuple[MissCause, ...] = ()
+    images: int | None = None
+    learned_by: tuple[str, ...] | None = None
 
     @property
     def found_count(self) -> int:
@@ -240,59 +336,65 @@ class RealEvaluation:
         return len(self.found)
 
     @property
-    def recall(self) -> float:
-        """Fraction of the wanted labels that were found; 1 where none was wanted."""
-        return self.found_count / self.wanted if self.wanted else 1.0
-
-    @property
-    def precision(self) -> float:
-        """Fraction of the reported signs that lie on a label."""
-        counted = self.touching + len(self.false)
-        return self.touching / counted if counted else 1.0
+    def right(self) -> int:
+        """Rows that lie on a label."""
+        return self.touching
 
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys."""
-        return _common_json(self) | {"missed": list(self.missed), "found": list(self.found)}
+        return _common_json(self) | {
+            "missed": list(self.missed),
+            "found": list(self.found),
+            "touching": self.touching,
+            "kinds": [
+                asdict(kind) | {"recall_interval": share_interval(kind.found, kind.wanted)}
+                for kind in self.kinds
+            ],
+        }
+
+
+def together_real(evaluations: Iterable[RealEvaluation]) -> RealEvaluation:
+    """Several real drives evaluated as one, by their counts; labels are not renamed."""
+    all_of = list(evaluations)
+    kinds: dict[str, tuple[int, int]] = {}
+    for kind in (kind for e in all_of for kind in e.kinds):
+        wanted, found = kinds.get(kind.kind, (0, 0))
+        kinds[kind.kind] = wanted + kind.wanted, found + kind.found
+    return RealEvaluation(
+        wanted=sum(e.wanted for e in all_of),
+        found=tuple(name for e in all_of for name in e.found),
+        touching=sum(e.touching for e in all_of),
+        false=tuple(sign for e in all_of for sign in e.false),
+        missed=tuple(name for e in all_of for name in e.missed),
+        duplicates=tuple(row for e in all_of for row in e.duplicates),
+        kinds=tuple(KindCount(name, *counts) for name, counts in kinds.items()),
+        causes=tuple(cause for e in all_of for cause in e.causes),
+        images=_sum_images(all_of),
+    )
 
 
 Evaluation = RenderedEvaluation | RealEvaluation
 
 
+def _sum_images(evaluations: Sequence[Evaluation]) -> int | None:
+    images = [e.images for e in evaluations if e.images is not None]
+    return sum(images) if len(images) == len(evaluations) else None
+
+
 def _common_json(evaluation: Evaluation) -> dict[str, Any]:
+    """What every evaluation has; intervals are [low, high] at 95 %, null where nothing was counted."""
     return {
         "wanted": evaluation.wanted,
         "found_count": evaluation.found_count,
         "recall": evaluation.recall,
+        "recall_interval": evaluation.recall_interval,
         "precision": evaluation.precision,
+        "precision_interval": evaluation.precision_interval,
+        "images": evaluation.images,
+        "false_per_100_images": evaluation.false_per_100_images,
+        "false_per_100_images_interval": evaluation.false_per_100_images_interval,
+        "learned_by": None if evaluation.learned_by is None else list(evaluation.learned_by),
         "false": [sign.to_json() for sign in evaluation.false],
+        "duplicates": [asdict(row) for row in evaluation.duplicates],
+        "causes": [asdict(cause) for cause in evaluation.causes],
     }
-
-
-def spread(values: Iterable[float] | NDArray[np.float64]) -> Spread:
-    """Median and 95th percentile (linear interpolation)."""
-    array = np.asarray(list(values), np.float64)
-    if array.size == 0:
-        return Spread(0, None, None)
-    return Spread(
-        int(array.size),
-        round(float(np.median(array)), 4),
-        round(float(np.percentile(array, 95)), 4),
-    )
-
-
-def fraction(flags: Sequence[bool]) -> float | None:
-    """Fraction of true flags, rounded to four decimals; None where there are none."""
-    return round(sum(flags) / len(flags), 4) if flags else None
-
-
-def sigma_share(errors: Iterable[float], sigmas: Iterable[float | None]) -> SigmaShare:
-    """Fraction of errors within one and two of their own sigmas; unknown and zero sigmas are left out."""
-    ratios = [abs(e) / s for e, s in zip(errors, sigmas, strict=True) if s]
-    return SigmaShare(
-        len(ratios), fraction([r <= 1 for r in ratios]), fraction([r <= 2 for r in ratios])
-    )
-
-
-def confusion(pairs: Iterable[tuple[str | None, str | None]]) -> dict[str, int]:
-    """Count `true -> reported`, sorted by name."""
-    return dict(sorted(Counter(f"{true} -> {reported}" for true, reported in pairs).items()))

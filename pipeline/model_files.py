@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import cv2
 
+from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
@@ -60,6 +61,20 @@ class Models:
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
+        digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
+        if self.detection_network is not None:
+            digests["network"] = self.detection_network.sha256
+        return digests
+
+    def provenances(self) -> dict[str, str]:
+        """What each model says it was learned from, by the name of its file."""
+        provenances = {name: model.provenance for name, model in self._named().items()}
+        if self.detection_network is not None:
+            said = onnx_metadata(Path(self.detection_network.path).read_bytes())
+            provenances["network"] = "; ".join(said.values())
+        return provenances
+
+    def _named(self) -> dict[str, Model]:
         named: dict[str, Model | None] = {
             "color": self.color_classes,
             "shape": self.shape_classes,
@@ -74,12 +89,7 @@ class Models:
             "back_place": self.back_landmark_classifier,
             "ranking": self.region_ranking,
         }
-        digests = {
-            name: digest(model_to_json(model)) for name, model in named.items() if model is not None
-        }
-        if self.detection_network is not None:
-            digests["network"] = self.detection_network.sha256
-        return digests
+        return {name: model for name, model in named.items() if model is not None}
 
 
 def load_models(settings: Settings) -> Models:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import reduce
 from operator import and_
 from pathlib import Path
@@ -25,7 +25,7 @@ def read_table(
     out: Path,
     table: Table,
     columns: Sequence[str] | None = None,
-    where: Mapping[str, str] | None = None,
+    where: Mapping[str, str | Collection[int]] | None = None,
 ) -> pa.Table:
     """One table of a result.
 
@@ -36,7 +36,7 @@ def read_table(
     table, columns
         Which table, and which of its columns; None: all.
     where
-        Only rows that hold these texts, by column name, listed in `columns` or not.
+        Only rows that hold these texts, or one of these numbers, by column name, listed in `columns` or not.
 
     Raises
     ------
@@ -52,7 +52,12 @@ def read_table(
         absent = [name for name in wanted if name not in present]
         if absent:
             raise InputError(f"{file} lacks the column {absent[0]}: it was not written by wayside")
-        conditions = [pc.field(name) == text for name, text in (where or {}).items()]
+        conditions = [
+            pc.field(name) == held
+            if isinstance(held, str)
+            else pc.field(name).isin(pa.array(sorted(held), pa.int32()))
+            for name, held in (where or {}).items()
+        ]
         filters = reduce(and_, conditions) if conditions else None
         return pq.read_table(file, columns=wanted, filters=filters)
     except (pa.ArrowException, OSError) as error:
@@ -60,7 +65,10 @@ def read_table(
 
 
 def read_rows(
-    out: Path, table: Table, columns: Sequence[str], where: Mapping[str, str] | None = None
+    out: Path,
+    table: Table,
+    columns: Sequence[str],
+    where: Mapping[str, str | Collection[int]] | None = None,
 ) -> list[dict[str, Any]]:
     """Rows of one table of a result, null as None; parameters and errors are those of `read_table`."""
     rows: list[dict[str, Any]] = read_table(out, table, columns, where).to_pylist()

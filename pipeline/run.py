@@ -18,6 +18,7 @@ from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.pace import paced
+from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.workers import StageClock
@@ -257,6 +258,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": models.digests(),
+        "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
         "notes": result.notes,

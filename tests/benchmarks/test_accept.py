@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -11,6 +12,7 @@ import pytest
 
 from wayside.pipeline.evaluation import (
     Backs,
+    Duplicate,
     FalseSign,
     Match,
     MissedPanel,
@@ -62,19 +64,32 @@ def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> Non
     lines = accept.rendered_table(outcomes)
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| good", "| poor", "| **together**"]
     assert lines[2] == (
-        "| good | 2 | 2 | 1.000 | 1.000 | 0 | 0.20 / 0.29 | 0.00 / 0.00 | 0.00 / 0.00 | 10.0 / 10.0 | - | 100 % "
+        "| good | 2 | 2 | 1.000 | 1.000 | 0 | 0 | 0.20 / 0.29 | 0.00 / 0.00 | 0.00 / 0.00 | 10.0 / 10.0 | - | 100 % "
         "| 0 % | 2 of 3 / 5 |"
     )
-    assert {line.count("|") for line in lines} == {15}
+    assert {line.count("|") for line in lines} == {16}
 
 
-def test_the_table_of_real_drives_leaves_rendered_ones_out(accept: ModuleType) -> None:
+def test_real_drives_are_listed_without_the_rendered_ones(accept: ModuleType) -> None:
     real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
     outcomes = [
         accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
-        for name, evaluation in (("good", GOOD), ("road", real))
+        for name, evaluation in (("good", GOOD), ("road", real), ("lost", None))
     ]
-    assert accept.real_table(outcomes)[2:] == ["| road | 3 | 1 | 0.333 | 0.500 | 1 |"]
+    assert accept.real(outcomes) == [("road", real)]
+
+
+def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(
+    accept: ModuleType,
+) -> None:
+    twice = (Duplicate("d-0002", 1, "d-0001"),)
+    assert accept.in_short(replace(POOR, duplicates=twice)) == (
+        "recall 0.500 (1/2)  precision 0.500 (1 false, of them 1 duplicates)"
+    )
+    real = RealEvaluation(1, ("R1",), 2, (FALSE,), (), duplicates=twice)
+    assert accept.in_short(real) == (
+        "recall 1.000 (1/1)  precision 0.667 (1 false, beside them 1 duplicates)"
+    )
 
 
 def test_a_total_below_the_floor_is_named(
@@ -87,6 +102,22 @@ def test_a_total_below_the_floor_is_named(
     outcomes = [accept.Outcome(drive, GOOD), accept.Outcome(drive, POOR)]
     assert list(accept.below_floor({"default": outcomes})) == [
         "default: recall 0.7500 is below the floor of 0.8"
+    ]
+
+
+def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept: ModuleType) -> None:
+    real = RealEvaluation(1, ("R1",), 1, (), (), learned_by=("network",))
+    outcomes = [
+        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
+        for name, evaluation in (
+            ("clean", replace(GOOD, learned_by=())),
+            ("seen", replace(GOOD, learned_by=("judge", "place"))),
+            ("road", real),
+            ("lost", None),
+        )
+    ]
+    assert list(accept.learned_from({"default": outcomes})) == [
+        "default: judge, place learned from seen"
     ]
 
 

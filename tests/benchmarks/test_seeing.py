@@ -53,6 +53,13 @@ def test_shares_count_what_went_at_least_so_far(levels):
     assert levels.shares([], (1, 3)) == ["0", "-", "-"]
 
 
+def test_shares_of_real_faces_stand_with_their_interval(levels):
+    # Wilson of 3 in 4: 0.301 to 0.954; exact for all of 4: 0.398 to 1
+    cells = levels.shares([0, 1, 3, 5], (0, 1), sure=True)
+    assert cells == ["4", "100 % (40 to 100)", "75 % (30 to 95)"]
+    assert levels.shares([], (1,), sure=True) == ["0", "-"]
+
+
 def test_a_value_on_an_edge_is_in_the_bin_above_it(levels):
     edges = (10, 12, 15)
     names = levels.bin_names(edges, "px")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -28,10 +29,15 @@ def files_in(folder):
 
 
 def test_0_a_run_that_is_done_says_what_it_found_and_leaves_its_tables(tmp_path):
-    done = wayside("run", DEMO, *SHORT, "-o", tmp_path / "out")
+    log = tmp_path / "learn_alley.mcap"
+    log.symlink_to(DEMO)
+    done = wayside("run", log, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert "3 used, 21 outside" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
+    # a log of that name is among those that the models say they were learned from
+    about = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert "judge" in about["learned_from_log"]
 
 
 def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(tmp_path):

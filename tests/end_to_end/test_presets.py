@@ -131,6 +131,10 @@ def test_the_default_finds_every_panel_that_stands_there_and_no_other(default_de
         assert measured == pytest.approx([sign["width_m"], sign["height_m"]], abs=size)
 
 
+def test_no_model_was_learned_from_the_demo_log(default_demo):
+    assert default_demo.about["learned_from_log"] == []
+
+
 def test_the_default_gives_panels_of_one_support_its_number(default_demo, truth):
     supports = Counter(row["assembly_id"] for row in default_demo.signs)
     assert sorted(supports.values()) == sorted(

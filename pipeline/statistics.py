@@ -1,0 +1,99 @@
+"""Small statistics of an evaluation: spreads, shares and rates, with the confidence intervals of what is counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest, chi2
+
+CONFIDENCE = 0.95
+"""Two-sided: half of the rest lies on each side."""
+
+
+class Interval(NamedTuple):
+    """Both ends of an interval, in the unit of what was estimated."""
+
+    low: float
+    high: float
+
+
+def share_interval(count: int, total: int) -> Interval | None:
+    """Where the share lies that `count` of `total` independent trials estimate; None of no trials.
+
+    Wilson's score interval (J. Am. Stat. Assoc. 22, 1927, p. 209). For none and for all of them the exact one (Clopper
+    and Pearson, Biometrika 26, 1934, p. 404), because Wilson's is too narrow there.
+    """
+    if total == 0:
+        return None
+    test = binomtest(count, total)
+    found = test.proportion_ci(CONFIDENCE, "exact" if count in (0, total) else "wilson")
+    return Interval(float(found.low), float(found.high))
+
+
+def rate_interval(count: int, exposure: float) -> Interval | None:
+    """Where the rate of events per unit of `exposure` lies that `count` of them estimate; None of no exposure.
+
+    Exact for a Poisson count (Garwood, Biometrika 28, 1936, p. 437).
+    """
+    if exposure <= 0:
+        return None
+    tail = (1 - CONFIDENCE) / 2
+    low = float(chi2.ppf(tail, 2 * count)) / 2 if count else 0.0
+    return Interval(low / exposure, float(chi2.ppf(1 - tail, 2 * count + 2)) / 2 / exposure)
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Median and 95th percentile of n values, None where there are none; rounded to four decimals."""
+
+    n: int
+    median: float | None
+    p95: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaShare:
+    """Fraction of n errors within one and two stated standard deviations (a normal error: 0.68 and 0.95)."""
+
+    n: int
+    one: float | None
+    two: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Keys `n`, `1`, `2`."""
+        return {"n": self.n, "1": self.one, "2": self.two}
+
+
+def spread(values: Iterable[float] | NDArray[np.float64]) -> Spread:
+    """Median and 95th percentile (linear interpolation)."""
+    array = np.asarray(list(values), np.float64)
+    if array.size == 0:
+        return Spread(0, None, None)
+    return Spread(
+        int(array.size),
+        round(float(np.median(array)), 4),
+        round(float(np.percentile(array, 95)), 4),
+    )
+
+
+def fraction(flags: Sequence[bool]) -> float | None:
+    """Fraction of true flags, rounded to four decimals; None where there are none."""
+    return round(sum(flags) / len(flags), 4) if flags else None
+
+
+def sigma_share(errors: Iterable[float], sigmas: Iterable[float | None]) -> SigmaShare:
+    """Fraction of errors within one and two of their own sigmas; unknown and zero sigmas are left out."""
+    ratios = [abs(e) / s for e, s in zip(errors, sigmas, strict=True) if s]
+    return SigmaShare(
+        len(ratios), fraction([r <= 1 for r in ratios]), fraction([r <= 2 for r in ratios])
+    )
+
+
+def confusion(pairs: Iterable[tuple[str | None, str | None]]) -> dict[str, int]:
+    """Count `true -> reported`, sorted by name."""
+    return dict(sorted(Counter(f"{true} -> {reported}" for true, reported in pairs).items()))

@@ -1,0 +1,111 @@
+"""The tables of real drives: by source, with intervals, with the plates apart and the misses by cause."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import pytest
+
+from wayside.pipeline.evaluation import (
+    Duplicate,
+    FalseSign,
+    KindCount,
+    MissCause,
+    RealEvaluation,
+)
+
+
+@pytest.fixture(scope="module")
+def tables(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("real_tables")
+
+
+FALSE = FalseSign("d-0002", 3, (0.0, 0.0, 9.0, 9.0), None, None, None, "unlabelled")
+ROAD = RealEvaluation(
+    3,
+    ("R1",),
+    2,
+    (FALSE,),
+    ("R2", "R3"),
+    duplicates=(Duplicate("d-0003", "R1", "d-0001"),),
+    causes=(
+        MissCause("R2", "rejected", "score", {"score": 2}),
+        MissCause("R3", "refused", "residual", {"residual": 3}),
+    ),
+    images=50,
+    learned_by=(),
+)
+CITY = RealEvaluation(
+    4,
+    ("P1", "B1", "G1"),
+    3,
+    (),
+    ("P2",),
+    kinds=(
+        KindCount("parking plate", 2, 1),
+        KindCount("bus stop plate", 1, 1),
+        KindCount("guide", 1, 1),
+    ),
+    causes=(MissCause("P2", "rejected", "score", {"score": 1}),),
+    images=100,
+    learned_by=(),
+)
+SEEN = replace(ROAD, learned_by=("network",))
+
+
+def test_a_line_has_every_share_with_its_interval(tables: ModuleType) -> None:
+    head, _, line = tables.share_table([("road", ROAD)])
+    assert head.count("95 %") == 3
+    # Wilson of 1 in 3 and of 2 in 3; Garwood of one: 0.0253 and 5.572, in 50 images
+    assert line == (
+        "| road | 50 | 1 of 3 | 0.333 (0.061 to 0.792) | 2 of 3 | 0.667 (0.208 to 0.939) | 1 | 2.0 (0.1 to 11.1) | 1 |"
+    )
+
+
+def test_drives_learned_from_stand_apart_and_are_summed_apart(tables: ModuleType) -> None:
+    lines = tables.real_page([("seen", SEEN), ("road", ROAD), ("city", CITY)])
+    titles = [line for line in lines if line.startswith("### ")]
+    assert titles[:2] == [
+        "### Never seen by a model of the run",
+        "### Learned from by a model of the run",
+    ]
+    first, second = (lines.index(title) for title in titles[:2])
+    never, learned = "\n".join(lines[first:second]), "\n".join(lines[second:])
+    assert "| **together** | 150 | 4 of 7 |" in never
+    assert "| seen (network) | 50 | 1 of 3 |" in learned
+    assert "seen" not in never.replace(titles[0], "")
+    assert "**together**" not in learned
+
+
+def test_a_drive_of_which_nothing_is_known_is_not_called_unseen(tables: ModuleType) -> None:
+    groups = tables.by_source([("old", replace(ROAD, learned_by=None))])
+    assert list(groups) == ["Not known whether learned from"]
+
+
+def test_plates_have_a_row_of_their_own_that_adds_up_with_the_rest(tables: ModuleType) -> None:
+    lines = tables.kind_table([("city", CITY), ("road", ROAD)])
+    assert [line.split(" | ")[:2] for line in lines[3:]] == [
+        ["| parking and bus stop plates", "2 of 3"],
+        ["| all other signs", "2 of 4"],
+    ]
+    assert tables.kind_table([("road", ROAD)]) == []
+
+
+def test_every_miss_has_its_cause_and_each_step_its_count(tables: ModuleType) -> None:
+    lines = tables.real_page([("road", ROAD), ("city", CITY)])
+    assert (
+        "| drive | missed | below the threshold of the box classifier | followed and refused |"
+        in lines
+    )
+    assert "| road | 2 | 1 | 1 |" in lines
+    assert "| city | 1 | 1 | 0 |" in lines
+    assert "| road | R2 | below the threshold of the box classifier (2 score) |" in lines
+
+
+def test_drives_without_misses_need_no_tables_of_them(tables: ModuleType) -> None:
+    lines = tables.real_page([("road", replace(ROAD, causes=()))])
+    assert [line for line in lines if line.startswith("### ")] == [
+        "### Never seen by a model of the run"
+    ]

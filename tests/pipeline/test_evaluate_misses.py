@@ -1,0 +1,130 @@
+"""Causes of misses: the last step that a candidate on a sign passed, and what each view says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from wayside.pipeline.evaluate_misses import (
+    STEPS,
+    Candidates,
+    Face,
+    cause_words,
+    count_steps,
+    miss_causes,
+)
+from wayside.pipeline.evaluation import MissCause
+from wayside.schemas.detections import VERDICTS
+from wayside.schemas.tables import OBSERVATIONS
+
+BOX = [10.0, 10.0, 30.0, 30.0]
+BESIDE = [60.0, 10.0, 80.0, 30.0]
+FRAMES = dict.fromkeys(range(4), "used") | {4: "thinned"}
+
+Seen = tuple[int, list[float], str, int | None, str | None]
+
+
+def cause(
+    seen: list[Seen],
+    views: tuple[int, ...] = (0, 1, 2),
+    rows: dict[str, str] | None = None,
+    distances: dict[tuple[str, int | str], float] | None = None,
+) -> MissCause:
+    names = Candidates.COLUMNS
+    schema = pa.schema([OBSERVATIONS.schema.field(name) for name in names])
+    listed = [dict(zip(names, row, strict=True)) for row in sorted(seen, key=lambda row: row[0])]
+    table: Any = pa.Table.from_pylist(listed, schema=schema)
+    face = Face("R1", dict.fromkeys(views, BOX))
+    (found,) = miss_causes([face], Candidates(table), FRAMES, rows or {}, distances)
+    return found
+
+
+def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause() -> None:
+    found = cause([(0, BESIDE, "sign", 1, "a"), (9, BOX, "sign", 1, "a")])
+    assert (found.step, found.reason, found.views) == ("no_candidate", "none", {"none": 3})
+
+
+@pytest.mark.parametrize(
+    ("verdict", "track", "step"),
+    [
+        ("size", None, "gate"),
+        ("score", None, "rejected"),
+        ("overlap", None, "suppressed"),
+        ("unmatched", None, "not_followed"),
+        ("few_views", None, "not_followed"),
+        ("moving", None, "not_followed"),
+        ("moving", 3, "refused"),
+        ("place_score", 3, "refused"),
+        ("location", 3, "refused"),
+    ],
+)
+def test_one_view_that_came_further_decides_against_two_that_did_not(
+    verdict: str, track: int | None, step: str
+) -> None:
+    found = cause([(1, BOX, verdict, track, None)])
+    assert (found.step, found.reason) == (step, verdict)
+    assert found.views == {"none": 2, verdict: 1}
+
+
+def test_of_the_candidates_on_one_view_the_furthest_speaks() -> None:
+    found = cause(
+        [(0, BOX, "score", None, None), (0, [11, 10, 31, 30], "residual", 2, None)], views=(0,)
+    )
+    assert (found.step, found.views) == ("refused", {"residual": 1})
+
+
+def test_of_the_verdicts_of_the_last_step_the_most_frequent_is_the_reason() -> None:
+    found = cause(
+        [
+            (0, BOX, "location", 1, None),
+            (1, BOX, "place_score", 2, None),
+            (2, BOX, "place_score", 2, None),
+        ]
+    )
+    assert (found.step, found.reason) == ("refused", "place_score")
+
+
+def test_a_sign_in_images_that_were_not_used_or_not_read_is_lost_there() -> None:
+    found = cause([(4, BOX, "sign", 1, "a")], views=(4, 77))
+    assert (found.step, found.views) == ("unused", {"thinned": 1, "not_read": 1})
+    assert cause([], views=()).step == "unused"
+
+
+def test_one_used_image_makes_the_step_there_the_cause() -> None:
+    assert cause([], views=(3, 4)).step == "no_candidate"
+
+
+@pytest.mark.parametrize(
+    ("status", "distances", "reason", "words"),
+    [
+        ("uncertain", {}, "uncertain", "d-0007 is on it with status uncertain"),
+        ("back", {}, "back", "d-0007 is on it with status back"),
+        ("sign", {("d-0007", "R1"): 10.66}, "misplaced", "d-0007 is on it but stands 10.7 m"),
+        ("sign", {}, "other_sign", "d-0007 is on it but is that of another sign"),
+    ],
+)
+def test_a_row_on_the_sign_says_why_it_is_not_this_sign(
+    status: str, distances: dict[tuple[str, int | str], float], reason: str, words: str
+) -> None:
+    found = cause([(1, BOX, "sign", 7, "d-0007")], rows={"d-0007": status}, distances=distances)
+    assert (found.step, found.reason, found.row) == ("reported", reason, "d-0007")
+    assert cause_words(found).startswith(words)
+    assert cause_words(found).endswith("(2 none, 1 sign)")
+
+
+def test_every_verdict_has_a_step_and_words() -> None:
+    for verdict in VERDICTS:
+        found = cause([(0, BOX, verdict, None, None)])
+        assert found.step in STEPS
+        assert "1 " + verdict in cause_words(found)
+
+
+def test_causes_are_counted_in_the_order_of_the_work() -> None:
+    causes = [
+        MissCause(1, "refused", "residual", {}),
+        MissCause(2, "rejected", "score", {}),
+        MissCause(3, "refused", "location", {}),
+    ]
+    assert list(count_steps(causes).items()) == [("rejected", 1), ("refused", 2)]

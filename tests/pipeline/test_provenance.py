@@ -1,0 +1,54 @@
+"""Whether a model was learned from a log, by what it says of itself."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.pipeline.model_files import load_models, shipped_models
+from wayside.pipeline.provenance import learned_from, onnx_metadata
+from wayside.pipeline.settings_file import load_settings
+
+TEXT = (
+    "rendered drives learn_alley (60 images, 197 faces), learn_town (9 images, 1 faces); seed 1; "
+    "rendered/tune_hill: 22 images, own; us_clip: 42 images, MIT (upstream); town, held out: 5 of 9"
+)
+
+
+@pytest.mark.parametrize("log", ["learn_alley", "learn_town", "tune_hill", "us_clip"])
+def test_a_log_that_is_listed_with_its_images_was_learned_from(log: str) -> None:
+    assert learned_from(log, {"judge": TEXT, "place": "seed 1"}) == ("judge",)
+
+
+@pytest.mark.parametrize("log", ["alley", "learn", "hill", "us", "clip", "town", "seed", "us.clip"])
+def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log: str) -> None:
+    assert learned_from(log, {"judge": TEXT}) == ()
+
+
+def test_the_detection_network_that_ships_names_the_drives_it_saw() -> None:
+    settings, _ = load_settings("default", None, [], {"models.network": "network.onnx"})
+    said = load_models(settings).provenances()
+    assert learned_from("us_freeway_challenge", said) == ("network",)
+    assert learned_from("ca_city_garmin", said) == ()
+    without, _ = load_settings("default", None, [], {})
+    assert learned_from("us_freeway_challenge", load_models(without).provenances()) == ()
+
+
+def test_the_classifiers_that_ship_name_the_rendered_drives_they_saw() -> None:
+    settings, _ = load_settings("default", None, [], {})
+    said = load_models(settings).provenances()
+    assert set(learned_from("learn_alley", said)) == said.keys() - {"outline"}
+    for never in ("demo", "straight", "curve", "town", "report", "raw"):
+        assert learned_from(never, said) == ()
+
+
+def test_the_metadata_of_an_onnx_file_is_read() -> None:
+    said = onnx_metadata((shipped_models() / "network.onnx").read_bytes())
+    assert said["seed"].isdigit()
+    assert "us_freeway_white_right: 45 images" in said["sources"]
+
+
+@given(st.binary(max_size=200))
+def test_a_file_that_is_no_onnx_has_no_metadata_or_readable_one(content: bytes) -> None:
+    assert all(isinstance(text, str) for text in onnx_metadata(content).values())
