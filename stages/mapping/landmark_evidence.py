@@ -63,8 +63,8 @@ class LandmarkClassifier:
     """Classifies landmarks of one side by a model of their evidence.
 
     model None: nothing is known of signs, and what stands is one: any two rays meet somewhere, so it takes a third box
-    or images in register. location: where signs stand (right, above; metres), None: anywhere; settings: weights of views
-    in the votes for colour and shape.
+    or images in register. location: where signs stand (right, above; metres), None: anywhere; settings: weights of
+    views in the votes for colour and shape.
     """
 
     model: EvidenceModel | None = None
