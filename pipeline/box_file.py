@@ -28,7 +28,7 @@ ADVICE = "see docs/detectors.md for the columns"
 
 
 @dataclass(frozen=True, slots=True)
-class _Rows:
+class BoxRows:
     """Rows of a file: key (one of `IMAGE_KEYS`), image (n,) int64, box (n, 4), score (n,), number (n,) of the class.
 
     names: of the classes by number; color, shape (n,) int8 or -1: what the rows themselves say; images: how many names
@@ -67,17 +67,20 @@ def load_boxes(settings: Settings) -> BoxFile:
     if settings.models.classes:
         classes = read_class_map(Path(settings.models.classes))
         signs = numbered(classes, rows.names, str(path), complete=False)
-    boxes, left_out = _by_image(path, rows, signs, settings.candidates.external_score)
+    boxes, left_out = boxes_by_image(path, rows, signs, settings.candidates.external_score)
     digest = sha256(data).hexdigest()
     count = len(rows.box)
     return BoxFile(str(path), digest, rows.key, boxes, count, rows.images, left_out, signs)
 
 
-def _by_image(
-    path: Path, rows: _Rows, signs: Mapping[int, SignClass] | None, least_score: float
+def boxes_by_image(
+    path: Path, rows: BoxRows, signs: Mapping[int, SignClass] | None, least_score: float
 ) -> tuple[dict[int, ExternalBoxes], dict[str, int]]:
     """The rows that can be used by the number of their image, and how many of the others there are by reason."""
-    finite = np.isfinite(rows.box).all(axis=1) & np.isfinite(rows.score)
+    with np.errstate(over="ignore", invalid="ignore"):
+        box = rows.box.astype(np.float32)
+        some_area = (box[:, 2:] > box[:, :2]).all(axis=1)
+    finite = np.isfinite(box).all(axis=1) & np.isfinite(rows.score)
     if finite.any() and not (rows.score[finite].min() >= 0 and rows.score[finite].max() <= 1):
         low, high = rows.score[finite].min(), rows.score[finite].max()
         raise _refusal(
@@ -88,14 +91,12 @@ def _by_image(
         )
     left_out: Counter[str] = Counter()
     good = np.ones(len(finite), np.bool_)
-    with np.errstate(invalid="ignore"):
-        some_area = (rows.box[:, 2:] > rows.box[:, :2]).all(axis=1)
-        reasons = (
-            ("not_finite", ~finite),
-            ("no_area", ~some_area),
-            ("other_class", ~np.isin(rows.number, list(signs)) if signs is not None else ~good),
-            ("below_score", rows.score < least_score),
-        )
+    reasons = (
+        ("not_finite", ~finite),
+        ("no_area", ~some_area),
+        ("other_class", ~np.isin(rows.number, list(signs)) if signs is not None else ~good),
+        ("below_score", rows.score < least_score),
+    )
     for reason, bad in reasons:
         count = int((good & bad).sum())
         if count:
@@ -105,9 +106,11 @@ def _by_image(
     kept = kept[np.lexsort((-rows.score[kept], rows.image[kept]))]
     numbers, first = np.unique(rows.image[kept], return_index=True)
     found = {}
-    for number, own in zip(numbers.tolist(), np.split(kept, first[1:]), strict=True):
+    ends = np.append(first, len(kept))[1:]
+    for number, start, end in zip(numbers.tolist(), first, ends, strict=True):
+        own = kept[start:end]
         named = named_boxes(
-            rows.box[own].astype(np.float32),
+            box[own],
             rows.score[own].astype(np.float32),
             rows.number[own],
             signs,
@@ -122,7 +125,7 @@ def _by_image(
     return found, dict(left_out)
 
 
-def _parquet_rows(path: Path) -> _Rows:
+def _parquet_rows(path: Path) -> BoxRows:
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
@@ -149,7 +152,7 @@ def _parquet_rows(path: Path) -> _Rows:
         else np.ones(count)
     )
     number, class_names = _classes(path, table)
-    return _Rows(
+    return BoxRows(
         key,
         image,
         box,
@@ -205,7 +208,7 @@ def _kinds(path: Path, table: pa.Table, name: str, known: Sequence[str]) -> NDAr
     return np.array([known.index(text) if text else -1 for text in texts], np.int8)
 
 
-def _coco_rows(path: Path, data: bytes) -> _Rows:
+def _coco_rows(path: Path, data: bytes) -> BoxRows:
     """Rows of COCO: a list of results, or a data set with `images`, `annotations` and `categories`."""
     try:
         content: Any = json.loads(data)
@@ -226,8 +229,10 @@ def _coco_rows(path: Path, data: bytes) -> _Rows:
 
 def _coco_images(images: Sequence[Mapping[str, Any]]) -> tuple[str, dict[Any, int], int]:
     """What names the images of a data set, their numbers by id, and how many have names only."""
+    if not images:
+        raise ValueError("no images")
     for key in IMAGE_KEYS[:3]:
-        if images and all(key in one for one in images):
+        if all(key in one for one in images):
             return key, {one["id"]: int(one[key]) for one in images}, 0
     names = [str(one["file_name"]) for one in images]
     if len(set(names)) != len(names):
@@ -242,11 +247,11 @@ def _coco_table(
     frames: Mapping[Any, int],
     names: Mapping[int, str],
     images: int,
-) -> _Rows:
+) -> BoxRows:
     count = len(entries)
     box = np.array([one["bbox"] for one in entries], np.float64).reshape(count, 4)
     ids = [one["image_id"] for one in entries]
-    return _Rows(
+    return BoxRows(
         key,
         np.array([frames[one] if frames else int(one) for one in ids], np.int64),
         np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], axis=1),

@@ -151,9 +151,9 @@ class Flow:
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
-        placed = place_signs(
-            landmarks, path=path, settings=s.georeference, confidence=s.locate.confidence
-        )
+        # scores of another detector are no probabilities: what its least score let through is a sign
+        confidence = s.locate.confidence if self.models.external is None else 0.0
+        placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
         return self.drive_stage("signs", placed)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:

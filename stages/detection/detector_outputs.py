@@ -136,7 +136,7 @@ def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
         numbers = _one(outputs, "labels", 2)
         found = RawBoxes(_one(outputs, "boxes", 3), _one(outputs, "scores", 2), _whole(numbers))
     else:
-        found = _READ[form](_only(outputs))
+        found = _READ[form](_only(outputs, form))
     if found.box.shape != (len(found.score), 4):
         raise ValueError(f"boxes {list(found.box.shape)} and scores {list(found.score.shape)}")
     if len(found.score) and not (-1e-3 <= found.score.min() and found.score.max() <= 1 + 1e-3):
@@ -181,13 +181,17 @@ def _one(outputs: Mapping[str, Array], name: str, axes: int) -> Array:
     return np.asarray(value[0])
 
 
-def _only(outputs: Mapping[str, Array]) -> Array:
-    if len(outputs) != 1 or next(iter(outputs.values())).ndim != 3:
+def _only(outputs: Mapping[str, Array], form: str) -> Array:
+    """The table of a format that has only one."""
+    least = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
+    value = next(iter(outputs.values()))
+    if len(outputs) != 1 or value.ndim != 3 or value.shape[0] != 1 or not _at_least(value, least):
         raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
-    table = np.asarray(next(iter(outputs.values()))[0])
-    if min(table.shape[0] if table.shape[0] else 5, table.shape[1]) < 1:
-        raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
-    return table
+    return np.asarray(value[0])
+
+
+def _at_least(value: Array, least: tuple[int, int]) -> bool:
+    return all(found >= wanted for found, wanted in zip(value.shape[1:], least, strict=True))
 
 
 def _best(box: Array, scores: Array) -> RawBoxes:
