@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 import wayside
+from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
@@ -88,6 +89,7 @@ def common(
     epilog="Examples: `wayside run drive.mcap -o out` · `wayside run images.mcap --spacing 26.4ft -o out` · "
     "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
     "`wayside run drive.mcap --view file -o out` · "
+    "`wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out` · "
     "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
 )
 def run(
@@ -108,6 +110,9 @@ def run(
     until: Until = None,
     every: Every = None,
     workers: Workers = None,
+    detector: boxes.Detector = None,
+    detections: boxes.Detections = None,
+    classes: boxes.Classes = None,
     observations: Annotated[
         Listed,
         typer.Option(
@@ -121,6 +126,9 @@ def run(
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
+    options |= boxes.options(detector, detections, classes)
+    if detections is not None:
+        boxes.require_one_log(logs)
     chosen = _load_settings(preset, settings, assignments, options)
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
     lost = False
@@ -151,6 +159,9 @@ def replay(
     start: From = None,
     until: Until = None,
     workers: Workers = None,
+    detector: boxes.Detector = None,
+    detections: boxes.Detections = None,
+    classes: boxes.Classes = None,
     view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
 ) -> None:
@@ -158,6 +169,7 @@ def replay(
     import tempfile
 
     options = _read_options(spacing, camera, calibration, start, until, None, workers)
+    options |= boxes.options(detector, detections, classes)
     chosen = _load_settings(preset, settings, assignments, options)
     times = viewer.parse_rate(rate)
     shown = viewer.ViewMode.serve if serve else viewer.ViewMode.live

@@ -15,15 +15,21 @@ from typing import Protocol
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
-from wayside.schemas.frame import Frame
+from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.detection import BoxClassifier, detect, propose
+from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
-from wayside.stages.mapping import SideClassifiers, assemble, classify_location, track
+from wayside.stages.mapping import (
+    SideClassifiers,
+    assemble,
+    classify_location,
+    score_by_views,
+    track,
+)
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
@@ -58,12 +64,35 @@ class Flow:
         """Do what one image needs for itself; runs side by side in the workers."""
         stage, s = self.stage, self.settings
         images = stage("decode", decode(frames))
-        segmented = stage("segment", segment(images, settings=s.segment, gate=s.gate))
-        by_report = s.candidates.judge == "report"
-        found = self._by_report(segmented) if by_report else self._by_classifier(segmented)
+        found = (
+            self._by_segments(images) if self.models.external is None else self._external(images)
+        )
         if s.features.sift:
             found = stage("sift", extract_sift(found, settings=s.sift))
         return stage("features", extract_features(found, settings=s.features))
+
+    def _by_segments(self, images: Iterator[Image]) -> Iterator[Detections]:
+        """Segmentation, and then what the preset makes of its regions."""
+        s = self.settings
+        segmented = self.stage("segment", segment(images, settings=s.segment, gate=s.gate))
+        by_report = s.candidates.judge == "report"
+        return self._by_report(segmented) if by_report else self._by_classifier(segmented)
+
+    def _external(self, images: Iterator[Image]) -> Iterator[Detections]:
+        """The boxes of another detector: they are the detections, and wayside's own does not run."""
+        s, m = self.settings, self.models
+        if m.external is None:
+            raise ValueError("models: wanted a detector or a file of boxes, found none")
+        return self.stage(
+            "detect",
+            detect_externally(
+                images,
+                source=m.external,
+                settings=s.candidates,
+                color=m.color_network,
+                shape=m.shape_network,
+            ),
+        )
 
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
@@ -122,23 +151,19 @@ class Flow:
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
-        placed = place_signs(
-            landmarks, path=path, settings=s.georeference, confidence=s.locate.confidence
-        )
+        # scores of another detector are no probabilities: what its least score let through is a sign
+        confidence = s.locate.confidence if self.models.external is None else 0.0
+        placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
         return self.drive_stage("signs", placed)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""
-        s, m = self.settings, self.models
+        s = self.settings
         if s.track.matching == "sift":
             return match_by_descriptors(posed, settings=s.mapping, sift=s.sift)
-        by_report = s.candidates.judge == "report"
-        boxes = None if by_report else BoxClassifier(m.box_classifier)
-        front = SideClassifiers(boxes, m.landmark_classifier)
-        back = None
-        if m.back_classifier is not None:
-            back = SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
-        return track(
+        external = self.models.external is not None
+        front, back = (SideClassifiers(), None) if external else self._side_classifiers()
+        tracked = track(
             posed,
             settings=s.mapping,
             front=front,
@@ -146,6 +171,16 @@ class Flow:
             panel=self.panel_method(),
             adjustment=s.local_adjustment,
         )
+        return score_by_views(tracked) if external else tracked
+
+    def _side_classifiers(self) -> tuple[SideClassifiers, SideClassifiers | None]:
+        """Classifiers of faces and of backs, learned on the scores of wayside's own detector."""
+        m, by_report = self.models, self.settings.candidates.judge == "report"
+        boxes = None if by_report else BoxClassifier(m.box_classifier)
+        front = SideClassifiers(boxes, m.landmark_classifier)
+        if m.back_classifier is None:
+            return front, None
+        return front, SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
 
     def panel_method(self) -> PanelMethod:
         """How panels are measured as planes."""

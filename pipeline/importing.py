@@ -85,7 +85,7 @@ def import_images(images: list[Path], calibration: Path, spacing_m: float, out: 
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(_image_files(images), key=_natural_key)
+    files = sorted(_image_files(images), key=natural_key)
     if not files:
         raise UsageError(
             "wanted images to import, found none; give JPEG or PNG files or folders of them"
@@ -135,7 +135,7 @@ def _image_files(paths: list[Path]) -> Iterator[Path]:
             raise InputError(f"{path}: wanted an image, found no such file; check the name")
 
 
-def _natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
+def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
     """Numbers in a name compare as numbers: image 2 stands before image 10."""
     pieces = re.split(r"(\d+)", path.name.lower())
     return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in pieces if p], str(path)

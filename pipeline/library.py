@@ -118,6 +118,9 @@ def run(
     calibration: PathLike | None = None,
     camera: str | None = None,
     workers: int | None = None,
+    detector: PathLike | None = None,
+    detections: PathLike | None = None,
+    classes: PathLike | None = None,
     progress: Callable[[Progress], None] | None = None,
     out: PathLike | None = None,
     view: Literal["file", "live", "serve"] | None = None,
@@ -145,6 +148,12 @@ def run(
         Image topic, where the log has several.
     workers
         Images processed side by side; the result does not depend on it.
+    detector
+        ONNX file of a YOLO or RT-DETR detector that takes the place of wayside's own (docs/detectors.md).
+    detections
+        Parquet or COCO JSON of boxes made elsewhere, instead of a detector.
+    classes
+        TOML: which classes of these are signs, and their colours and shapes.
     progress
         Called after each settled frame.
     out
@@ -158,13 +167,23 @@ def run(
     UsageError
         A setting or option is unknown or out of range, or options exclude each other.
     InputError
-        A model file or calibration cannot be used. What is wrong with the log shows when it is read.
+        A model file, detector, file of boxes or calibration cannot be used. What is wrong with the log shows when it
+        is read.
     """
     from wayside.pipeline.model_files import load_models
 
     if view == "file" and out is None:
         raise UsageError('wanted a folder for the recording of view="file", found none; give out')
-    chosen = _settings(preset, settings, spacing, calibration, camera, workers)
+    given: dict[str, Any] = {
+        "read.spacing_m": spacing,
+        "read.calibration": calibration,
+        "read.camera": camera,
+        "run.workers": workers,
+        "models.detector": detector,
+        "models.detections": detections,
+        "models.classes": classes,
+    }
+    chosen = _settings(preset, settings, given)
     models = load_models(chosen)
     path = Path(log)
     address = _start_viewer(view)
@@ -284,13 +303,9 @@ def _start_viewer(view: str | None) -> str | None:
 
 
 def _settings(
-    preset: str,
-    settings: Settings | Mapping[str, Any] | None,
-    spacing: str | float | None,
-    calibration: PathLike | None,
-    camera: str | None,
-    workers: int | None,
+    preset: str, settings: Settings | Mapping[str, Any] | None, options: Mapping[str, Any]
 ) -> Settings:
+    """The settings of a run; options: by full name, None where not given, paths as such."""
     from wayside.pipeline.settings_file import load_settings, settings_values
     from wayside.schemas.settings import Settings
 
@@ -303,11 +318,9 @@ def _settings(
         }
     else:
         overrides = dict(settings or {})
-    options: dict[str, Any] = {
-        "read.spacing_m": spacing,
-        "read.calibration": None if calibration is None else os.fspath(calibration),
-        "read.camera": camera,
-        "run.workers": workers,
+    given = {
+        name: os.fspath(value) if isinstance(value, os.PathLike) else value
+        for name, value in options.items()
+        if value is not None
     }
-    given = {name: value for name, value in options.items() if value is not None}
     return load_settings(preset, options=overrides | given)[0]

@@ -12,7 +12,10 @@ from typing import TypeVar
 
 import cv2
 
+from wayside.pipeline.box_file import load_boxes
+from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.provenance import onnx_metadata
+from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
@@ -41,7 +44,8 @@ class Models:
     color_network, shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
     back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
     outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the
-    network whose boxes join the proposals. None where there is no such file.
+    network whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes,
+    that takes the place of wayside's own; None: there is none.
     """
 
     box_classifier: TreeModel
@@ -57,12 +61,17 @@ class Models:
     back_landmark_classifier: TreeModel | None = None
     region_ranking: TreeModel | None = None
     detection_network: OnnxFile | None = None
+    external: DetectorFile | BoxFile | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
         digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
         if self.detection_network is not None:
             digests["network"] = self.detection_network.sha256
+        if isinstance(self.external, DetectorFile):
+            digests["detector"] = self.external.onnx.sha256
+        elif self.external is not None:
+            digests["detections"] = self.external.sha256
         return digests
 
     def provenances(self) -> dict[str, str]:
@@ -123,7 +132,14 @@ def load_models(settings: Settings) -> Models:
         optional(_trees, "back_place.json"),
         optional(_trees, "ranking.json"),
         None if by_report else _detection_network(folder, settings.models.network),
+        _external(settings),
     )
+
+
+def _external(settings: Settings) -> DetectorFile | BoxFile | None:
+    if settings.models.detector:
+        return load_detector(settings.models)
+    return load_boxes(settings) if settings.models.detections else None
 
 
 def shipped_models() -> Traversable:

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
+from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.model_files import Models
@@ -22,6 +23,7 @@ from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.workers import StageClock
+from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
@@ -60,11 +62,13 @@ class RunResult:
     wall_seconds: float
     view_faults: tuple[str, ...] = ()
     view_images: str | None = None
+    boxes: BoxReport | None = None
 
     @property
     def notes(self) -> list[str]:
         """What was found amiss in the log and made good, or has to be known to trust the result; in words."""
-        return [*self.report.notes, *self.inventory.path.notes]
+        more = () if self.boxes is None else self.boxes.notes
+        return [*self.report.notes, *self.inventory.path.notes, *more]
 
     @property
     def lost(self) -> list[str]:
@@ -180,13 +184,21 @@ def process_log(
     flow = Flow(settings, models, clock, observer)
     writer = InventoryWriter(folder, log.stem, every_region=every_region)
     statuses: Counter[str] = Counter()
+    source = models.external
+    accounting = None if source is None else BoxAccounting(source)
+    read = _with_first(first, frames)
+    if isinstance(source, BoxFile) and source.images:
+        read = paired_by_order(read, source)
     try:
-        for settled in flow.track(_with_first(first, frames)):
+        for settled in flow.track(read):
             statuses[settled.frame.status] += 1
             writer.append(settled)
+            if accounting is not None:
+                accounting.take(settled)
             yield settled
         if not statuses[USED]:
             raise InputError(_no_image(log, statuses))
+        boxes = None if accounting is None else accounting.report()
         path = flow.georeference()
         signs = tuple(flow.signs(path))
     except BaseException:
@@ -210,6 +222,7 @@ def process_log(
         wall,
         tuple(faults),
         None if observer is None else observer.images,
+        boxes,
     )
     _write_run(run.result, settings, models, arguments)
 
@@ -259,6 +272,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "settings_digest": settings_digest(settings),
         "models": models.digests(),
         "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
+        "detector": None if result.boxes is None else result.boxes.source,
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
         "notes": result.notes,
@@ -267,6 +281,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
             "used": used,
             "rejected": rejected,
             "regions": result.inventory.verdicts,
+            "boxes": None if result.boxes is None else result.boxes.counts,
             "lost": result.lost,
         },
         "files": {

@@ -24,6 +24,8 @@ def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> 
         console.print(f"... and {len(rows) - _MOST_SIGNS} more in signs.parquet")
     console.print(f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(rows)}")
     console.print(_images(result))
+    if result.boxes is not None:
+        console.print(result.boxes.words)
     console.print(_regions(result.inventory.verdicts))
     console.print(_times(result))
     for note in result.notes:

@@ -51,3 +51,35 @@ class ModelSettings:
         "detection network whose boxes join the proposals of preset default: an ONNX file, or the name of one that "
         "ships; empty: none",
     )
+    detector: str = setting(
+        "",
+        "file",
+        "detector (ONNX, YOLO or RT-DETR family) whose boxes replace those of wayside's own detector; empty: none",
+    )
+    detections: str = setting(
+        "",
+        "file",
+        "boxes made elsewhere (Parquet or COCO JSON) that replace those of wayside's own detector; empty: none",
+    )
+    classes: str = setting(
+        "",
+        "file",
+        "TOML: which classes of `detector` or `detections` are signs, and their colours and shapes; empty: all are "
+        "signs",
+    )
+    detector_format: str = setting(
+        "auto",
+        "",
+        "how the output of `detector` is read; auto: by its shape and names",
+        expert=True,
+        choices=(
+            "auto",
+            "yolov5",
+            "yolov8",
+            "end_to_end",
+            "detr",
+            "detr_classes",
+            "detr_pixels",
+            "detr_logits",
+        ),
+    )
