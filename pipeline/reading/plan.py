@@ -6,6 +6,7 @@ import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
+from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent, PoseContent
 from wayside.pipeline.reading.messages import Kind
@@ -87,10 +88,13 @@ def plan_reading(path: Path, settings: ReadSettings) -> Plan:
         camera=settings.camera,
         calibrated=given is not None,
         spaced=settings.spacing_m > 0,
+        allowance=allowance_of(settings),
     )
     names = {t.name for t in survey.cameras}
     if len(names) > 1 and not settings.camera:
-        survey = survey_log(path, whole=True)  # the question states how much there is of each
+        survey = survey_log(
+            path, whole=True, allowance=allowance_of(settings)
+        )  # the question states how much there is of each
     return make_plan(survey, settings, given)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.camera_file import parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
@@ -16,7 +17,8 @@ from wayside.pipeline.reading.image_headers import format_word, read_image_heade
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
 from wayside.pipeline.reading.poses import TransformTree
-from wayside.pipeline.reading.records import Message, ScanReport, scan
+from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.summary import read_summary
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -100,7 +102,13 @@ class LogSurvey:
 
 
 def survey_log(
-    path: Path, *, whole: bool, camera: str = "", calibrated: bool = False, spaced: bool = False
+    path: Path,
+    *,
+    whole: bool,
+    camera: str = "",
+    calibrated: bool = False,
+    spaced: bool = False,
+    allowance: Allowance | None = None,
 ) -> LogSurvey:
     """Look into a log.
 
@@ -116,6 +124,8 @@ def survey_log(
         The image topic that is wanted; empty: any.
     calibrated, spaced
         Whether calibration or spacing come from elsewhere, and need not be found.
+    allowance
+        How far the log may unpack; None: as the default settings say.
 
     Raises
     ------
@@ -125,7 +135,7 @@ def survey_log(
     survey = LogSurvey(path)
     expected = set() if whole else _expected_topics(path)
     decoders = Decoders()
-    for record in scan(path, survey.scan):
+    for record in scan(path, survey.scan, allowance):
         if isinstance(record, Metadata):
             _take_metadata(survey, record)
         elif isinstance(record, Attachment):
