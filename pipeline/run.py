@@ -22,7 +22,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.frame import UNDECODABLE, USED, Frame
+from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 
@@ -68,8 +68,8 @@ class RunResult:
     @property
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
-        undecodable = self.frames.get(UNDECODABLE, 0)
-        images = [f"{undecodable} images do not decode"] if undecodable else []
+        words = ((UNDECODABLE, "do not decode"), (DAMAGED, "are damaged: they decode in part only"))
+        images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]
         return [*(str(problem) for problem in self.report.problems), *images]
 
 
