@@ -20,6 +20,7 @@ from wayside.pipeline.model_files import Models
 from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
@@ -177,7 +178,7 @@ def process_log(
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
     flow = Flow(settings, models, clock, observer)
-    writer = InventoryWriter(folder, log.stem, every_region=every_region)
+    writer = InventoryWriter(folder, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
     try:
         for settled in flow.track(_with_first(first, frames)):
@@ -232,13 +233,15 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
 
 def _make_folder(folder: Path) -> None:
     try:
+        str(folder).encode("utf-8")  # the writer of tables takes no other names
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".wayside-probe"
         probe.touch()
         probe.unlink()
-    except OSError as error:
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "a name that is not UTF-8"
         raise OutputError(
-            f"{folder}: wanted a folder to write the result to, found: {error.strerror or error}; "
+            f"{folder}: wanted a folder to write the result to, found: {reason or error}; "
             "choose another with -o"
         ) from error
 

@@ -9,6 +9,8 @@ import struct
 import zlib
 from dataclasses import dataclass
 
+from wayside.pipeline.visible_text import visible
+
 MAGIC = b"\x89MCAP0\r\n"
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
@@ -105,8 +107,11 @@ class Fields:
         return self._take(self.integer(length_size))
 
     def text(self) -> str:
-        """String; bytes that are no UTF-8 are replaced, since a damaged name must not end the reading."""
-        return self.block().decode("utf-8", "replace")
+        """String; bytes that are no UTF-8 are replaced, since a damaged name must not end the reading.
+
+        Control characters come as their escapes: names are shown, compared and typed.
+        """
+        return visible(self.block().decode("utf-8", "replace"))
 
     def mapping(self) -> dict[str, str]:
         """Map of strings."""
