@@ -137,24 +137,23 @@ def changed_model(name, change):
 
 
 DAMAGED = {
-    "a link out of a tree": ("judge.json", lambda d: d["trees"][0]["left"].__setitem__(0, 10**6)),
+    "a link out of a tree": ("place.json", lambda d: d["trees"][0]["left"].__setitem__(0, 10**6)),
     "a link far before it": (
-        "judge.json",
+        "place.json",
         lambda d: d["trees"][0]["right"].__setitem__(0, -(2**30)),
     ),
     "a feature that is not there": (
-        "judge.json",
+        "place.json",
         lambda d: d["trees"][0]["feature"].__setitem__(0, 2**20),
     ),
-    "a number too large": ("judge.json", lambda d: d["trees"][0]["left"].__setitem__(0, 2**40)),
-    "short arrays": ("judge.json", lambda d: [t["value"].pop() for t in d["trees"]]),
-    "one short array": ("judge.json", lambda d: d["trees"][3]["value"].pop()),
-    "nan in a tree": ("judge.json", lambda d: d["trees"][0]["value"].__setitem__(0, math.nan)),
-    "nan as bias": ("judge.json", lambda d: d.update(bias=math.nan)),
-    "no trees": ("judge.json", lambda d: d.update(trees=[])),
-    "other features": ("judge.json", lambda d: d["features"].reverse()),
-    "features missing": ("place.json", lambda d: d.update(features=d["features"] * 2)),
-    "nan in a pre-filter": ("judge.json", lambda d: d["gate"].update(accept=math.inf)),
+    "a number too large": ("place.json", lambda d: d["trees"][0]["left"].__setitem__(0, 2**40)),
+    "short arrays": ("place.json", lambda d: [t["value"].pop() for t in d["trees"]]),
+    "one short array": ("place.json", lambda d: d["trees"][3]["value"].pop()),
+    "nan in a tree": ("place.json", lambda d: d["trees"][0]["value"].__setitem__(0, math.nan)),
+    "nan as bias": ("place.json", lambda d: d.update(bias=math.nan)),
+    "no trees": ("place.json", lambda d: d.update(trees=[])),
+    "infinity in a pre-filter": ("place.json", lambda d: d.update(gate={**d, "accept": math.inf})),
+    "a list as part": ("place.json", lambda d: d.update(network=[1])),
     "a mean of another size": ("location.json", lambda d: d["classes"][0]["mean"].pop()),
     "no covariance": (
         "location.json",
@@ -165,14 +164,24 @@ DAMAGED = {
         lambda d: d["weights"].update(dict.fromkeys(d["weights"], math.nan)),
     ),
     "a scale of zero": ("face_color.json", lambda d: d["scale"].__setitem__(0, 0.0)),
-    "an unknown class": ("face_color.json", lambda d: d["classes"].__setitem__(0, "mauve")),
-    "a list as part": ("judge.json", lambda d: d.update(network=[1])),
 }
 
 
 @pytest.mark.parametrize("what", DAMAGED)
-def test_a_damaged_model_is_refused_with_its_name_before_the_first_image(tmp_path, what):
+def test_a_damaged_model_is_refused_with_its_name(what):
     name, change = DAMAGED[what]
+    with pytest.raises(InputError, match=name.replace(".", r"\.")):
+        model_from_json(changed_model(name, change), name)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("place.json", lambda d: d["features"].reverse()),
+        ("face_color.json", lambda d: d["classes"].__setitem__(0, "mauve")),
+    ],
+)
+def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_path, name, change):
     (tmp_path / name).write_text(changed_model(name, change))
     with pytest.raises(InputError, match=name.replace(".", r"\.")):
         load_models(settings(folder=tmp_path))
@@ -181,10 +190,9 @@ def test_a_damaged_model_is_refused_with_its_name_before_the_first_image(tmp_pat
 @pytest.mark.parametrize(
     "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "trees", "gate": ' * 2000]
 )
-def test_a_model_file_of_endless_depth_is_refused(tmp_path, text):
-    (tmp_path / "location.json").write_text(text)
+def test_a_model_file_of_endless_depth_is_refused(text):
     with pytest.raises(InputError, match=r"location\.json"):
-        load_models(settings(folder=tmp_path))
+        model_from_json(text, "location.json")
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
