@@ -76,6 +76,12 @@ _NARROWEST_DEG, _WIDEST_DEG = 0.1, 170.0
 """Of a telescope, and of a lens whose image a plane can hold; other angles are a slip in the focal length."""
 
 
+def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
+    """Nanoseconds of a time stamp; None where it is not set (0), or no table can hold it (64 bits)."""
+    stamp = int(seconds) * 10**9 + int(nanoseconds)
+    return stamp if stamp and -(1 << 63) <= stamp < 1 << 63 else None
+
+
 def make_camera(
     size: tuple[int, int], k: tuple[float, ...], model: str, d: tuple[float, ...]
 ) -> Camera:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
 from wayside.pipeline.reading.chunks import ChunkHead
-from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.records import Message, messages_at, scan
 from wayside.pipeline.reading.salvage import front_of_lz4_block, unpack_front
 from wayside.pipeline.reading.scan_report import ScanReport
 
@@ -229,3 +229,35 @@ def test_messages_are_reconciled_with_the_summary(tmp_path):
     found, report = read(path, content)
     assert report.messages_stated == MESSAGES
     assert report.messages == len(found) < MESSAGES
+
+
+@pytest.mark.parametrize("options", [{"use_chunking": False}, *({"compression": k} for k in KINDS)])
+def test_the_messages_of_any_record_can_be_read_again(tmp_path, options):
+    path = tmp_path / "log.mcap"
+    content = write(chunk_size=300_000, **options)
+    path.write_bytes(content[: len(content) // 2])
+    found = [m for m in scan(path, ScanReport()) if isinstance(m, Message)]
+    channels = {m.channel.id: m.channel for m in found}
+    again = [
+        m for at in dict.fromkeys(m.offset for m in found) for m in messages_at(path, at, channels)
+    ]
+    assert [(m.sequence, bytes(m.data)) for m in again] == [
+        (m.sequence, bytes(m.data)) for m in found
+    ]
+
+
+def test_a_message_of_a_time_that_no_table_holds_is_lost_and_told(tmp_path):
+    content = write(use_chunking=False)
+    start = content.index(payload(20)) - 31
+    content[start + 9 + 6 + 7] = 0xFF
+    found, report = read(tmp_path / "log.mcap", content)
+    assert 20 not in found
+    assert "after the year 2262" in str(report.problems[0])
+
+
+def test_a_first_chunk_that_calls_itself_a_message_is_read(tmp_path):
+    content = write(compression=KINDS[2], chunk_size=300_000, **BARE)
+    content[chunks_of(content)[0][0]] = 5
+    found, report = read(tmp_path / "log.mcap", content)
+    assert found == list(range(MESSAGES))
+    assert report.problem_count == 1
