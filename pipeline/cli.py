@@ -14,6 +14,7 @@ import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
+from wayside.pipeline.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
 
 if TYPE_CHECKING:
@@ -202,10 +203,10 @@ def _read_options(
     workers: int | None,
 ) -> dict[str, Any]:
     """Options that are settings by another name, those given only."""
-    from wayside.pipeline.lengths import parse_time
+    from wayside.pipeline.lengths import parse_spacing, parse_time
 
     options: dict[str, Any] = {
-        "read.spacing_m": spacing,
+        "read.spacing_m": None if spacing is None else parse_spacing(spacing),
         "read.camera": camera,
         "read.calibration": None if calibration is None else str(calibration),
         "read.from_s": None if start is None else parse_time(start),
@@ -252,7 +253,7 @@ def _process(
             return None
         from wayside.pipeline.view.sinks import open_observer
 
-        return open_observer(viewing, folder, log.stem, models.location_classes, report)
+        return open_observer(viewing, folder, visible(log.stem), models.location_classes, report)
 
     size = log.stat().st_size if log.exists() else 0
     with FrameProgress(log.name, size) as progress, watched_compilation(progress.compiling):
@@ -277,7 +278,7 @@ def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file."
     """Say what a log holds, and whether and how it can be used."""
     from wayside.pipeline.information import describe_log, format_information
 
-    typer.echo(format_information(describe_log(log)))
+    typer.echo(visible_lines(format_information(describe_log(log))))
 
 
 @app.command(
@@ -294,10 +295,10 @@ def import_(
 ) -> None:
     """Make a log of numbered images."""
     from wayside.pipeline.importing import import_images
-    from wayside.pipeline.lengths import parse_length
+    from wayside.pipeline.lengths import parse_spacing
 
-    count = import_images(images, calibration, parse_length(spacing), out)
-    typer.echo(f"{out}: {count} images; next: wayside run {out} -o out")
+    count = import_images(images, calibration, parse_spacing(spacing), out)
+    typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
 
 
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
@@ -315,7 +316,7 @@ def evaluate(
     evaluation = compare(out, truth)
     if json is not None:
         write_evaluation(evaluation, json)
-    typer.echo(format_evaluation(evaluation))
+    typer.echo(visible_lines(format_evaluation(evaluation)))
 
 
 @app.command(epilog="Example: `wayside settings --preset report > mine.toml`")
@@ -356,7 +357,7 @@ def main() -> None:
     except WaysideError as error:
         if debug or error.exit_status == 1:
             traceback.print_exc()
-        print(f"wayside: {error}", file=sys.stderr)
+        print(visible_lines(f"wayside: {error}"), file=sys.stderr)
         sys.exit(error.exit_status)
     except Exception as error:
         _end_on_usage_error(error)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def view(
 
     target = find_target(out, sign, frame)
     open_result(out, target, over, serve=serve)
-    typer.echo(f"{out}: frame {target.frame}")
+    typer.echo(visible(f"{out}: frame {target.frame}"))
 
 
 def picture(
@@ -118,7 +119,7 @@ def picture(
     from wayside.pipeline.view.results import find_target, save_screenshot
 
     save_screenshot(out, find_target(out, sign, frame), over, png, _parse_size(size))
-    typer.echo(f"{png}")
+    typer.echo(visible(f"{png}"))
 
 
 def evidence(
@@ -139,19 +140,24 @@ def evidence(
     from wayside.pipeline.tuning import tune_process
 
     tune_process()
+    sheets = out / "evidence" if folder is None else folder
+    if folder is None and sheets.is_symlink():
+        raise UsageError(
+            f"{sheets}: wanted a folder of its own, found a link; say with -o where the sheets go"
+        )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
             out,
-            out / "evidence" if folder is None else folder,
+            sheets,
             sign_id=sign,
             log=log,
             watch=progress.watch,
         )
     count = len(written.sheets)
     if written.index is not None:
-        typer.echo(f"{count} {'sheet' if count == 1 else 'sheets'}; open {written.index}")
+        typer.echo(visible(f"{count} {'sheet' if count == 1 else 'sheets'}; open {written.index}"))
     else:
-        typer.echo(str(written.sheets[0]))
+        typer.echo(visible(str(written.sheets[0])))
     if written.lost_views:
         typer.echo(
             f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "

@@ -53,7 +53,7 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     try:
         compare = _on_labels if _LABEL_KEYS <= facts.keys() else _on_truth
         evaluation = compare(out, rows, frames, facts)
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, ArithmeticError) as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
         ) from error
@@ -245,7 +245,7 @@ def _read_truth(file: Path) -> dict[str, Any]:
         facts = json.loads(file.read_text("utf-8"))
     except OSError as error:
         raise InputError(f"truth file {file} cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"truth file {file} is not JSON: {error}") from error
     keys = facts.keys() if isinstance(facts, dict) else set()
     if not (_TRUTH_KEYS <= keys or _LABEL_KEYS <= keys):

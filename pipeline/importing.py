@@ -167,7 +167,7 @@ def _read_image(file: Path, camera: Camera) -> tuple[bytes, str]:
             f"{file}: wanted an image, found: {error.strerror or error}; check the file"
         ) from error
     header = read_image_header(data)
-    if header is None:
+    if header is None or header.encoding not in ("jpeg", "png"):
         raise InputError(
             f"{file}: wanted a JPEG or PNG image, found a file that is neither or is cut off; "
             "convert it or leave it out"

@@ -88,7 +88,7 @@ def read_run(out: Path) -> dict[str, Any]:
         raise _no_result(out, RUN_FILE)
     try:
         run = json.loads(file.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{file} cannot be read: {error}; run the log again") from error
     if not isinstance(run, dict):
         raise InputError(f"{file}: wanted what `wayside run` writes, found something else")
@@ -125,6 +125,7 @@ def find_log(run: dict[str, Any], given: Path | None) -> Path:
         There is no such file.
     """
     noted = run.get("log_path")
+    noted = noted if isinstance(noted, str) else None
     if given is None and noted is None:
         raise InputError(
             f"wanted the log {run.get('log', '')} to take images from; {RUN_FILE} does not say where it lies; "

@@ -22,10 +22,11 @@ from wayside.pipeline.pace import paced
 from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import settings_digest
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.frame import UNDECODABLE, USED, Frame
+from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 
@@ -73,8 +74,8 @@ class RunResult:
     @property
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
-        undecodable = self.frames.get(UNDECODABLE, 0)
-        images = [f"{undecodable} images do not decode"] if undecodable else []
+        words = ((UNDECODABLE, "do not decode"), (DAMAGED, "are damaged: they decode in part only"))
+        images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]
         return [*(str(problem) for problem in self.report.problems), *images]
 
 
@@ -182,7 +183,7 @@ def process_log(
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
     flow = Flow(settings, models, clock, observer)
-    writer = InventoryWriter(folder, log.stem, every_region=every_region)
+    writer = InventoryWriter(folder, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
     source = models.external
     accounting = None if source is None else BoxAccounting(source)
@@ -246,13 +247,15 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
 
 def _make_folder(folder: Path) -> None:
     try:
+        str(folder).encode("utf-8")  # the writer of tables takes no other names
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".wayside-probe"
         probe.touch()
         probe.unlink()
-    except OSError as error:
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "a name that is not UTF-8"
         raise OutputError(
-            f"{folder}: wanted a folder to write the result to, found: {error.strerror or error}; "
+            f"{folder}: wanted a folder to write the result to, found: {reason or error}; "
             "choose another with -o"
         ) from error
 

@@ -150,7 +150,9 @@ def _write(path: Path, content: bytes) -> None:
     """Write a file that appears whole or not at all."""
     part = path.with_name(f".{path.name}.part")
     try:
-        part.write_bytes(content)
+        part.unlink(missing_ok=True)
+        with part.open("xb") as stream:  # a link that lies there is not followed
+            stream.write(content)
         os.replace(part, path)
     except OSError as error:
         with suppress(OSError):
