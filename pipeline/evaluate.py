@@ -11,7 +11,8 @@ from wayside.pipeline.evaluate_real import evaluate_against_labels
 from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation, Spread
 from wayside.pipeline.result import read_rows
-from wayside.schemas.errors import InputError, OutputError
+from wayside.pipeline.writing import write_json
+from wayside.schemas.errors import InputError
 from wayside.schemas.tables import OBSERVATIONS, SIGNS
 
 _SIGN_COLUMNS = (
@@ -51,18 +52,16 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
         ) from error
 
 
-def write_evaluation(evaluation: Evaluation, file: Path) -> None:
-    """Write the figures as JSON.
+def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = False) -> None:
+    """Write the figures as JSON, over those of an earlier evaluation or, with `overwrite`, whatever stands there.
 
     Raises
     ------
     OutputError
-        The file cannot be written.
+        The file cannot be written, or something else stands there.
     """
-    try:
-        file.write_text(json.dumps(evaluation.to_json(), indent=1) + "\n", "utf-8")
-    except OSError as error:
-        raise OutputError(f"figures could not be written to {file}: {error.strerror}") from error
+    content = evaluation.to_json()
+    write_json(file, content, ("wanted", "found_count", "false"), overwrite=overwrite)
 
 
 def format_evaluation(evaluation: Evaluation) -> str:

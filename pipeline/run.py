@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
@@ -14,22 +13,27 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
+from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.model_files import Models
+from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.errors import InputError, OutputError
+from wayside.pipeline.writing import create, not_written
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 
-RECORDING = "drive.rrd"
-"""The recording of every step, beside the tables where it is asked for."""
-
 Watcher = Callable[[TrackedFrame, ReadReport], None]
+
+
+OpenObserver = Callable[[ReadReport, Path], "RunObserver | None"]
+"""Makes the observer of a run, from what reading chose and the folder for its files."""
 
 
 class RunObserver(Observer, Protocol):
@@ -38,6 +42,14 @@ class RunObserver(Observer, Protocol):
     @property
     def images(self) -> str:
         """Which images it records: `all`, those with `signs`, `none`."""
+
+    @property
+    def records(self) -> bool:
+        """Whether it writes a recording beside the tables."""
+
+    @property
+    def recording_lost(self) -> bool:
+        """Whether that recording could not be written."""
 
     def finish(self, inventory: WrittenTables) -> None:
         """Take note of what only the end tells."""
@@ -59,6 +71,8 @@ class RunResult:
     wall_seconds: float
     view_faults: tuple[str, ...] = ()
     view_images: str | None = None
+    recorded: bool | None = None
+    """Whether the recording of every step is whole; None where none was asked for."""
 
     @property
     def notes(self) -> list[str]:
@@ -78,18 +92,20 @@ def run_log(
     folder: Path,
     settings: Settings,
     models: Models,
+    run: Run | None = None,
     *,
     arguments: list[str],
     every_region: bool = False,
     watch: Watcher = lambda settled, report: None,
-    open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
+    open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
+    overwrite: bool = False,
 ) -> RunResult:
     """Process one log to its end, as `process_log` does.
 
     Parameters
     ----------
-    log, folder, settings, models, arguments, every_region, open_observer, rate
+    log, folder, settings, models, run, arguments, every_region, open_observer, rate, overwrite
         As in `process_log`.
     watch
         Called with every settled frame on its way to the tables.
@@ -99,7 +115,7 @@ def run_log(
     InputError, OutputError, StageError
         As in `process_log`.
     """
-    run = Run()
+    run = run or Run()
     for settled in process_log(
         log,
         folder,
@@ -110,6 +126,7 @@ def run_log(
         every_region=every_region,
         open_observer=open_observer,
         rate=rate,
+        overwrite=overwrite,
     ):
         watch(settled, run.report)
     assert run.result is not None
@@ -118,10 +135,11 @@ def run_log(
 
 @dataclass(slots=True)
 class Run:
-    """A run under way: what reading came across so far, and the result once it is complete."""
+    """A run under way: what reading came across so far, the result once it is complete, whether its files stand."""
 
     report: ReadReport = field(default_factory=ReadReport)
     result: RunResult | None = None
+    committed: bool = False
 
 
 def process_log(
@@ -133,12 +151,14 @@ def process_log(
     *,
     arguments: list[str],
     every_region: bool = False,
-    open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
+    open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
+    overwrite: bool = False,
 ) -> Iterator[TrackedFrame]:
     """Process one log, frame by frame, and write its tables and `run.json` into `folder` after the last one.
 
-    A generator: nothing happens before the first frame is asked for; closed early, it leaves no table.
+    A generator: nothing happens before the first frame is asked for. The files of the result replace those of an
+    earlier one together, after the last frame; closed early, it changes nothing.
 
     Parameters
     ----------
@@ -153,23 +173,50 @@ def process_log(
     every_region
         List regions that the colour gate refused, too.
     open_observer
-        Called with what reading chose, when the folder is there and the log can be read; what it gives sees every
+        Called with what reading chose and the folder to write to, when the log can be read; what it gives sees every
         item of every stage.
     rate
         Read at so many times the recorded speed; None: as fast as the work goes.
+    overwrite
+        Replace whatever stands in the folder under the names of a result; else only a result of the same log.
 
     Raises
     ------
     InputError
         The log cannot be used, or none of its images can.
     OutputError
-        The folder cannot be written.
+        The folder cannot be written, or something stands there that is not replaced.
     StageError
         A stage failed; its name and the frame are in the message.
     """
+    with OutputFolder(folder, kept=(RECORDING,)) as output:
+        earlier = check_earlier(folder, log, overwrite=overwrite)
+
+        def observe(report: ReadReport) -> RunObserver | None:
+            observer = open_observer(report, output.part)
+            if observer is not None and observer.records:
+                earlier.check_recording()
+            return observer
+
+        yield from _process(log, output.part, settings, models, run, every_region, observe, rate)
+        assert run.result is not None
+        _write_run(run.result, output.part, settings, models, arguments)
+        output.commit(drop_recording=earlier.recorded and not run.result.recorded)
+        run.committed = True
+
+
+def _process(
+    log: Path,
+    part: Path,
+    settings: Settings,
+    models: Models,
+    run: Run,
+    every_region: bool,
+    open_observer: Callable[[ReadReport], RunObserver | None],
+    rate: float | None,
+) -> Iterator[TrackedFrame]:
+    """Process the log and write all but `run.json` into `part`."""
     started = time.perf_counter()
-    _make_folder(folder)
-    (folder / RECORDING).unlink(missing_ok=True)  # that of an earlier run would tell of other signs
     report, clock = run.report, StageClock()
     frames = read_frames(log, settings.read, report)
     if rate is not None:
@@ -177,7 +224,7 @@ def process_log(
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
     flow = Flow(settings, models, clock, observer)
-    writer = InventoryWriter(folder, log.stem, every_region=every_region)
+    writer = InventoryWriter(part, log.stem, every_region=every_region)
     statuses: Counter[str] = Counter()
     try:
         for settled in flow.track(_with_first(first, frames)):
@@ -195,13 +242,18 @@ def process_log(
         raise
     inventory = writer.finish(path, signs)
     faults: list[str] = []
+    recorded: bool | None = None
     if observer is not None:
         observer.finish(inventory)
         faults = observer.close()
+        if observer.records:
+            recorded = not observer.recording_lost
+            if observer.recording_lost:
+                (part / RECORDING).unlink(missing_ok=True)
     wall = time.perf_counter() - started
     run.result = RunResult(
         log,
-        folder,
+        part.parent,
         inventory,
         report,
         dict(statuses),
@@ -209,8 +261,8 @@ def process_log(
         wall,
         tuple(faults),
         None if observer is None else observer.images,
+        recorded,
     )
-    _write_run(run.result, settings, models, arguments)
 
 
 def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
@@ -230,20 +282,9 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
     )
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".wayside-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: wanted a folder to write the result to, found: {error.strerror or error}; "
-            "choose another with -o"
-        ) from error
-
-
-def _write_run(result: RunResult, settings: Settings, models: Models, arguments: list[str]) -> None:
+def _write_run(
+    result: RunResult, part: Path, settings: Settings, models: Models, arguments: list[str]
+) -> None:
     """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
     used = result.frames.get(USED, 0)
     rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
@@ -252,8 +293,10 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "arguments": arguments,
         "log": result.log.name,
         "log_path": str(result.log.absolute()),
+        "log_fingerprint": log_fingerprint(result.log),
         "camera_topic": result.report.camera_topic,
         "view_images": result.view_images,
+        "recording": RECORDING if result.recorded else None,
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": models.digests(),
@@ -268,7 +311,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
             "lost": result.lost,
         },
         "files": {
-            name: {"rows": rows, "sha256": _sha256(result.folder / name)}
+            name: {"rows": rows, "sha256": file_digest(part / name)}
             for name, rows in result.inventory.rows.items()
         },
         "times": {
@@ -281,17 +324,8 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
             "cores": os.cpu_count(),
         },
     }
-    path = result.folder / "run.json"
     try:
-        part = path.with_suffix(".json.part")
-        part.write_text(json.dumps(content, indent=1) + "\n")
-        os.replace(part, path)
+        with create(part / RUN_FILE) as stream:
+            stream.write((json.dumps(content, indent=1) + "\n").encode())
     except OSError as error:
-        raise OutputError(
-            f"{path}: could not be written: {error.strerror or error}; free some space"
-        ) from error
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+        raise not_written(part, error) from error

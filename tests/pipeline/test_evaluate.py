@@ -338,7 +338,7 @@ def test_a_wrong_truth_file_is_refused(tmp_path: Path, text: str | None, words: 
 
 def test_figures_that_cannot_be_written_say_so(tmp_path: Path) -> None:
     evaluation = RealEvaluation(0, (), 0, (), ())
-    with pytest.raises(OutputError, match="could not be written"):
+    with pytest.raises(OutputError, match="wanted to write a file here, found: No such file"):
         write_evaluation(evaluation, tmp_path / "missing" / "figures.json")
 
 
