@@ -24,6 +24,8 @@ from reliability_kills import OLD, state, tables_of
 NEW = ("--until", "2.5s", "--observations", "all")
 RECORDED = (*NEW, "--view", "file")
 PAGE_KB = 4
+MOST_ROOM = 4.0
+"""Free space of the largest disk over the size of the new result, whose observations wait uncompressed."""
 
 
 def main() -> int:
@@ -47,7 +49,7 @@ def main() -> int:
         for trial in range(args.sizes):
             for kind, options in (("tables", NEW), ("tables and recording", RECORDED)):
                 free = (
-                    round(trial * 1.25 * size_kb(rooms[kind]) / (args.sizes - 1) / PAGE_KB)
+                    round(trial * MOST_ROOM * size_kb(rooms[kind]) / (args.sizes - 1) / PAGE_KB)
                     * PAGE_KB
                 )
                 with disk(work / "disk", size_kb(work / "old") + free) as folder:

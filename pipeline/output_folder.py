@@ -70,11 +70,15 @@ class OutputFolder:
                     "wait until it is done or choose another folder with -o"
                 )
             _move_into_place(self.folder)
-            _remove_folder(self.part)
+            for scratch in (self.folder / DONE, self.part):
+                _remove_folder(scratch)
             self.part.mkdir(mode=0o700)
-        except OSError as error:
+        except BaseException as error:
             self._release()
-            raise not_written(self.folder, error, "a folder to write the result to") from error
+            if isinstance(error, OSError):
+                wanted = "a folder to write the result to"
+                raise not_written(self.folder, error, wanted) from error
+            raise
         return self
 
     def commit(self, *, drop_recording: bool = False) -> None:
