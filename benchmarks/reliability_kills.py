@@ -5,7 +5,8 @@
 Every trial starts from a whole old result and runs the same log with other settings into its folder. Half of the kills
 (SIGKILL) are spread evenly over the duration of an undisturbed run; the other half follow the moment when the first
 file of the result changes, after 0 to 30 ms. The state of the folder is then judged twice: as the files lie there, and
-as `wayside` reads it. A result is whole when all tables have the digests that its `run.json` states and belong to the
+as `wayside` reads it. With `--resume` the run keeps a journal, and the same command is given once more after the kill;
+what it leaves must be the new result, with the same bytes. A result is whole when all tables have the digests that its `run.json` states and belong to the
 same run. Prints a table and ends with status 1 where a trial left neither the old result nor the new one.
 """
 
@@ -36,12 +37,14 @@ def main() -> int:
     )
     parser.add_argument("log", type=Path)
     parser.add_argument("--kills", type=int, default=40)
+    parser.add_argument("--resume", action="store_true")
     parser.add_argument("--command", default=str(Path(sys.executable).with_name("wayside")))
     args = parser.parse_args()
+    new = (*NEW[:2], "--resume") if args.resume else NEW
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
         digests, seconds = {}, 0.0
-        for name, options in (("old", OLD), ("new", NEW)):
+        for name, options in (("old", OLD), ("new", new)):
             start = time.monotonic()
             subprocess.run(_line(args, work / name, options), check=True, capture_output=True)
             seconds = time.monotonic() - start
@@ -51,20 +54,20 @@ def main() -> int:
             out = work / f"trial-{trial}"
             shutil.copytree(work / "old", out)
             fraction = (trial // 2) / max(args.kills // 2 - 1, 1)
-            killed(_line(args, out, NEW), out, fraction, seconds, late=bool(trial % 2))
-            lying = state(out, digests)
-            subprocess.run(
-                [args.command, "evidence", str(out), "-o", str(work / "sheets")],
-                capture_output=True,
-                check=False,
-            )  # any command that reads a result
-            left[lying, state(out, digests)] += 1
+            killed(_line(args, out, new), out, fraction, seconds, late=bool(trial % 2))
+            lying = state(out, digests, recorded=not args.resume)
+            reading = [args.command, "evidence", str(out), "-o", str(work / "sheets")]
+            again = _line(args, out, new) if args.resume else reading
+            subprocess.run(again, capture_output=True, check=False)
+            left[lying, state(out, digests, recorded=not args.resume)] += 1
             shutil.rmtree(out)
-    print("| as the files lie there | as wayside reads it | kills |")
+    then = "after the same command once more" if args.resume else "as wayside reads it"
+    print(f"| as the files lie there | {then} | kills |")
     print("| --- | --- | ---: |")
     for (lying, read), count in sorted(left.items()):
         print(f"| {lying} | {read} | {count} |")
-    return 0 if all(read in ("old", "new") for _, read in left) else 1
+    good = ("new",) if args.resume else ("old", "new")
+    return 0 if all(read in good for _, read in left) else 1
 
 
 def killed(line: list[str], out: Path, fraction: float, seconds: float, *, late: bool) -> None:

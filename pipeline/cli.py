@@ -12,6 +12,7 @@ import typer
 import wayside
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
+from wayside.pipeline.cli_running import exit_with, process
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -22,15 +23,12 @@ from wayside.pipeline.process import (
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import (
     INTERRUPTED,
-    PARTS_LOST,
     InterruptionError,
-    OutputError,
     UsageError,
     WaysideError,
 )
 
 if TYPE_CHECKING:
-    from wayside.pipeline.view.sinks import Viewing
     from wayside.schemas.settings import Settings
 
 app = typer.Typer(
@@ -131,8 +129,19 @@ def run(
     view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
     overwrite: viewer.Overwrite = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Keep what is found in each image; go on where the same command was ended.",
+        ),
+    ] = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
+    if resume and (view is not viewer.ViewMode.none or connect is not None):
+        raise UsageError(
+            "wanted --resume or a viewer, which would miss images, found both; leave one out"
+        )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
     chosen = _load_settings(preset, settings, assignments, options)
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
@@ -144,10 +153,18 @@ def run(
             "run them one by one"
         )
     ends = [
-        _process(log, folder, chosen, viewing, every_region=every_region, overwrite=overwrite)
+        process(
+            log,
+            folder,
+            chosen,
+            viewing,
+            every_region=every_region,
+            overwrite=overwrite,
+            resume=resume,
+        )
         for log, folder in zip(logs, folders, strict=True)
     ]
-    _exit(ends)
+    exit_with(ends)
 
 
 @app.command(
@@ -186,10 +203,10 @@ def replay(
     )
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out
-        end = _process(
+        end = process(
             log, folder, chosen, viewing, rate=times, kept=out is not None, overwrite=overwrite
         )
-    _exit([end])
+    exit_with([end])
 
 
 app.command(
@@ -231,70 +248,6 @@ def _load_settings(
     from wayside.pipeline.settings_file import load_settings
 
     return load_settings(preset.value, file, assignments or [], options)[0]
-
-
-def _process(
-    log: Path,
-    folder: Path,
-    settings: Settings,
-    viewing: Viewing | None,
-    *,
-    every_region: bool = False,
-    rate: float | None = None,
-    kept: bool = True,
-    overwrite: bool = False,
-) -> int:
-    """Run one log with progress and a closing summary; the exit status that it asks for."""
-    from rich.console import Console
-
-    from wayside.pipeline.model_files import load_models
-    from wayside.pipeline.progress import FrameProgress
-    from wayside.pipeline.reading.frames import ReadReport
-    from wayside.pipeline.run import Run, RunObserver, run_log
-    from wayside.pipeline.summary import print_summary
-    from wayside.pipeline.tuning import tune_process, watched_compilation
-
-    tune_process()
-    models = load_models(settings)
-
-    def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
-        if viewing is None:
-            return None
-        from wayside.pipeline.view.sinks import open_observer
-
-        return open_observer(viewing, part, log.stem, models.location_classes, report)
-
-    size = log.stat().st_size if log.exists() else 0
-    under_way = Run()
-    try:
-        with FrameProgress(log.name, size) as progress, watched_compilation(progress.compiling):
-            result = run_log(
-                log,
-                folder,
-                settings,
-                models,
-                under_way,
-                arguments=sys.argv[1:],
-                every_region=every_region,
-                watch=progress.watch,
-                open_observer=open_observer,
-                rate=rate,
-                overwrite=overwrite,
-            )
-    except KeyboardInterrupt as error:
-        done = "were" if under_way.committed else "were not"
-        raise InterruptionError(f"interrupted; this log's tables {done} written") from error
-    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
-    print_summary(result, console, kept=kept)
-    if result.recorded is False:
-        return OutputError.exit_status
-    return PARTS_LOST if result.lost else 0
-
-
-def _exit(statuses: list[int]) -> None:
-    """End with the gravest of the statuses: an output that is not written, then parts that are lost."""
-    if any(statuses):
-        raise typer.Exit(max(statuses))
 
 
 @app.command(epilog="Example: `wayside info drive.mcap`")

@@ -8,6 +8,7 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any, Protocol
 from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
+from wayside.pipeline.journal import Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
@@ -73,6 +75,8 @@ class RunResult:
     view_images: str | None = None
     recorded: bool | None = None
     """Whether the recording of every step is whole; None where none was asked for."""
+    replayed: int | None = None
+    """Frames whose candidates came from the journal of a run before; None where none was kept."""
 
     @property
     def notes(self) -> list[str]:
@@ -100,12 +104,14 @@ def run_log(
     open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
     overwrite: bool = False,
+    resume: bool = False,
 ) -> RunResult:
     """Process one log to its end, as `process_log` does.
 
     Parameters
     ----------
-    log, folder, settings, models, run, arguments, every_region, open_observer, rate, overwrite
+    log, folder, settings, models, run, arguments, every_region, open_observer, rate, overwrite,
+    resume
         As in `process_log`.
     watch
         Called with every settled frame on its way to the tables.
@@ -127,6 +133,7 @@ def run_log(
         open_observer=open_observer,
         rate=rate,
         overwrite=overwrite,
+        resume=resume,
     ):
         watch(settled, run.report)
     assert run.result is not None
@@ -154,6 +161,7 @@ def process_log(
     open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
     overwrite: bool = False,
+    resume: bool = False,
 ) -> Iterator[TrackedFrame]:
     """Process one log, frame by frame, and write its tables and `run.json` into `folder` after the last one.
 
@@ -179,6 +187,9 @@ def process_log(
         Read at so many times the recorded speed; None: as fast as the work goes.
     overwrite
         Replace whatever stands in the folder under the names of a result; else only a result of the same log.
+    resume
+        Keep a journal of what was found in each image, and go on with that of a run before; see `Journal`. Not with an
+        observer, which would see nothing of the frames in it.
 
     Raises
     ------
@@ -198,11 +209,16 @@ def process_log(
                 earlier.check_recording()
             return observer
 
-        yield from _process(log, output.part, settings, models, run, every_region, observe, rate)
+        journal = Journal(folder, journal_key(log, settings, models)) if resume else None
+        with nullcontext() if journal is None else closing(journal):
+            yield from _process(
+                log, output.part, settings, models, run, every_region, observe, rate, journal
+            )
         assert run.result is not None
         _write_run(run.result, output.part, settings, models, arguments)
         output.commit(drop_recording=earlier.recorded and not run.result.recorded)
         run.committed = True
+        remove_journal(folder)
 
 
 def _process(
@@ -214,6 +230,7 @@ def _process(
     every_region: bool,
     open_observer: Callable[[ReadReport], RunObserver | None],
     rate: float | None,
+    journal: Journal | None,
 ) -> Iterator[TrackedFrame]:
     """Process the log and write all but `run.json` into `part`."""
     started = time.perf_counter()
@@ -223,7 +240,7 @@ def _process(
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
-    flow = Flow(settings, models, clock, observer)
+    flow = Flow(settings, models, clock, observer, journal)
     writer = InventoryWriter(part, log.stem, every_region=every_region)
     statuses: Counter[str] = Counter()
     try:
@@ -262,6 +279,7 @@ def _process(
         tuple(faults),
         None if observer is None else observer.images,
         recorded,
+        None if journal is None else journal.replayed,
     )
 
 
@@ -316,6 +334,7 @@ def _write_run(
         },
         "times": {
             "wall_s": round(result.wall_seconds, 3),
+            "replayed_frames": result.replayed,
             "cpu_s_by_stage": {k: round(v, 3) for k, v in result.stage_seconds.items()},
         },
         "machine": {

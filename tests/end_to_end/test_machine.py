@@ -186,3 +186,31 @@ def wait_for(path):
     while not path.exists() and time.monotonic() < deadline:
         time.sleep(0.02)
     assert path.exists()
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_and_gives_the_same_bytes(tmp_path):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert run(whole, until=()).returncode == 0
+    line = [str(WAYSIDE), "run", str(DEMO), "-o", str(out), "--resume"]
+    for kept in (600_000, 1_500_000):  # bytes of the journal: killed twice
+        with subprocess.Popen(line, stdout=subprocess.DEVNULL) as running:
+            journal = out / ".wayside-journal"
+            deadline = time.monotonic() + 120
+            while (
+                not journal.exists() or journal.stat().st_size < kept
+            ) and running.poll() is None:
+                assert time.monotonic() < deadline
+                time.sleep(0.002)
+            running.kill()
+    other = run(out, "--resume", "--workers", "3", until=())
+    assert other.returncode == 0, other.stderr
+    assert sorted(os.listdir(out)) == sorted(FILES)
+    assert [digests(out)[name] for name in TABLES] == [digests(whole)[name] for name in TABLES]
+    assert json.loads((out / "run.json").read_text())["times"]["replayed_frames"] >= 4
+
+
+def test_resuming_and_viewing_exclude_each_other(tmp_path):
+    done = run(tmp_path / "out", "--resume", "--view", "file")
+    assert done.returncode == 2
+    assert "leave one out" in done.stderr
