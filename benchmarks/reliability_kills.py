@@ -4,10 +4,12 @@
 
 Every trial starts from a whole old result and runs the same log with other settings into its folder. Half of the kills
 (SIGKILL) are spread evenly over the duration of an undisturbed run; the other half follow the moment when the first
-file of the result changes, after 0 to 30 ms. The state of the folder is then judged twice: as the files lie there, and
+file of the result changes, after 0 to 30 ms. The folder is then judged twice: as the files lie there, and
 as `wayside` reads it. With `--resume` the run keeps a journal, and the same command is given once more after the kill;
-what it leaves must be the new result, with the same bytes. A result is whole when all tables have the digests that its `run.json` states and belong to the
-same run. Prints a table and ends with status 1 where a trial left neither the old result nor the new one.
+what it leaves must be the new result, with the same bytes.
+
+A result is whole when all tables have the digests that its `run.json` states and belong to the same run. Prints a
+table and ends with status 1 where a trial left neither the old result nor the new one.
 """
 
 from __future__ import annotations
@@ -61,6 +63,7 @@ def main() -> int:
             subprocess.run(again, capture_output=True, check=False)
             left[lying, state(out, digests, recorded=not args.resume)] += 1
             shutil.rmtree(out)
+            print(f"{trial + 1} of {args.kills}: {dict(left)}", file=sys.stderr, flush=True)
     then = "after the same command once more" if args.resume else "as wayside reads it"
     print(f"| as the files lie there | {then} | kills |")
     print("| --- | --- | ---: |")
