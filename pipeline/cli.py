@@ -12,7 +12,7 @@ import typer
 import wayside
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
-from wayside.pipeline.cli_running import exit_with, process
+from wayside.pipeline.cli_running import check_folders, exit_with, process
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -147,11 +147,7 @@ def run(
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
     every_region = observations is Listed.all
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
-    if len(set(folders)) < len(folders):
-        raise UsageError(
-            f"wanted logs of different names, as each gets a folder of its name in {out}, found two of one name; "
-            "run them one by one"
-        )
+    check_folders(logs, folders, overwrite=overwrite)
     ends = [
         process(
             log,

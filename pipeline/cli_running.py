@@ -8,11 +8,37 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from wayside.schemas.errors import PARTS_LOST, InterruptionError, OutputError
+from wayside.schemas.errors import PARTS_LOST, InterruptionError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from wayside.pipeline.view.sinks import Viewing
     from wayside.schemas.settings import Settings
+
+
+def check_folders(logs: list[Path], folders: list[Path], *, overwrite: bool) -> None:
+    """Make sure, before the first of several logs is run, that the result of each may be written.
+
+    Raises
+    ------
+    UsageError
+        Two logs would be written to one folder.
+    OutputError
+        Something stands in the place of a result.
+    """
+    if len(logs) == 1:
+        return  # the run itself looks before it begins
+    from wayside.pipeline.earlier_result import check_earlier
+    from wayside.pipeline.output_folder import finish_replacement
+
+    if len(set(folders)) < len(folders):
+        twice = next(folder for folder in folders if folders.count(folder) > 1)
+        raise UsageError(
+            f"wanted logs of different names, as each gets a folder of its name, found two for {twice}; "
+            "run them one by one"
+        )
+    for log, folder in zip(logs, folders, strict=True):
+        finish_replacement(folder)
+        check_earlier(folder, log, overwrite=overwrite)
 
 
 def process(

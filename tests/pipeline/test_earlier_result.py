@@ -5,9 +5,10 @@ import json
 
 import pytest
 
+from wayside.pipeline.cli import app
 from wayside.pipeline.earlier_result import TABLES, check_earlier, log_fingerprint
 from wayside.pipeline.output_folder import RECORDING
-from wayside.schemas.errors import OutputError
+from wayside.schemas.errors import OutputError, UsageError
 
 
 @pytest.fixture
@@ -113,3 +114,22 @@ def test_a_recording_goes_with_its_result_and_another_one_stays(out, log):
 def test_before_recordings_were_stated_a_viewer_meant_one(out, log):
     change(out, recording="absent", view_images="all")
     assert check_earlier(out, log).recorded
+
+
+def test_of_several_logs_all_places_are_looked_at_before_the_first_is_run(tmp_path):
+    logs = [tmp_path / name for name in ("a.mcap", "b.mcap")]
+    for log in logs:
+        log.write_text("no log, which a run would say")
+    (tmp_path / "out" / "b").mkdir(parents=True)
+    (tmp_path / "out" / "b" / TABLES[0]).write_text("mine")
+    line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
+    with pytest.raises(OutputError, match="b: wanted to write the result here"):
+        app(line, standalone_mode=False)
+    assert not (tmp_path / "out" / "a").exists()
+
+
+def test_logs_of_one_name_would_have_one_folder_and_are_refused(tmp_path):
+    logs = [tmp_path / name / "drive.mcap" for name in ("a", "b")]
+    line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
+    with pytest.raises(UsageError, match="one by one"):
+        app(line, standalone_mode=False)
