@@ -5,8 +5,8 @@
 Every trial starts from a whole old result and runs the same log with other settings into its folder. Half of the kills
 (SIGKILL) are spread evenly over the duration of an undisturbed run; the other half follow the moment when the first
 file of the result changes, after 0 to 30 ms. The folder is then judged twice: as the files lie there, and
-as `wayside` reads it. With `--resume` the run keeps a journal, and the same command is given once more after the kill;
-what it leaves must be the new result, with the same bytes.
+as `wayside` reads it. With `--resume` the run keeps a journal; the kills are spread over its growth, and the same
+command is given once more after each; what it leaves must be the new result, with the same bytes.
 
 A result is whole when all tables have the digests that its `run.json` states and belong to the same run. Prints a
 table and ends with status 1 where a trial left neither the old result nor the new one.
@@ -24,12 +24,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 OLD = ("--until", "1.5s")
 NEW = ("--until", "2.5s", "--view", "file")
 LONGEST_DELAY_S = 0.03
+JOURNAL = ".wayside-journal"
 
 
 def main() -> int:
@@ -45,10 +47,10 @@ def main() -> int:
     new = (*NEW[:2], "--resume") if args.resume else NEW
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
-        digests, seconds = {}, 0.0
+        digests, seconds, grown = {}, 0.0, 0
         for name, options in (("old", OLD), ("new", new)):
             start = time.monotonic()
-            subprocess.run(_line(args, work / name, options), check=True, capture_output=True)
+            grown = watched(_line(args, work / name, options), work / name / JOURNAL)
             seconds = time.monotonic() - start
             digests[name] = tables_of(work / name)
         left: Counter[tuple[str, str]] = Counter()
@@ -56,7 +58,11 @@ def main() -> int:
             out = work / f"trial-{trial}"
             shutil.copytree(work / "old", out)
             fraction = (trial // 2) / max(args.kills // 2 - 1, 1)
-            killed(_line(args, out, new), out, fraction, seconds, late=bool(trial % 2))
+            if args.resume:
+                share = trial / args.kills * grown
+                watched(_line(args, out, new), out / JOURNAL, until=share)
+            else:
+                killed(_line(args, out, new), out, fraction, seconds, late=bool(trial % 2))
             lying = state(out, digests, recorded=not args.resume)
             reading = [args.command, "evidence", str(out), "-o", str(work / "sheets")]
             again = _line(args, out, new) if args.resume else reading
@@ -85,6 +91,24 @@ def killed(line: list[str], out: Path, fraction: float, seconds: float, *, late:
         time.sleep(fraction * seconds)
     running.send_signal(signal.SIGKILL)
     running.wait()
+
+
+def watched(line: list[str], journal: Path, until: float = float("inf")) -> int:
+    """Run, and kill the run when its journal has reached a size; the largest size that was seen, bytes."""
+    largest = 0
+    running = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while running.poll() is None:
+        if journal.exists():
+            with suppress(FileNotFoundError):
+                largest = max(largest, journal.stat().st_size)
+            if largest >= until:
+                running.kill()
+                running.wait()
+                return largest
+        time.sleep(0.001)
+    if running.returncode not in (0, -signal.SIGKILL):
+        raise RuntimeError(f"{' '.join(line)} ended with status {running.returncode}")
+    return largest
 
 
 def signature(out: Path) -> list[object]:

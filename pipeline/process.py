@@ -44,7 +44,8 @@ def open_standard_streams() -> None:
             continue
         raw = io.BufferedWriter(_Pipe(number, "wb", closefd=False))
         encoding, errors = stream.encoding, stream.errors
-        lines = name == "stderr" or stream.isatty()
+        at_once = getattr(stream, "write_through", False)  # PYTHONUNBUFFERED
+        lines = name == "stderr" or stream.isatty() or at_once
         setattr(
             sys, name, io.TextIOWrapper(raw, encoding=encoding, errors=errors, line_buffering=lines)
         )

@@ -70,9 +70,10 @@ def sync(path: Path) -> None:
     OSError
         The disk did not take them.
     """
-    if path.is_dir() and os.name == "nt":
+    is_folder = path.is_dir()
+    if is_folder and os.name == "nt":
         return  # Windows opens no folder
-    opened = os.open(path, os.O_RDONLY)
+    opened = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
     try:
         os.fsync(opened)
     except OSError as error:
