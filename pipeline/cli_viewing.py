@@ -54,6 +54,10 @@ ViewImages = Annotated[
 ViewDetail = Annotated[
     bool, typer.Option("--view-detail", help="Also record the label images of both passes.")
 ]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Replace what stands there under the names of the output."),
+]
 SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
 OverOption = Annotated[
     Path | None,
@@ -114,11 +118,13 @@ def picture(
     frame: FrameOption = None,
     over: OverOption = None,
     size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw the viewer to a PNG without a display, at a sign or a frame."""
     from wayside.pipeline.view.results import find_target, save_screenshot
 
-    save_screenshot(out, find_target(out, sign, frame), over, png, _parse_size(size))
+    target, pixels = find_target(out, sign, frame), _parse_size(size)
+    save_screenshot(out, target, over, png, pixels, overwrite=overwrite)
     typer.echo(visible(f"{png}"))
 
 
@@ -133,6 +139,7 @@ def evidence(
     folder: Annotated[
         Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a sheet of images, maps and figures for every sign, and an index to filter them."""
     from wayside.pipeline.evidence.write import write_evidence
@@ -152,6 +159,7 @@ def evidence(
             sign_id=sign,
             log=log,
             watch=progress.watch,
+            overwrite=overwrite,
         )
     count = len(written.sheets)
     if written.index is not None:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from time import thread_time
 from typing import Protocol
 
+from wayside.pipeline.journal import Journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
@@ -51,14 +53,26 @@ class Flow:
     models: Models
     clock: StageClock
     observer: Observer | None = None
+    journal: Journal | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
         run = self.settings.run
         read = self.stage("read", frames)
-        found = ordered_parallel(self.detect, read, workers=run.workers, queue=run.queue)
+        found = ordered_parallel(self.resume, read, workers=run.workers, queue=run.queue)
+        if self.journal is not None:
+            found = self.clock.timed("journal", self.journal.record(found))
         return self.follow(self.clock.timed("queue", found))
+
+    def resume(self, frames: Iterator[Frame]) -> Iterator[Detections]:
+        """Take from the journal what a run before has found in the first frames, and detect in the others."""
+        for frame in frames:
+            if self.journal is None or frame.index not in self.journal:
+                yield from self.detect(chain([frame], frames))
+                return
+            for image in self.stage("decode", decode(iter([frame]))):
+                yield self.journal.replay(image)
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Do what one image needs for itself; runs side by side in the workers."""

@@ -124,6 +124,7 @@ def run(
     progress: Callable[[Progress], None] | None = None,
     out: PathLike | None = None,
     view: Literal["file", "live", "serve"] | None = None,
+    overwrite: bool = False,
 ) -> Inventory:
     """Find the signs of a log.
 
@@ -161,6 +162,8 @@ def run(
     view
         Record every step for the Rerun viewer: to `file` `drive.rrd` in the folder `out`, `live` to a window, or
         `serve` to the browser.
+    overwrite
+        Replace whatever stands in the folder `out` under the names of a result; else only a result of the same log.
 
     Raises
     ------
@@ -191,16 +194,23 @@ def run(
     def process(folder: Path, under_way: Run) -> Iterator[TrackedFrame]:
         from wayside.pipeline.run import process_log
 
-        def open_observer(report: ReadReport) -> RunObserver | None:
+        def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
             if view is None:
                 return None
             from wayside.pipeline.view.sinks import Viewing, open_observer
 
             viewing = Viewing(view == "file", address)
-            return open_observer(viewing, folder, path.stem, models.location_classes, report)
+            return open_observer(viewing, part, path.stem, models.location_classes, report)
 
         frames = process_log(
-            path, folder, chosen, models, under_way, arguments=[], open_observer=open_observer
+            path,
+            folder,
+            chosen,
+            models,
+            under_way,
+            arguments=[],
+            open_observer=open_observer,
+            overwrite=overwrite,
         )
         yield from _reported(frames, path, under_way, progress)
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from wayside.pipeline.output_folder import finish_replacement
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -43,6 +44,7 @@ def read_table(
     InputError
         The folder is no result folder, or the file is damaged or something else.
     """
+    finish_replacement(out)
     file = out / table.file
     if not file.is_file():
         raise _no_result(out, table.file)
@@ -83,6 +85,7 @@ def read_run(out: Path) -> dict[str, Any]:
     InputError
         The folder has none, or it is damaged.
     """
+    finish_replacement(out)
     file = out / RUN_FILE
     if not file.is_file():
         raise _no_result(out, RUN_FILE)

@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from wayside.pipeline.run import RECORDING, RunResult
+from wayside.pipeline.output_folder import RECORDING
+from wayside.pipeline.run import RunResult
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.frame import USED
 
@@ -38,7 +39,9 @@ def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> 
         console.print(f"[yellow]viewer:[/yellow] {plain(fault)}")
     if not kept:
         return
-    recorded = (result.folder / RECORDING).is_file()
+    if result.recorded is False:
+        console.print(f"[yellow]not written:[/yellow] {RECORDING}; the tables are whole")
+    recorded = bool(result.recorded)
     console.print(
         f"written to {plain(result.folder)}: {_files(result.inventory.rows)}, run.json"
         f"{f', {RECORDING}' if recorded else ''}"
