@@ -42,6 +42,26 @@ BARE: dict[str, Any] = {
 }
 
 
+CUT_LINES = [
+    "Logs cut off at evenly spread bytes, at most at every one. Of the messages that stand whole before the cut: the",
+    "share that is read outside of the chunk that is cut, and of those inside it (of packed chunks by the share of",
+    "the unpacked bytes before the cut; a small zstd chunk is a single block, which unpacks whole or not at all).",
+    "Wrong: cuts after which something else than the first messages came. Faults: exceptions that are not words for a",
+    "person.",
+    "",
+    "| log | bytes | cuts | outside of the cut chunk | inside | wrong | faults | slowest, ms of CPU |",
+    "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+]
+MUTATION_LINES = [
+    "Inputs with one to six bytes, runs of bytes or values changed, doubled, removed or made odd. Refused: ended with",
+    "words for a person. Wrong: a message out of a chunk, which has a checksum, with other bytes than were written.",
+    "Faults: other exceptions; a crash would end the process.",
+    "",
+    "| input | tries | refused | wrong | faults | slowest, ms of CPU | memory grown, MB |",
+    "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+]
+
+
 def packed_anew(log: Path, **options: Any) -> bytes:
     """All messages of a log in another packing."""
     stream, channels = io.BytesIO(), {}
@@ -154,8 +174,12 @@ def write_section(heading: str, lines: list[str]) -> None:
 def main() -> None:
     """Measure and print; with --page also write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cuts", type=int, default=10**9, help="at most so many cuts of a log")
-    parser.add_argument("--mutations", type=int, default=2000, help="so many of each kind of input")
+    parser.add_argument(
+        "--cuts", type=int, default=10**9, help="at most so many cuts of a log; 0: none"
+    )
+    parser.add_argument(
+        "--mutations", type=int, default=2000, help="so many of each kind of input; 0: none"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--page", action="store_true", help="write benchmarks/reliability.md")
     given = parser.parse_args()
@@ -163,35 +187,23 @@ def main() -> None:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     options = f"--cuts {given.cuts} --mutations {given.mutations} --seed {given.seed}"
     command = f"`PYTHONPATH=. .venv/bin/python benchmarks/reliability_logs.py {options}`"
+    rng = random.Random(given.seed)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        rows = list(cut_table(given.cuts, folder))
-        cuts = [
-            f"Logs cut off at evenly spread bytes, at most at every one ({command}).",
-            "Of the messages that stand whole before the cut: the share that is read outside of the chunk that is cut,",
-            "and of those inside it (of packed chunks those in the share of the unpacked bytes before the cut).",
-            "Wrong: cuts after which something else than the first messages came. Faults: exceptions that are not",
-            "words for a person.",
-            "",
-            "| log | bytes | cuts | outside of the cut chunk | inside | wrong | faults | slowest, ms of CPU |",
-            "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-            *rows,
-        ]
-        print("\n".join(cuts), flush=True)
-        rows = list(mutation_table(given.mutations, random.Random(given.seed), folder))
-        mutations = [
-            "Inputs with one to six bytes, runs of bytes or values changed, doubled, removed or made odd, from the",
-            "same command. Refused: ended with words for a person. Wrong: a message out of a chunk, which has a",
-            "checksum, with other bytes than were written. Faults: other exceptions; a crash would end the process.",
-            "",
-            "| input | tries | refused | wrong | faults | slowest, ms of CPU | memory grown, MB |",
-            "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
-            *rows,
-        ]
-        print("\n".join(mutations), flush=True)
-    if given.page:
-        write_section(CUTS, cuts)
-        write_section(MUTATIONS, mutations)
+        for count, heading, lines, rows in (
+            (given.cuts, CUTS, CUT_LINES, cut_table(given.cuts, folder)),
+            (
+                given.mutations,
+                MUTATIONS,
+                MUTATION_LINES,
+                mutation_table(given.mutations, rng, folder),
+            ),
+        ):
+            if count:
+                section = [command, "", *lines, *rows]
+                print("\n".join(section), flush=True)
+                if given.page:
+                    write_section(heading, section)
 
 
 if __name__ == "__main__":
