@@ -59,6 +59,7 @@ drives: .venv/.ready
 
 learn: drives .venv/.learn
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
+	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 # Hours on one core; it can be interrupted, and goes on from its checkpoint.
 NETWORK_STEPS ?= 200000

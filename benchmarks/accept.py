@@ -135,6 +135,7 @@ def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
         str(drive.log),
         "-o",
         str(out),
+        "--overwrite",  # the drive may have been rendered anew
     ]
     command += ["--preset", preset, *(["--spacing", drive.spacing] if drive.spacing else [])]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -147,6 +147,7 @@ def run(log: Path, out: Path, spacing: str, workers: int, *more: str) -> tuple[d
         str(log),
         "-o",
         str(out),
+        "--overwrite",
     ]
     command += ["--spacing", spacing, "--workers", str(workers), "--set", "read.thin_m=0", *more]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -27,6 +27,7 @@ def real_table(real: Path, results: Path) -> list[str]:
         return [*lines, f"{DRIVE} was not at hand."]
     out = results / DRIVE
     command = [str(Path(sys.executable).with_name("wayside")), "run", str(log), "-o", str(out)]
+    command.append("--overwrite")
     subprocess.run([*command, "--spacing", SPACING], check=True, capture_output=True)
     known = {sign["id"]: sign for sign in json.loads(labels.read_text())["signs"]}
     rows = {name: found_row(out, known[name]) for name in SIZES}

@@ -76,7 +76,16 @@ def run(name: str, way: str) -> Run:
         strip(log, part, keep)
         log = part
     command = [sys.executable, "-c", "from wayside.pipeline.cli import main; main()", "run"]
-    command += [str(log), "-o", str(folder), "--workers", "1", "--set", "read.thin_m=0"]
+    command += [
+        str(log),
+        "-o",
+        str(folder),
+        "--overwrite",
+        "--workers",
+        "1",
+        "--set",
+        "read.thin_m=0",
+    ]
     if way in (SPACING_ONLY, FIXES_AND_SPACING):
         command += ["--spacing", SPACING]
     spent = processor_seconds(command)

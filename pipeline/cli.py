@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 import sys
-import traceback
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 import wayside
+from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
-from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
+from wayside.pipeline.cli_running import check_folders, exit_with, process
+from wayside.pipeline.process import (
+    flush_standard_streams,
+    interrupt_on_signals,
+    open_standard_streams,
+    report_error,
+    silence_standard_streams,
+)
+from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.pipeline.writing import UNWRITABLE, not_written
+from wayside.schemas.errors import (
+    INTERRUPTED,
+    InterruptionError,
+    UsageError,
+    WaysideError,
+)
 
 if TYPE_CHECKING:
-    from wayside.pipeline.view.sinks import Viewing
     from wayside.schemas.settings import Settings
-
-INTERRUPTED = 130
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -88,6 +100,7 @@ def common(
     epilog="Examples: `wayside run drive.mcap -o out` · `wayside run images.mcap --spacing 26.4ft -o out` · "
     "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
     "`wayside run drive.mcap --view file -o out` · "
+    "`wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out` · "
     "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
 )
 def run(
@@ -108,6 +121,9 @@ def run(
     until: Until = None,
     every: Every = None,
     workers: Workers = None,
+    detector: boxes.Detector = None,
+    detections: boxes.Detections = None,
+    classes: boxes.Classes = None,
     observations: Annotated[
         Listed,
         typer.Option(
@@ -118,17 +134,42 @@ def run(
     connect: viewer.Connect = None,
     view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
+    overwrite: viewer.Overwrite = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Keep what is found in each image; go on where the same command was ended.",
+        ),
+    ] = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
+    if resume and (view is not viewer.ViewMode.none or connect is not None):
+        raise UsageError(
+            "wanted --resume or a viewer, which would miss images, found both; leave one out"
+        )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
+    options |= boxes.options(detector, detections, classes)
+    if detections is not None:
+        boxes.require_one_log(logs)
     chosen = _load_settings(preset, settings, assignments, options)
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
-    lost = False
-    for log in logs:
-        folder = out if len(logs) == 1 else out / log.stem
-        lost |= _process(log, folder, chosen, viewing, every_region=observations is Listed.all)
-    if lost:
-        raise typer.Exit(PARTS_LOST)
+    every_region = observations is Listed.all
+    folders = [out if len(logs) == 1 else out / log.stem for log in logs]
+    check_folders(logs, folders, overwrite=overwrite)
+    ends = [
+        process(
+            log,
+            folder,
+            chosen,
+            viewing,
+            every_region=every_region,
+            overwrite=overwrite,
+            resume=resume,
+        )
+        for log, folder in zip(logs, folders, strict=True)
+    ]
+    exit_with(ends)
 
 
 @app.command(
@@ -151,13 +192,18 @@ def replay(
     start: From = None,
     until: Until = None,
     workers: Workers = None,
+    detector: boxes.Detector = None,
+    detections: boxes.Detections = None,
+    classes: boxes.Classes = None,
     view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
+    overwrite: viewer.Overwrite = False,
 ) -> None:
     """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
     import tempfile
 
     options = _read_options(spacing, camera, calibration, start, until, None, workers)
+    options |= boxes.options(detector, detections, classes)
     chosen = _load_settings(preset, settings, assignments, options)
     times = viewer.parse_rate(rate)
     shown = viewer.ViewMode.serve if serve else viewer.ViewMode.live
@@ -166,9 +212,10 @@ def replay(
     )
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out
-        lost = _process(log, folder, chosen, viewing, rate=times, kept=out is not None)
-    if lost:
-        raise typer.Exit(PARTS_LOST)
+        end = process(
+            log, folder, chosen, viewing, rate=times, kept=out is not None, overwrite=overwrite
+        )
+    exit_with([end])
 
 
 app.command(
@@ -190,10 +237,10 @@ def _read_options(
     workers: int | None,
 ) -> dict[str, Any]:
     """Options that are settings by another name, those given only."""
-    from wayside.pipeline.lengths import parse_time
+    from wayside.pipeline.lengths import parse_spacing, parse_time
 
     options: dict[str, Any] = {
-        "read.spacing_m": spacing,
+        "read.spacing_m": None if spacing is None else parse_spacing(spacing),
         "read.camera": camera,
         "read.calibration": None if calibration is None else str(calibration),
         "read.from_s": None if start is None else parse_time(start),
@@ -212,60 +259,12 @@ def _load_settings(
     return load_settings(preset.value, file, assignments or [], options)[0]
 
 
-def _process(
-    log: Path,
-    folder: Path,
-    settings: Settings,
-    viewing: Viewing | None,
-    *,
-    every_region: bool = False,
-    rate: float | None = None,
-    kept: bool = True,
-) -> bool:
-    """Run one log with progress and a closing summary; whether parts of it were lost."""
-    from rich.console import Console
-
-    from wayside.pipeline.model_files import load_models
-    from wayside.pipeline.progress import FrameProgress
-    from wayside.pipeline.reading.frames import ReadReport
-    from wayside.pipeline.run import RunObserver, run_log
-    from wayside.pipeline.summary import print_summary
-    from wayside.pipeline.tuning import tune_process, watched_compilation
-
-    tune_process()
-    models = load_models(settings)
-
-    def open_observer(report: ReadReport) -> RunObserver | None:
-        if viewing is None:
-            return None
-        from wayside.pipeline.view.sinks import open_observer
-
-        return open_observer(viewing, folder, log.stem, models.location_classes, report)
-
-    size = log.stat().st_size if log.exists() else 0
-    with FrameProgress(log.name, size) as progress, watched_compilation(progress.compiling):
-        result = run_log(
-            log,
-            folder,
-            settings,
-            models,
-            arguments=sys.argv[1:],
-            every_region=every_region,
-            watch=progress.watch,
-            open_observer=open_observer,
-            rate=rate,
-        )
-    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
-    print_summary(result, console, kept=kept)
-    return bool(result.lost)
-
-
 @app.command(epilog="Example: `wayside info drive.mcap`")
 def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")]) -> None:
     """Say what a log holds, and whether and how it can be used."""
     from wayside.pipeline.information import describe_log, format_information
 
-    typer.echo(format_information(describe_log(log)))
+    typer.echo(visible_lines(format_information(describe_log(log))))
 
 
 @app.command(
@@ -279,13 +278,14 @@ def import_(
     calibration: Annotated[Path, typer.Option(help="Camera calibration, ROS camera_info YAML.")],
     spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
+    overwrite: viewer.Overwrite = False,
 ) -> None:
     """Make a log of numbered images."""
     from wayside.pipeline.importing import import_images
-    from wayside.pipeline.lengths import parse_length
+    from wayside.pipeline.lengths import parse_spacing
 
-    count = import_images(images, calibration, parse_length(spacing), out)
-    typer.echo(f"{out}: {count} images; next: wayside run {out} -o out")
+    count = import_images(images, calibration, parse_spacing(spacing), out, overwrite=overwrite)
+    typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
 
 
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
@@ -295,6 +295,7 @@ def evaluate(
         Path, typer.Option(help="truth.json of a rendered drive, or labels.json of a real one.")
     ],
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
+    overwrite: viewer.Overwrite = False,
 ) -> None:
     """Compare a result with the truth."""
     from wayside.pipeline.evaluate import evaluate as compare
@@ -302,8 +303,8 @@ def evaluate(
 
     evaluation = compare(out, truth)
     if json is not None:
-        write_evaluation(evaluation, json)
-    typer.echo(format_evaluation(evaluation))
+        write_evaluation(evaluation, json, overwrite=overwrite)
+    typer.echo(visible_lines(format_evaluation(evaluation)))
 
 
 @app.command(epilog="Example: `wayside settings --preset report > mine.toml`")
@@ -331,34 +332,33 @@ app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 
 
 def main() -> None:
-    """Run the command line; every error ends here with its words and exit status."""
+    """The command line; every error ends here with its words and exit status."""
     debug = "--debug" in sys.argv[1:]
+    open_standard_streams()
+    interrupt_on_signals()
     try:
-        status = app(standalone_mode=False)
+        result = app(standalone_mode=False)
+        status = result if isinstance(result, int) else 0
         if status == INTERRUPTED:  # what the parser makes of Ctrl-C
-            _end_interrupted()
-        viewer.leave_stuck_viewer(status if isinstance(status, int) else 0)
-        sys.exit(status if isinstance(status, int) else 0)
+            raise InterruptionError("interrupted")
+        flush_standard_streams()
     except KeyboardInterrupt:
-        _end_interrupted()
+        status = report_error(InterruptionError("interrupted"), debug=debug)
     except WaysideError as error:
-        if debug or error.exit_status == 1:
-            traceback.print_exc()
-        print(f"wayside: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
+        status = report_error(error, debug=debug)
+    except OSError as error:
+        if error.errno not in UNWRITABLE:
+            raise
+        words = not_written(
+            Path(error.filename or "output"), error, "to write here", "write elsewhere"
+        )
+        status = report_error(words, debug=debug)
     except Exception as error:
-        _end_on_usage_error(error)
-        raise
-
-
-def _end_on_usage_error(error: Exception) -> None:
-    """Print the parser's own words for wrong arguments and end with the status for them."""
-    show = getattr(error, "show", None)
-    if callable(show):
-        show()
-        sys.exit(UsageError.exit_status)
-
-
-def _end_interrupted() -> NoReturn:
-    print("wayside: interrupted; this log's tables were not written", file=sys.stderr)
-    sys.exit(INTERRUPTED)
+        show = getattr(error, "show", None)
+        if not callable(show):
+            raise
+        show()  # the parser's own words for wrong arguments
+        status = UsageError.exit_status
+    silence_standard_streams()
+    viewer.leave_stuck_viewer(status)
+    sys.exit(status)

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_viewing import Overwrite
+
 SIMULATE_EPILOG = (
     "Examples: `wayside simulate --spacing 26.4ft --hfov 60` · `wayside simulate --target 10cm` · "
     "`wayside simulate --curve-radius 250m --hill 6m --outliers 0.05` · "
@@ -55,6 +57,7 @@ def simulate(
         ),
     ] = None,
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Plan a survey: print how accurately signs would be located, or which spacing and focal length a target takes.
 
@@ -107,7 +110,7 @@ def simulate(
         tried = list(sweep(survey))
         typer.echo(format_sweep(tried, wanted))
     if json is not None:
-        write_simulation(tried, json)
+        write_simulation(tried, json, overwrite=overwrite)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
@@ -52,6 +53,10 @@ ViewImages = Annotated[
 ]
 ViewDetail = Annotated[
     bool, typer.Option("--view-detail", help="Also record the label images of both passes.")
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Replace what stands there under the names of the output."),
 ]
 SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
 OverOption = Annotated[
@@ -103,7 +108,7 @@ def view(
 
     target = find_target(out, sign, frame)
     open_result(out, target, over, serve=serve)
-    typer.echo(f"{out}: frame {target.frame}")
+    typer.echo(visible(f"{out}: frame {target.frame}"))
 
 
 def picture(
@@ -113,12 +118,14 @@ def picture(
     frame: FrameOption = None,
     over: OverOption = None,
     size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw the viewer to a PNG without a display, at a sign or a frame."""
     from wayside.pipeline.view.results import find_target, save_screenshot
 
-    save_screenshot(out, find_target(out, sign, frame), over, png, _parse_size(size))
-    typer.echo(f"{png}")
+    target, pixels = find_target(out, sign, frame), _parse_size(size)
+    save_screenshot(out, target, over, png, pixels, overwrite=overwrite)
+    typer.echo(visible(f"{png}"))
 
 
 def evidence(
@@ -132,6 +139,7 @@ def evidence(
     folder: Annotated[
         Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a sheet of images, maps and figures for every sign, and an index to filter them."""
     from wayside.pipeline.evidence.write import write_evidence
@@ -139,19 +147,25 @@ def evidence(
     from wayside.pipeline.tuning import tune_process
 
     tune_process()
+    sheets = out / "evidence" if folder is None else folder
+    if folder is None and sheets.is_symlink():
+        raise UsageError(
+            f"{sheets}: wanted a folder of its own, found a link; say with -o where the sheets go"
+        )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
             out,
-            out / "evidence" if folder is None else folder,
+            sheets,
             sign_id=sign,
             log=log,
             watch=progress.watch,
+            overwrite=overwrite,
         )
     count = len(written.sheets)
     if written.index is not None:
-        typer.echo(f"{count} {'sheet' if count == 1 else 'sheets'}; open {written.index}")
+        typer.echo(visible(f"{count} {'sheet' if count == 1 else 'sheets'}; open {written.index}"))
     else:
-        typer.echo(str(written.sheets[0]))
+        typer.echo(visible(str(written.sheets[0])))
     if written.lost_views:
         typer.echo(
             f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "

@@ -19,7 +19,8 @@ from wayside.pipeline.evaluate_misses import (
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation
 from wayside.pipeline.result import RUN_FILE, read_rows, read_run, read_table
 from wayside.pipeline.statistics import Interval, Spread, share_interval
-from wayside.schemas.errors import InputError, OutputError
+from wayside.pipeline.writing import write_json
+from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _SIGN_COLUMNS = (
@@ -53,7 +54,7 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     try:
         compare = _on_labels if _LABEL_KEYS <= facts.keys() else _on_truth
         evaluation = compare(out, rows, frames, facts)
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, ArithmeticError) as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
         ) from error
@@ -99,18 +100,16 @@ def _candidates(out: Path, frames: Collection[int]) -> Candidates:
     return Candidates(read_table(out, OBSERVATIONS, Candidates.COLUMNS, {"frame": frames}))
 
 
-def write_evaluation(evaluation: Evaluation, file: Path) -> None:
-    """Write the figures as JSON.
+def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = False) -> None:
+    """Write the figures as JSON, over those of an earlier evaluation or, with `overwrite`, whatever stands there.
 
     Raises
     ------
     OutputError
-        The file cannot be written.
+        The file cannot be written, or something else stands there.
     """
-    try:
-        file.write_text(json.dumps(evaluation.to_json(), indent=1) + "\n", "utf-8")
-    except OSError as error:
-        raise OutputError(f"figures could not be written to {file}: {error.strerror}") from error
+    content = evaluation.to_json()
+    write_json(file, content, ("wanted", "found_count", "false"), overwrite=overwrite)
 
 
 def format_evaluation(evaluation: Evaluation) -> str:
@@ -245,7 +244,7 @@ def _read_truth(file: Path) -> dict[str, Any]:
         facts = json.loads(file.read_text("utf-8"))
     except OSError as error:
         raise InputError(f"truth file {file} cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"truth file {file} is not JSON: {error}") from error
     keys = facts.keys() if isinstance(facts, dict) else set()
     if not (_TRUTH_KEYS <= keys or _LABEL_KEYS <= keys):

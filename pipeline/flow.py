@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from time import thread_time
 from typing import Protocol
 
+from wayside.pipeline.journal import Journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
-from wayside.schemas.frame import Frame
+from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.detection import BoxClassifier, detect, propose
+from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import (
@@ -28,6 +30,7 @@ from wayside.stages.mapping import (
     SideClassifiers,
     assemble,
     classify_location,
+    score_by_views,
     track,
 )
 from wayside.stages.odometry import estimate_motion, extract_features
@@ -51,25 +54,60 @@ class Flow:
     models: Models
     clock: StageClock
     observer: Observer | None = None
+    journal: Journal | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
         run = self.settings.run
         read = self.stage("read", frames)
-        found = ordered_parallel(self.detect, read, workers=run.workers, queue=run.queue)
+        found = ordered_parallel(self.resume, read, workers=run.workers, queue=run.queue)
+        if self.journal is not None:
+            found = self.clock.timed("journal", self.journal.record(found))
         return self.follow(self.clock.timed("queue", found))
+
+    def resume(self, frames: Iterator[Frame]) -> Iterator[Detections]:
+        """Take from the journal what a run before has found in the first frames, and detect in the others."""
+        for frame in frames:
+            if self.journal is None or frame.index not in self.journal:
+                yield from self.detect(chain([frame], frames))
+                return
+            for image in self.stage("decode", decode(iter([frame]))):
+                yield self.journal.replay(image)
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Do what one image needs for itself; runs side by side in the workers."""
         stage, s = self.stage, self.settings
         images = stage("decode", decode(frames))
-        segmented = stage("segment", segment(images, settings=s.segment, gate=s.gate))
-        by_report = s.candidates.judge == "report"
-        found = self._by_report(segmented) if by_report else self._by_classifier(segmented)
+        found = (
+            self._by_segments(images) if self.models.external is None else self._external(images)
+        )
         if s.features.sift:
             found = stage("sift", extract_sift(found, settings=s.sift))
         return stage("features", extract_features(found, settings=s.features))
+
+    def _by_segments(self, images: Iterator[Image]) -> Iterator[Detections]:
+        """Segmentation, and then what the preset makes of its regions."""
+        s = self.settings
+        segmented = self.stage("segment", segment(images, settings=s.segment, gate=s.gate))
+        by_report = s.candidates.judge == "report"
+        return self._by_report(segmented) if by_report else self._by_classifier(segmented)
+
+    def _external(self, images: Iterator[Image]) -> Iterator[Detections]:
+        """The boxes of another detector: they are the detections, and wayside's own does not run."""
+        s, m = self.settings, self.models
+        if m.external is None:
+            raise ValueError("models: wanted a detector or a file of boxes, found none")
+        return self.stage(
+            "detect",
+            detect_externally(
+                images,
+                source=m.external,
+                settings=s.candidates,
+                color=m.color_network,
+                shape=m.shape_network,
+            ),
+        )
 
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
@@ -128,34 +166,40 @@ class Flow:
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
-        placed = place_signs(
-            landmarks, path=path, settings=s.georeference, confidence=s.locate.confidence
-        )
+        # scores of another detector are no probabilities: what its least score let through is a sign
+        confidence = s.locate.confidence if self.models.external is None else 0.0
+        placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
         return self.drive_stage("signs", placed)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""
-        s, m = self.settings, self.models
+        s = self.settings
         if s.track.matching == "sift":
             return match_by_descriptors(posed, settings=s.mapping, sift=s.sift)
-        by_report = s.candidates.judge == "report"
-        boxes = None if by_report else BoxClassifier(m.box_classifier)
-        front = SideClassifiers(
-            boxes, LandmarkClassifier(m.landmark_classifier, m.location_classes, s.landmark)
-        )
-        back = None
-        if m.back_classifier is not None:
-            landmark = LandmarkClassifier(
-                m.back_landmark_classifier, m.location_classes, s.landmark
-            )
-            back = SideClassifiers(BoxClassifier(m.back_classifier), landmark)
-        return track(
+        external = self.models.external is not None
+        front, back = (SideClassifiers(), None) if external else self._side_classifiers()
+        tracked = track(
             posed,
             settings=s.mapping,
             front=front,
             back=back,
             panel=self.panel_method(),
             adjustment=s.local_adjustment,
+        )
+        return score_by_views(tracked) if external else tracked
+
+    def _side_classifiers(self) -> tuple[SideClassifiers, SideClassifiers | None]:
+        """Classifiers of faces and of backs, learned on the scores of wayside's own detector."""
+        m, s = self.models, self.settings
+        boxes = None if s.candidates.judge == "report" else BoxClassifier(m.box_classifier)
+        front, back = (
+            LandmarkClassifier(model, m.location_classes, s.landmark)
+            for model in (m.landmark_classifier, m.back_landmark_classifier)
+        )
+        if m.back_classifier is None:
+            return SideClassifiers(boxes, front), None
+        return SideClassifiers(boxes, front), SideClassifiers(
+            BoxClassifier(m.back_classifier), back
         )
 
     def panel_method(self) -> PanelMethod:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from itertools import pairwise
@@ -22,7 +21,8 @@ from mcap.writer import CompressionType, Writer
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.survey import BY_NUMBER_KEY, METADATA_NAME, SPACING_KEY
-from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.pipeline.writing import whole_file
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 
 SECOND_NS = 10**9
@@ -53,7 +53,14 @@ _CALIBRATION: _Fields = (
 )
 
 
-def import_images(images: list[Path], calibration: Path, spacing_m: float, out: Path) -> int:
+def import_images(
+    images: list[Path],
+    calibration: Path,
+    spacing_m: float,
+    out: Path,
+    *,
+    overwrite: bool = False,
+) -> int:
     """Write a log of numbered images, a known distance apart, and return how many there are.
 
     Images are sorted by the numbers in their names and passed through byte for byte. Numbers that are missing from
@@ -69,6 +76,8 @@ def import_images(images: list[Path], calibration: Path, spacing_m: float, out: 
         Distance between images of neighbouring numbers, metres.
     out
         The MCAP file to write; it appears when it is complete.
+    overwrite
+        Replace a file of that name that is not this very log.
 
     Raises
     ------
@@ -77,7 +86,7 @@ def import_images(images: list[Path], calibration: Path, spacing_m: float, out: 
     InputError
         An image or the calibration cannot be used.
     OutputError
-        The log cannot be written.
+        The log cannot be written, or another file of that name stands there.
     """
     if not spacing_m > 0:
         raise UsageError(
@@ -85,25 +94,14 @@ def import_images(images: list[Path], calibration: Path, spacing_m: float, out: 
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(_image_files(images), key=_natural_key)
+    files = sorted(_image_files(images), key=natural_key)
     if not files:
         raise UsageError(
             "wanted images to import, found none; give JPEG or PNG files or folders of them"
         )
     counts = count_images(files)
-    part = out.with_name(f"{out.name}.part")
-    try:
-        with part.open("wb") as stream:
-            _write(
-                Writer(stream, compression=CompressionType.NONE), files, counts, camera, spacing_m
-            )
-        os.replace(part, out)
-    except OSError as error:
-        raise OutputError(
-            f"{out}: the log could not be written: {error.strerror or error}; choose another with -o"
-        ) from error
-    finally:
-        part.unlink(missing_ok=True)
+    with whole_file(out, overwrite=overwrite) as stream:
+        _write(Writer(stream, compression=CompressionType.NONE), files, counts, camera, spacing_m)
     return len(files)
 
 
@@ -135,7 +133,7 @@ def _image_files(paths: list[Path]) -> Iterator[Path]:
             raise InputError(f"{path}: wanted an image, found no such file; check the name")
 
 
-def _natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
+def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
     """Numbers in a name compare as numbers: image 2 stands before image 10."""
     pieces = re.split(r"(\d+)", path.name.lower())
     return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in pieces if p], str(path)
@@ -167,7 +165,7 @@ def _read_image(file: Path, camera: Camera) -> tuple[bytes, str]:
             f"{file}: wanted an image, found: {error.strerror or error}; check the file"
         ) from error
     header = read_image_header(data)
-    if header is None:
+    if header is None or header.encoding not in ("jpeg", "png"):
         raise InputError(
             f"{file}: wanted a JPEG or PNG image, found a file that is neither or is cut off; "
             "convert it or leave it out"

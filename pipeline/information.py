@@ -6,6 +6,7 @@ import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.plan import Plan, make_plan
@@ -63,7 +64,7 @@ def describe_log(path: Path, settings: ReadSettings | None = None) -> LogInforma
     """
     settings = settings or ReadSettings()
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
-    survey = survey_log(path, whole=True)
+    survey = survey_log(path, whole=True, allowance=allowance_of(settings))
     cameras = survey.cameras
     hindrance = ""
     ways = []
@@ -192,13 +193,23 @@ def _camera(way: Way) -> list[str]:
 
 def _damage(information: LogInformation) -> list[str]:
     scan = information.survey.scan
-    if not scan.problem_count:
-        return ["no damage found"]
-    shown = [f"  {problem}" for problem in scan.problems[:_MOST_PROBLEMS_SHOWN]]
-    more = scan.problem_count - len(shown)
-    tail = [f"  and {more} more"] if more > 0 else []
-    places = "1 place" if scan.problem_count == 1 else f"{scan.problem_count} places"
-    return [f"damaged in {places}; what is whole can be used:", *shown, *tail]
+    lines = ["no damage found"]
+    if scan.problem_count:
+        shown = [f"  {problem}" for problem in scan.problems[:_MOST_PROBLEMS_SHOWN]]
+        more = scan.problem_count - len(shown)
+        tail = [f"  and {more} more"] if more > 0 else []
+        places = "1 place" if scan.problem_count == 1 else f"{scan.problem_count} places"
+        lines = [f"damaged in {places}; what is whole can be used:", *shown, *tail]
+    stated = scan.messages_stated
+    if stated is not None and stated > scan.messages:
+        lines.append(
+            f"{stated - scan.messages} of the {stated} messages that its summary counts are lost"
+        )
+    lines += [str(remark) for remark in scan.remarks[:_MOST_PROBLEMS_SHOWN]]
+    lines += scan.unchecked
+    if scan.unknown_records:
+        lines.append(f"{scan.unknown_records} records of kinds that are not known were passed over")
+    return lines
 
 
 def _size(count: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,8 @@ from wayside.pipeline.rows import (
     sign_id,
     sign_row,
 )
+from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.errors import OutputError
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.signs import Sign
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
@@ -57,13 +58,12 @@ class WrittenTables:
 class InventoryWriter:
     """Takes tracked frames one by one; `finish` takes the signs and leaves the Parquet files.
 
-    Observations wait in a scratch file of the output folder, because the number of a sign is known only when all
-    signs are. Parquet files appear whole or not at all.
+    Observations wait in a scratch file of the folder, because the number of a sign is known only when all signs are.
 
     Parameters
     ----------
     folder
-        Existing output folder.
+        Existing folder that holds none of the tables yet.
     log
         Stem of the log's file name, the first part of every sign's name.
     every_region
@@ -82,9 +82,9 @@ class InventoryWriter:
         self._scratch_path = folder / ".observations.scratch"
         self._observation_count = 0
         try:
-            self._scratch = pa.OSFile(str(self._scratch_path), "wb")
+            self._scratch = create(self._scratch_path)
         except OSError as error:
-            raise _unwritable(folder, error) from error
+            raise not_written(folder, error) from error
         self._stream = pa.ipc.new_stream(self._scratch, OBSERVATIONS.schema)
 
     def append(self, settled: TrackedFrame) -> None:
@@ -97,26 +97,24 @@ class InventoryWriter:
             try:
                 self._stream.write_batch(batch)
             except OSError as error:
-                raise _unwritable(self._folder, error) from error
+                raise not_written(self._folder, error) from error
 
     def discard(self) -> None:
         """Remove the scratch file; the run did not come to an end."""
-        self._stream.close()
-        self._scratch.close()
-        self._scratch_path.unlink(missing_ok=True)
+        self._remove_scratch()
 
     def finish(self, path: DrivePath, signs: Sequence[Sign]) -> WrittenTables:
         """Write the tables."""
-        self._stream.close()
-        self._scratch.close()
         try:
+            self._stream.close()
+            self._scratch.close()
             self._write_signs(signs, path)
             self._write_frames(path)
             self._write_observations(signs)
         except OSError as error:
-            raise _unwritable(self._folder, error) from error
+            raise not_written(self._folder, error) from error
         finally:
-            self._scratch_path.unlink(missing_ok=True)
+            self._remove_scratch()
         rows = {
             SIGNS.file: len(signs),
             OBSERVATIONS.file: self._observation_count,
@@ -125,6 +123,14 @@ class InventoryWriter:
         return WrittenTables(
             self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items()))
         )
+
+    def _remove_scratch(self) -> None:
+        """Remove it first, then close it: what waits in its buffers may not fit on the disk."""
+        with suppress(OSError):
+            self._scratch_path.unlink(missing_ok=True)
+        for part in (self._stream, self._scratch):
+            with suppress(OSError, ValueError):  # ValueError: closed before
+                part.close()
 
     def _observations(self, settled: TrackedFrame) -> pa.RecordBatch:
         table = settled.candidates
@@ -168,7 +174,7 @@ class InventoryWriter:
         tracks = OBSERVATIONS.schema.get_field_index("track_id")
         with (
             ParquetFile(self._folder / OBSERVATIONS.file, OBSERVATIONS.schema) as sink,
-            pa.OSFile(str(self._scratch_path), "rb") as scratch,
+            self._scratch_path.open("rb") as scratch,
         ):
             waiting: list[pa.RecordBatch] = []
             for batch in pa.ipc.open_stream(scratch):
@@ -200,10 +206,3 @@ class InventoryWriter:
 def _columns(names: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> dict[str, Sequence[Any]]:
     """Columns by name of rows, which may be none."""
     return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
-
-
-def _unwritable(folder: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"{folder}: wanted to write the result here, found: {error.strerror or error}; "
-        "choose another folder with -o or free some space"
-    )

@@ -59,7 +59,8 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.errors import InputError, OutputError, WaysideError
+from wayside.pipeline.writing import not_written, write_file
+from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import Model, NetworkModel, TreeModel
@@ -337,11 +338,9 @@ def _write(path: Path, model: Model, notify: Notify) -> str:
     text = model_to_json(model)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise OutputError(
-            f"{path}: wanted to write a model, found {error}; choose another -o"
-        ) from error
+        raise not_written(path, error, "to write a model here") from error
+    write_file(path, text.encode(), overwrite=True)  # models are learned again into their folder
     notify(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}")
     return digest(text)
 

@@ -46,6 +46,20 @@ def parse_length(text: str) -> float:
     return metres
 
 
+def parse_spacing(text: str) -> float:
+    """Metres of the option `--spacing`: a length with its unit.
+
+    Raises
+    ------
+    UsageError
+        As `parse_length`, with the name of the option.
+    """
+    try:
+        return parse_length(text)
+    except UsageError as error:
+        raise UsageError(f"--spacing: {error}") from error
+
+
 def parse_time(text: str) -> float:
     """Seconds of a time: "90", "90s", "1:30", "1:02:03.5".
 

@@ -118,9 +118,13 @@ def run(
     calibration: PathLike | None = None,
     camera: str | None = None,
     workers: int | None = None,
+    detector: PathLike | None = None,
+    detections: PathLike | None = None,
+    classes: PathLike | None = None,
     progress: Callable[[Progress], None] | None = None,
     out: PathLike | None = None,
     view: Literal["file", "live", "serve"] | None = None,
+    overwrite: bool = False,
 ) -> Inventory:
     """Find the signs of a log.
 
@@ -145,6 +149,12 @@ def run(
         Image topic, where the log has several.
     workers
         Images processed side by side; the result does not depend on it.
+    detector
+        ONNX file of a YOLO or RT-DETR detector that takes the place of wayside's own (docs/detectors.md).
+    detections
+        Parquet or COCO JSON of boxes made elsewhere, instead of a detector.
+    classes
+        TOML: which classes of these are signs, and their colours and shapes.
     progress
         Called after each settled frame.
     out
@@ -152,19 +162,31 @@ def run(
     view
         Record every step for the Rerun viewer: to `file` `drive.rrd` in the folder `out`, `live` to a window, or
         `serve` to the browser.
+    overwrite
+        Replace whatever stands in the folder `out` under the names of a result; else only a result of the same log.
 
     Raises
     ------
     UsageError
         A setting or option is unknown or out of range, or options exclude each other.
     InputError
-        A model file or calibration cannot be used. What is wrong with the log shows when it is read.
+        A model file, detector, file of boxes or calibration cannot be used. What is wrong with the log shows when it
+        is read.
     """
     from wayside.pipeline.model_files import load_models
 
     if view == "file" and out is None:
         raise UsageError('wanted a folder for the recording of view="file", found none; give out')
-    chosen = _settings(preset, settings, spacing, calibration, camera, workers)
+    given: dict[str, Any] = {
+        "read.spacing_m": spacing,
+        "read.calibration": calibration,
+        "read.camera": camera,
+        "run.workers": workers,
+        "models.detector": detector,
+        "models.detections": detections,
+        "models.classes": classes,
+    }
+    chosen = _settings(preset, settings, given)
     models = load_models(chosen)
     path = Path(log)
     address = _start_viewer(view)
@@ -172,16 +194,23 @@ def run(
     def process(folder: Path, under_way: Run) -> Iterator[TrackedFrame]:
         from wayside.pipeline.run import process_log
 
-        def open_observer(report: ReadReport) -> RunObserver | None:
+        def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
             if view is None:
                 return None
             from wayside.pipeline.view.sinks import Viewing, open_observer
 
             viewing = Viewing(view == "file", address)
-            return open_observer(viewing, folder, path.stem, models.location_classes, report)
+            return open_observer(viewing, part, path.stem, models.location_classes, report)
 
         frames = process_log(
-            path, folder, chosen, models, under_way, arguments=[], open_observer=open_observer
+            path,
+            folder,
+            chosen,
+            models,
+            under_way,
+            arguments=[],
+            open_observer=open_observer,
+            overwrite=overwrite,
         )
         yield from _reported(frames, path, under_way, progress)
 
@@ -284,13 +313,9 @@ def _start_viewer(view: str | None) -> str | None:
 
 
 def _settings(
-    preset: str,
-    settings: Settings | Mapping[str, Any] | None,
-    spacing: str | float | None,
-    calibration: PathLike | None,
-    camera: str | None,
-    workers: int | None,
+    preset: str, settings: Settings | Mapping[str, Any] | None, options: Mapping[str, Any]
 ) -> Settings:
+    """The settings of a run; options: by full name, None where not given, paths as such."""
     from wayside.pipeline.settings_file import load_settings, settings_values
     from wayside.schemas.settings import Settings
 
@@ -303,11 +328,9 @@ def _settings(
         }
     else:
         overrides = dict(settings or {})
-    options: dict[str, Any] = {
-        "read.spacing_m": spacing,
-        "read.calibration": None if calibration is None else os.fspath(calibration),
-        "read.camera": camera,
-        "run.workers": workers,
+    given = {
+        name: os.fspath(value) if isinstance(value, os.PathLike) else value
+        for name, value in options.items()
+        if value is not None
     }
-    given = {name: value for name, value in options.items() if value is not None}
     return load_settings(preset, options=overrides | given)[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -12,8 +13,13 @@ from typing import TypeVar
 
 import cv2
 
+from wayside.pipeline.box_file import load_boxes
+from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.provenance import onnx_metadata
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError
+from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
     EvidenceModel,
@@ -25,8 +31,17 @@ from wayside.schemas.models import (
     TreeModel,
 )
 from wayside.schemas.settings import Settings
-from wayside.stages.detection import DetectionNetwork
+from wayside.stages.detection import (
+    REGION_FEATURES,
+    SIDES,
+    DetectionNetwork,
+    box_feature_names,
+    prefilter_feature_names,
+)
+from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
+from wayside.stages.panel import OUTLINE_FEATURES
 
+DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
@@ -42,7 +57,8 @@ class Models:
     color_network, shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
     back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
     outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the
-    network whose boxes join the proposals. None where there is no such file.
+    network whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes,
+    that takes the place of wayside's own; None: there is none.
     """
 
     box_classifier: TreeModel
@@ -58,12 +74,17 @@ class Models:
     back_landmark_classifier: EvidenceModel | None = None
     region_ranking: TreeModel | None = None
     detection_network: OnnxFile | None = None
+    external: DetectorFile | BoxFile | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
         digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
         if self.detection_network is not None:
             digests["network"] = self.detection_network.sha256
+        if isinstance(self.external, DetectorFile):
+            digests["detector"] = self.external.onnx.sha256
+        elif self.external is not None:
+            digests["detections"] = self.external.sha256
         return digests
 
     def provenances(self) -> dict[str, str]:
@@ -110,7 +131,7 @@ def load_models(settings: Settings) -> Models:
     def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
         return load(folder, name) if _exists(folder, name) and not by_report else None
 
-    return Models(
+    models = Models(
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
         _linear(folder, "outline.json"),
@@ -124,7 +145,59 @@ def load_models(settings: Settings) -> Models:
         optional(_evidence, "back_place.json"),
         optional(_trees, "ranking.json"),
         None if by_report else _detection_network(folder, settings.models.network),
+        _external(settings),
     )
+    _check_inputs(models, folder)
+    return models
+
+
+def _check_inputs(models: Models, folder: Path | None) -> None:
+    """Refuse models of other inputs than those that the stages compute, before the first image."""
+    judge, back = models.box_classifier, models.back_classifier
+    for name, model, features in (
+        ("judge.json", judge, box_feature_names()),
+        ("judge.json", judge.prefilter, prefilter_feature_names()),
+        ("back.json", back, box_feature_names()),
+        ("back.json", None if back is None else back.prefilter, prefilter_feature_names()),
+        ("ranking.json", models.region_ranking, REGION_FEATURES),
+        ("outline.json", models.outline_weights, OUTLINE_FEATURES),
+    ):
+        if model is not None and model.features != features:
+            raise InputError(
+                f"{_file(folder, name)}: wanted a model of {len(features)} features ({features[0]} ...), found one of "
+                f"{len(model.features)} others; it is of another version of wayside: learn it again"
+            )
+    for name, evidence in (
+        ("place.json", models.landmark_classifier),
+        ("back_place.json", models.back_landmark_classifier),
+    ):
+        if evidence is None:
+            continue
+        names = {*evidence.features} - {*LANDMARK_FEATURES} | {*evidence.terms} - {*EVIDENCE_TERMS}
+        if names or not evidence.features:
+            raise InputError(
+                f"{_file(folder, name)}: wanted known features and terms of evidence, found "
+                f"{min(names, default='none')!r}; it is of another version of wayside: learn it again"
+            )
+    for name, network, classes in (
+        ("face_color.json", models.color_network, COLORS),
+        ("face_shape.json", models.shape_network, SHAPES),
+        ("face_box.json", models.box_regressor, SIDES),
+    ):
+        if network is None:
+            continue
+        unknown = {*network.features} - {*box_feature_names()} | {*network.classes} - {*classes}
+        if unknown or not network.features or not network.classes:
+            raise InputError(
+                f"{_file(folder, name)}: wanted known features and classes, found {min(unknown, default='none')!r}; "
+                "it is of another version of wayside: learn it again"
+            )
+
+
+def _external(settings: Settings) -> DetectorFile | BoxFile | None:
+    if settings.models.detector:
+        return load_detector(settings.models)
+    return load_boxes(settings) if settings.models.detections else None
 
 
 def shipped_models() -> Traversable:
@@ -151,9 +224,11 @@ def _detection_network(folder: Path | None, name: str) -> OnnxFile | None:
     listed = Path(str(_file(folder, name)))
     path = listed if listed.is_file() else Path(name)
     try:
-        held = OnnxFile(str(path), sha256(path.read_bytes()).hexdigest())
+        content = path.read_bytes()
+        _verify(path, content)
+        held = OnnxFile(str(path), sha256(content).hexdigest())
         DetectionNetwork(held.path)
-    except (OSError, cv2.error) as error:
+    except (OSError, ValueError, cv2.error) as error:
         raise InputError(
             f"models.network: wanted an ONNX file of a detection network, found {type(error).__name__} at {name}: "
             f"{error}; correct the path or leave the setting out"
@@ -173,13 +248,38 @@ def _file(folder: Path | None, name: str) -> Traversable:
 def _read(folder: Path | None, name: str) -> Model:
     file = _file(folder, name)
     try:
-        text = file.read_text(encoding="utf-8")
+        content = file.read_bytes()
+        text = content.decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"{file}: wanted a readable model file, found {type(error).__name__}: {error}; "
             "write one with the learning script or install wayside again"
         ) from error
+    _verify(file, content)
     return model_from_json(text, str(file))
+
+
+def _verify(file: Traversable, content: bytes) -> None:
+    """Compare a file that ships with its digest in `SHA256SUMS`; files of the user's own have none."""
+    if str(file) != str(shipped_models() / file.name):
+        return
+    if sha256(content).hexdigest() != shipped_digests().get(file.name):
+        raise InputError(
+            f"{file}: wanted the model that ships with wayside, found other content; install wayside again, "
+            "or put a model of your own into a folder that models.folder names"
+        )
+
+
+@cache
+def shipped_digests() -> dict[str, str]:
+    """SHA-256 of each model file that ships, by its name."""
+    try:
+        lines = (shipped_models() / DIGESTS).read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{shipped_models() / DIGESTS}: wanted the digests of the models, found {error}; install wayside again"
+        ) from error
+    return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
 
 def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:

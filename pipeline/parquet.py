@@ -1,10 +1,10 @@
-"""Arrow columns and Parquet files that appear whole or not at all."""
+"""Arrow columns, and Parquet files made of them."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +13,23 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from wayside.pipeline.writing import create
 from wayside.schemas.tables import Table
 
 
 class ParquetFile:
-    """A Parquet file that appears under its name only when it is whole."""
+    """A new Parquet file; it is removed where the block ends with an error.
+
+    Raises
+    ------
+    OSError
+        It cannot be written, or something stands there.
+    """
 
     def __init__(self, path: Path, schema: pa.Schema, geo: str | None = None) -> None:
-        self._path, self._part = path, path.with_name(f".{path.name}.part")
-        self._schema, self._geo = schema, geo
-        self._writer = pq.ParquetWriter(self._part, schema, compression="zstd")
+        self._path, self._schema, self._geo = path, schema, geo
+        self._stream = create(path)
+        self._writer = pq.ParquetWriter(self._stream, schema, compression="zstd")
 
     def __enter__(self) -> ParquetFile:
         return self
@@ -32,13 +39,20 @@ class ParquetFile:
         self._writer.write_table(pa.Table.from_batches(batches, self._schema))
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if self._geo is not None:
-            self._writer.add_key_value_metadata({"geo": self._geo})
-        self._writer.close()
-        if kind is None:
-            os.replace(self._part, self._path)
-        else:
-            self._part.unlink(missing_ok=True)
+        try:
+            if self._geo is not None:
+                self._writer.add_key_value_metadata({"geo": self._geo})
+            self._writer.close()
+            self._stream.close()
+        except OSError:
+            kind = OSError
+            raise
+        finally:
+            if kind is not None:
+                with suppress(OSError):
+                    self._path.unlink()
+                with suppress(OSError):  # what waits in its buffer does not fit, either
+                    self._stream.close()
 
 
 def geoparquet_metadata(signs: Sequence[dict[str, Any]]) -> str:

@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     Progress,
@@ -16,6 +17,7 @@ from rich.progress import (
 )
 
 from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.visible_text import visible
 from wayside.schemas.landmarks import TrackedFrame
 
 COMPILING = "compiling, once after installation"
@@ -58,7 +60,7 @@ class FrameProgress(_Shown):
             TextColumn("left"),
             TimeRemainingColumn(),
         )
-        self._label = label
+        self._label = label = escape(visible(label))
         self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
         self._frames = 0
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from wayside.pipeline.output_folder import finish_replacement
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -43,6 +44,7 @@ def read_table(
     InputError
         The folder is no result folder, or the file is damaged or something else.
     """
+    finish_replacement(out)
     file = out / table.file
     if not file.is_file():
         raise _no_result(out, table.file)
@@ -83,12 +85,13 @@ def read_run(out: Path) -> dict[str, Any]:
     InputError
         The folder has none, or it is damaged.
     """
+    finish_replacement(out)
     file = out / RUN_FILE
     if not file.is_file():
         raise _no_result(out, RUN_FILE)
     try:
         run = json.loads(file.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{file} cannot be read: {error}; run the log again") from error
     if not isinstance(run, dict):
         raise InputError(f"{file}: wanted what `wayside run` writes, found something else")
@@ -125,6 +128,7 @@ def find_log(run: dict[str, Any], given: Path | None) -> Path:
         There is no such file.
     """
     noted = run.get("log_path")
+    noted = noted if isinstance(noted, str) else None
     if given is None and noted is None:
         raise InputError(
             f"wanted the log {run.get('log', '')} to take images from; {RUN_FILE} does not say where it lies; "

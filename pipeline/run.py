@@ -2,35 +2,44 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
+from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
+from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
+from wayside.pipeline.journal import Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import Models
+from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
 from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.settings_file import settings_digest
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.frame import UNDECODABLE, USED, Frame
+from wayside.pipeline.writing import create, not_written
+from wayside.schemas.detectors import BoxFile
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 
-RECORDING = "drive.rrd"
-"""The recording of every step, beside the tables where it is asked for."""
-
 Watcher = Callable[[TrackedFrame, ReadReport], None]
+
+
+OpenObserver = Callable[[ReadReport, Path], "RunObserver | None"]
+"""Makes the observer of a run, from what reading chose and the folder for its files."""
 
 
 class RunObserver(Observer, Protocol):
@@ -39,6 +48,14 @@ class RunObserver(Observer, Protocol):
     @property
     def images(self) -> str:
         """Which images it records: `all`, those with `signs`, `none`."""
+
+    @property
+    def records(self) -> bool:
+        """Whether it writes a recording beside the tables."""
+
+    @property
+    def recording_lost(self) -> bool:
+        """Whether that recording could not be written."""
 
     def finish(self, inventory: WrittenTables) -> None:
         """Take note of what only the end tells."""
@@ -60,17 +77,23 @@ class RunResult:
     wall_seconds: float
     view_faults: tuple[str, ...] = ()
     view_images: str | None = None
+    boxes: BoxReport | None = None
+    recorded: bool | None = None
+    """Whether the recording of every step is whole; None where none was asked for."""
+    replayed: int | None = None
+    """Frames whose candidates came from the journal of a run before; None where none was kept."""
 
     @property
     def notes(self) -> list[str]:
         """What was found amiss in the log and made good, or has to be known to trust the result; in words."""
-        return [*self.report.notes, *self.inventory.path.notes]
+        more = () if self.boxes is None else self.boxes.notes
+        return [*self.report.notes, *self.inventory.path.notes, *more]
 
     @property
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
-        undecodable = self.frames.get(UNDECODABLE, 0)
-        images = [f"{undecodable} images do not decode"] if undecodable else []
+        words = ((UNDECODABLE, "do not decode"), (DAMAGED, "are damaged: they decode in part only"))
+        images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]
         return [*(str(problem) for problem in self.report.problems), *images]
 
 
@@ -79,18 +102,22 @@ def run_log(
     folder: Path,
     settings: Settings,
     models: Models,
+    run: Run | None = None,
     *,
     arguments: list[str],
     every_region: bool = False,
     watch: Watcher = lambda settled, report: None,
-    open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
+    open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
 ) -> RunResult:
     """Process one log to its end, as `process_log` does.
 
     Parameters
     ----------
-    log, folder, settings, models, arguments, every_region, open_observer, rate
+    log, folder, settings, models, run, arguments, every_region, open_observer, rate, overwrite,
+    resume
         As in `process_log`.
     watch
         Called with every settled frame on its way to the tables.
@@ -100,7 +127,7 @@ def run_log(
     InputError, OutputError, StageError
         As in `process_log`.
     """
-    run = Run()
+    run = run or Run()
     for settled in process_log(
         log,
         folder,
@@ -111,6 +138,8 @@ def run_log(
         every_region=every_region,
         open_observer=open_observer,
         rate=rate,
+        overwrite=overwrite,
+        resume=resume,
     ):
         watch(settled, run.report)
     assert run.result is not None
@@ -119,10 +148,11 @@ def run_log(
 
 @dataclass(slots=True)
 class Run:
-    """A run under way: what reading came across so far, and the result once it is complete."""
+    """A run under way: what reading came across so far, the result once it is complete, whether its files stand."""
 
     report: ReadReport = field(default_factory=ReadReport)
     result: RunResult | None = None
+    committed: bool = False
 
 
 def process_log(
@@ -134,12 +164,15 @@ def process_log(
     *,
     arguments: list[str],
     every_region: bool = False,
-    open_observer: Callable[[ReadReport], RunObserver | None] = lambda report: None,
+    open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
 ) -> Iterator[TrackedFrame]:
     """Process one log, frame by frame, and write its tables and `run.json` into `folder` after the last one.
 
-    A generator: nothing happens before the first frame is asked for; closed early, it leaves no table.
+    A generator: nothing happens before the first frame is asked for. The files of the result replace those of an
+    earlier one together, after the last frame; closed early, it changes nothing.
 
     Parameters
     ----------
@@ -154,39 +187,83 @@ def process_log(
     every_region
         List regions that the colour gate refused, too.
     open_observer
-        Called with what reading chose, when the folder is there and the log can be read; what it gives sees every
+        Called with what reading chose and the folder to write to, when the log can be read; what it gives sees every
         item of every stage.
     rate
         Read at so many times the recorded speed; None: as fast as the work goes.
+    overwrite
+        Replace whatever stands in the folder under the names of a result; else only a result of the same log.
+    resume
+        Keep a journal of what was found in each image, and go on with that of a run before; see `Journal`. Not with an
+        observer, which would see nothing of the frames in it.
 
     Raises
     ------
     InputError
         The log cannot be used, or none of its images can.
     OutputError
-        The folder cannot be written.
+        The folder cannot be written, or something stands there that is not replaced.
     StageError
         A stage failed; its name and the frame are in the message.
     """
+    with OutputFolder(folder, kept=(RECORDING,)) as output:
+        earlier = check_earlier(folder, log, overwrite=overwrite)
+
+        def observe(report: ReadReport) -> RunObserver | None:
+            observer = open_observer(report, output.part)
+            if observer is not None and observer.records:
+                earlier.check_recording()
+            return observer
+
+        journal = Journal(folder, journal_key(log, settings, models)) if resume else None
+        with nullcontext() if journal is None else closing(journal):
+            yield from _process(
+                log, output.part, settings, models, run, every_region, observe, rate, journal
+            )
+        assert run.result is not None
+        _write_run(run.result, output.part, settings, models, arguments)
+        output.commit(drop_recording=earlier.recorded and not run.result.recorded)
+        run.committed = True
+        remove_journal(folder)
+
+
+def _process(
+    log: Path,
+    part: Path,
+    settings: Settings,
+    models: Models,
+    run: Run,
+    every_region: bool,
+    open_observer: Callable[[ReadReport], RunObserver | None],
+    rate: float | None,
+    journal: Journal | None,
+) -> Iterator[TrackedFrame]:
+    """Process the log and write all but `run.json` into `part`."""
     started = time.perf_counter()
-    _make_folder(folder)
-    (folder / RECORDING).unlink(missing_ok=True)  # that of an earlier run would tell of other signs
     report, clock = run.report, StageClock()
     frames = read_frames(log, settings.read, report)
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
-    flow = Flow(settings, models, clock, observer)
-    writer = InventoryWriter(folder, log.stem, every_region=every_region)
+    flow = Flow(settings, models, clock, observer, journal)
+    writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
+    source = models.external
+    accounting = None if source is None else BoxAccounting(source)
+    read = _with_first(first, frames)
+    if isinstance(source, BoxFile) and source.images:
+        read = paired_by_order(read, source)
     try:
-        for settled in flow.track(_with_first(first, frames)):
+        for settled in flow.track(read):
             statuses[settled.frame.status] += 1
             writer.append(settled)
+            if accounting is not None:
+                accounting.take(settled)
             yield settled
         if not statuses[USED]:
             raise InputError(_no_image(log, statuses))
+        boxes = None if accounting is None else accounting.report()
         path = flow.georeference()
         signs = tuple(flow.signs(path))
     except BaseException:
@@ -196,13 +273,18 @@ def process_log(
         raise
     inventory = writer.finish(path, signs)
     faults: list[str] = []
+    recorded: bool | None = None
     if observer is not None:
         observer.finish(inventory)
         faults = observer.close()
+        if observer.records:
+            recorded = not observer.recording_lost
+            if observer.recording_lost:
+                (part / RECORDING).unlink(missing_ok=True)
     wall = time.perf_counter() - started
     run.result = RunResult(
         log,
-        folder,
+        part.parent,
         inventory,
         report,
         dict(statuses),
@@ -210,8 +292,10 @@ def process_log(
         wall,
         tuple(faults),
         None if observer is None else observer.images,
+        boxes,
+        recorded,
+        None if journal is None else journal.replayed,
     )
-    _write_run(run.result, settings, models, arguments)
 
 
 def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
@@ -231,20 +315,9 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
     )
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / ".wayside-probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: wanted a folder to write the result to, found: {error.strerror or error}; "
-            "choose another with -o"
-        ) from error
-
-
-def _write_run(result: RunResult, settings: Settings, models: Models, arguments: list[str]) -> None:
+def _write_run(
+    result: RunResult, part: Path, settings: Settings, models: Models, arguments: list[str]
+) -> None:
     """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
     used = result.frames.get(USED, 0)
     rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
@@ -253,12 +326,15 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "arguments": arguments,
         "log": result.log.name,
         "log_path": str(result.log.absolute()),
+        "log_fingerprint": log_fingerprint(result.log),
         "camera_topic": result.report.camera_topic,
         "view_images": result.view_images,
+        "recording": RECORDING if result.recorded else None,
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": models.digests(),
         "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
+        "detector": None if result.boxes is None else result.boxes.source,
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
         "notes": result.notes,
@@ -267,14 +343,16 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
             "used": used,
             "rejected": rejected,
             "regions": result.inventory.verdicts,
+            "boxes": None if result.boxes is None else result.boxes.counts,
             "lost": result.lost,
         },
         "files": {
-            name: {"rows": rows, "sha256": _sha256(result.folder / name)}
+            name: {"rows": rows, "sha256": file_digest(part / name)}
             for name, rows in result.inventory.rows.items()
         },
         "times": {
             "wall_s": round(result.wall_seconds, 3),
+            "replayed_frames": result.replayed,
             "cpu_s_by_stage": {k: round(v, 3) for k, v in result.stage_seconds.items()},
         },
         "machine": {
@@ -283,17 +361,8 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
             "cores": os.cpu_count(),
         },
     }
-    path = result.folder / "run.json"
     try:
-        part = path.with_suffix(".json.part")
-        part.write_text(json.dumps(content, indent=1) + "\n")
-        os.replace(part, path)
+        with create(part / RUN_FILE) as stream:
+            stream.write((json.dumps(content, indent=1) + "\n").encode())
     except OSError as error:
-        raise OutputError(
-            f"{path}: could not be written: {error.strerror or error}; free some space"
-        ) from error
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+        raise not_written(part, error) from error

@@ -174,7 +174,7 @@ def _read(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text("utf-8"))
     except OSError as error:
         raise UsageError(f"settings file {file} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(
             f"settings file {file} is not valid TOML: {error}; "
             "`wayside settings` prints one that is"
@@ -283,6 +283,22 @@ def _check_together(settings: Settings) -> None:
     if read.until_s and read.until_s <= read.from_s:
         raise UsageError(
             f"read.until_s ({read.until_s:g}) must be after read.from_s ({read.from_s:g}); 0 means to the end"
+        )
+    given = [f"models.{n}" for n in ("detector", "detections") if getattr(settings.models, n)]
+    if len(given) > 1:
+        raise UsageError(f"wanted one source of boxes, found both {' and '.join(given)}; give one")
+    if given and settings.candidates.judge == "report":
+        raise UsageError(
+            f"{given[0]}: wanted preset default, found the report's classifier of regions (candidates.judge); "
+            "leave one of them out"
+        )
+    if given and settings.models.network:
+        raise UsageError(
+            f"{given[0]} takes the place of wayside's own detector, which models.network is part of; give one of them"
+        )
+    if settings.models.classes and not given:
+        raise UsageError(
+            "models.classes says which classes of a detector are signs; give --detector or --detections as well"
         )
     if track.fewest_views > track.longest:
         raise UsageError(

@@ -6,9 +6,12 @@ from collections import Counter
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
-from wayside.pipeline.run import RECORDING, RunResult
+from wayside.pipeline.output_folder import RECORDING
+from wayside.pipeline.run import RunResult
+from wayside.pipeline.visible_text import visible
 from wayside.schemas.frame import USED
 
 _MOST_SIGNS = 40
@@ -24,23 +27,32 @@ def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> 
         console.print(f"... and {len(rows) - _MOST_SIGNS} more in signs.parquet")
     console.print(f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(rows)}")
     console.print(_images(result))
+    if result.boxes is not None:
+        console.print(result.boxes.words)
     console.print(_regions(result.inventory.verdicts))
     console.print(_times(result))
     for note in result.notes:
-        console.print(f"[yellow]note:[/yellow] {note}", highlight=False)
+        console.print(f"[yellow]note:[/yellow] {plain(note)}", highlight=False)
     for part in result.lost:
-        console.print(f"[yellow]lost:[/yellow] {part}")
+        console.print(f"[yellow]lost:[/yellow] {plain(part)}")
     for fault in result.view_faults:
-        console.print(f"[yellow]viewer:[/yellow] {fault}")
+        console.print(f"[yellow]viewer:[/yellow] {plain(fault)}")
     if not kept:
         return
-    recorded = (result.folder / RECORDING).is_file()
+    if result.recorded is False:
+        console.print(f"[yellow]not written:[/yellow] {RECORDING}; the tables are whole")
+    recorded = bool(result.recorded)
     console.print(
-        f"written to {result.folder}: {_files(result.inventory.rows)}, run.json"
+        f"written to {plain(result.folder)}: {_files(result.inventory.rows)}, run.json"
         f"{f', {RECORDING}' if recorded else ''}"
     )
     if recorded:
-        console.print(f"see every step: wayside view {result.folder}")
+        console.print(f"see every step: wayside view {plain(result.folder)}")
+
+
+def plain(text: object) -> str:
+    """What a log or a name says, as it is: neither markup nor a command to the terminal."""
+    return escape(visible(str(text)))
 
 
 def sign_table(signs: list[dict[str, Any]]) -> Table:
@@ -69,7 +81,7 @@ def sign_table(signs: list[dict[str, Any]]) -> Table:
             "sigma_along_m",
         )
         table.add_row(
-            row["sign_id"] + ("" if row["status"] == "sign" else f" ({row['status']})"),
+            plain(row["sign_id"]) + ("" if row["status"] == "sign" else f" ({row['status']})"),
             row["color"] or "-",
             row["shape"] or "-",
             *("-" if row[name] is None else f"{row[name]:.2f}" for name in numbers),

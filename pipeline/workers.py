@@ -6,7 +6,7 @@ import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from queue import Queue
+from queue import Empty, Queue
 from time import thread_time
 from typing import Any, Protocol, TypeVar
 
@@ -99,6 +99,7 @@ class _Fault:
 
 
 _END: Any = object()
+_LIFE_SIGN_S = 1.0
 
 
 def ordered_parallel(
@@ -114,8 +115,13 @@ def ordered_parallel(
     does not depend on who is faster. At most `workers * queue` items are under way: a slow consumer makes the
     reader wait. The chain must give one result an item, in order. One worker means no thread at all.
 
-    A fault in a worker is raised here, after the results before it; leaving the generator early (an error
-    downstream, an interrupt) stops and joins all workers.
+    A fault in a worker is raised here, after the results before it; so it is when its thread has ended for whatever
+    reason. Leaving the generator early (an error downstream, an interrupt) stops and joins all workers.
+
+    Raises
+    ------
+    StageError
+        A worker has ended without an error that could be raised here.
     """
     if workers == 1:
         yield from chain(items)
@@ -158,9 +164,13 @@ def ordered_parallel(
                 dealt_count += 1
             if not under_way:
                 return
-            result = outgoing[under_way.popleft()].get()
+            turn = under_way.popleft()
+            result = _next_result(outgoing[turn], threads[turn])
             if isinstance(result, _Fault):
-                raise result.error
+                if isinstance(result.error, Exception):
+                    raise result.error
+                # SystemExit and its like end a thread; raised here they would end the run as if all were well
+                raise StageError("workers", None, result.error) from result.error
             yield result
     finally:
         stop.set()
@@ -168,3 +178,14 @@ def ordered_parallel(
             mine.put(_END)
         for thread in threads:
             thread.join()
+
+
+def _next_result(done: Queue[Any], thread: threading.Thread) -> Any:
+    """The next result of a worker; a fault where it ended without one."""
+    while True:
+        try:
+            return done.get(timeout=_LIFE_SIGN_S)
+        except Empty:
+            if not thread.is_alive() and done.empty():
+                ended = RuntimeError(f"the thread {thread.name} has ended without a result")
+                return _Fault(StageError("workers", None, ended))

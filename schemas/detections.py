@@ -46,10 +46,10 @@ SHAPES = (
     "crossbuck",
     "other",
 )
-SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network")
+SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network", "external")
 """Where a region comes from: K-means pass one or two, a level of a contrast map, two of these one above the other, a
-landmark of other frames projected into this one, any of these with its box moved by box regression, or a box of the
-detection network."""
+landmark of other frames projected into this one, any of these with its box moved by box regression, a box of the
+detection network, or a box of a detector that is not wayside's (or of a file of boxes)."""
 
 VERDICTS = (
     "open",

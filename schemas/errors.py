@@ -4,6 +4,8 @@ from __future__ import annotations
 
 PARTS_LOST = 4
 """Exit status of work that is done, but lost parts of its input."""
+INTERRUPTED = 130
+"""Exit status of work that a person or the system stopped."""
 
 
 class WaysideError(Exception):
@@ -28,6 +30,12 @@ class OutputError(WaysideError):
     """A result could not be written."""
 
     exit_status = 5
+
+
+class InterruptionError(WaysideError):
+    """Ctrl-C, or a signal that asks to end."""
+
+    exit_status = INTERRUPTED
 
 
 class StageError(WaysideError):

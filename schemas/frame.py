@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
-NO_POSITION = "no_position"
+NO_POSITION, DAMAGED = "no_position", "damaged"
 FRAME_STATUSES = (
     USED,
     THINNED,
@@ -23,9 +23,10 @@ FRAME_STATUSES = (
     WRONG_SIZE,
     NO_CALIBRATION,
     NO_POSITION,
+    DAMAGED,
 )
-"""`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix; the
-rest as they say."""
+"""`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix;
+`damaged` images decode in part only; the rest as they say."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,6 +31,15 @@ from wayside.schemas.models import (
 
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 EVIDENCE_COLUMNS = ("name", "term", "low", "high", "middle", "weight")
+_FAULTS = (
+    KeyError,
+    IndexError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)
 Part = TypeVar("Part", TreeModel, NetworkModel, ConvolutionModel)
 
 
@@ -101,66 +112,80 @@ def model_to_json(model: Model) -> str:
 
 
 def model_from_json(text: str, name: str = "model") -> Model:
-    """Read a model; raises InputError with the name where the text is not one."""
+    """Read a model, every number and link of it checked; raises InputError with the name where the text is not one."""
     try:
-        data = json.loads(text)
-        if data["kind"] == "gaussian":
-            return GaussianModel(
-                data["space"],
-                tuple(
-                    GaussianClass(
-                        c["name"],
-                        np.array(c["mean"], np.float64),
-                        np.array(c["covariance"], np.float64),
-                        float(c["threshold"]),
-                        c["threshold_rule"],
-                        int(c["count"]),
-                    )
-                    for c in data["classes"]
-                ),
-                data["provenance"],
-            )
-        if data["kind"] == "trees":
-            trees = data["trees"]
-
-            def column(key: str, kind: type) -> NDArray[Any]:
-                return np.array([t[key] for t in trees], kind)
-
-            return TreeModel(
-                tuple(data["features"]),
-                float(data["bias"]),
-                column("feature", np.int32),
-                column("threshold", np.float32),
-                column("left", np.int32),
-                column("right", np.int32),
-                column("value", np.float32),
-                float(data["accept"]),
-                data["provenance"],
-                _part_of(TreeModel, data.get("gate"), name),
-                _part_of(NetworkModel, data.get("network"), name),
-                _part_of(ConvolutionModel, data.get("closer"), name),
-            )
-        if data["kind"] == "linear":
-            weights = {str(name): float(weight) for name, weight in data["weights"].items()}
-            return LinearModel(tuple(weights), np.array(list(weights.values())), data["provenance"])
-        if data["kind"] == "evidence":
-            return _evidence_of(data)
-        if data["kind"] == "network":
-            return _network_of(data)
-        if data["kind"] == "convolution":
-            return _convolution_of(data)
-        raise KeyError(f"kind {data['kind']!r}")
-    except (KeyError, TypeError, ValueError) as error:
+        return _model_of(json.loads(text), name)
+    except _FAULTS as error:
         raise InputError(
             f"{name}: wanted a wayside model file, found {type(error).__name__}: {error}; "
             "write one with the learning script or leave the setting out for the model that ships"
         ) from error
 
 
+def _model_of(data: dict[str, Any], name: str) -> Model:
+    if data["kind"] == "gaussian":
+        classes = tuple(_gaussian_class_of(c) for c in data["classes"])
+        return GaussianModel(data["space"], classes, str(data["provenance"]))
+    if data["kind"] == "trees":
+        return _trees_of(data, name)
+    if data["kind"] == "linear":
+        weights = np.array([float(weight) for weight in data["weights"].values()])
+        _check_shapes({"weights": weights}, ((len(weights),),))
+        return LinearModel(tuple(data["weights"]), weights, str(data["provenance"]))
+    if data["kind"] == "evidence":
+        return _evidence_of(data)
+    if data["kind"] == "network":
+        return _network_of(data)
+    if data["kind"] == "convolution":
+        return _convolution_of(data)
+    raise KeyError(f"kind {data['kind']!r}")
+
+
+def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
+    mean = np.array(data["mean"], np.float64)
+    covariance = np.array(data["covariance"], np.float64)
+    d = mean.size
+    _check_shapes({"mean": mean, "covariance": covariance}, ((d,), (d, d)))
+    if not (d and np.allclose(covariance, covariance.T) and np.linalg.eigvalsh(covariance)[0] > 0):
+        raise ValueError(f"the covariance of {data['name']!r} is not positive definite")
+    return GaussianClass(
+        str(data["name"]),
+        mean,
+        covariance,
+        _finite(data["threshold"], "threshold"),
+        str(data["threshold_rule"]),
+        int(data["count"]),
+    )
+
+
+def _trees_of(data: dict[str, Any], name: str) -> TreeModel:
+    trees = data["trees"]
+
+    def column(key: str, kind: type) -> NDArray[Any]:
+        return np.array([t[key] for t in trees], kind)
+
+    split, value = column("threshold", np.float32), column("value", np.float32)
+    _check_shapes({"threshold": split, "value": value}, (split.shape,) * 2)
+    return TreeModel(
+        tuple(map(str, data["features"])),
+        _finite(data["bias"], "bias"),
+        column("feature", np.int32),
+        split,
+        column("left", np.int32),
+        column("right", np.int32),
+        value,
+        _finite(data["accept"], "accept"),
+        str(data["provenance"]),
+        _part_of(TreeModel, data.get("gate"), name),
+        _part_of(NetworkModel, data.get("network"), name),
+        _part_of(ConvolutionModel, data.get("closer"), name),
+    )
+
+
 def _part_of(kind: type[Part], data: dict[str, Any] | None, name: str) -> Part | None:
     if data is None:
         return None
-    part = model_from_json(json.dumps(data), name)
+    part = _model_of(data, name)
     if not isinstance(part, kind):
         raise TypeError(f"a part of kind {part.kind!r}, wanted {kind.kind!r}")
     return part
@@ -171,25 +196,30 @@ def _network_of(data: dict[str, Any]) -> NetworkModel:
     f, c = len(data["features"]), len(data["classes"])
     h = arrays["hidden_bias"].size
     _check_shapes(arrays, ((f,), (f,), (f, h), (h,), (h, c), (c,)))
+    _check_scale(arrays["scale"])
     return NetworkModel(
-        tuple(data["features"]),
-        tuple(data["classes"]),
+        tuple(map(str, data["features"])),
+        tuple(map(str, data["classes"])),
         **arrays,
-        provenance=data["provenance"],
-        feature_limit=float(data.get("farthest", FEATURE_LIMIT)),
+        provenance=str(data["provenance"]),
+        feature_limit=_finite(data.get("farthest", FEATURE_LIMIT), "farthest"),
     )
 
 
 def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
     name, term, *numbers = EVIDENCE_COLUMNS
     rows = data["features"]
+    columns = {key: np.array([row[key] for row in rows], np.float64) for key in numbers}
+    _check_shapes(columns, ((len(rows),),) * len(columns))
+    if not (columns["low"] <= columns["high"]).all():
+        raise ValueError("a feature whose lower bound is above its upper one")
     return EvidenceModel(
         tuple(str(row[name]) for row in rows),
         tuple(str(row[term]) for row in rows),
-        **{key: np.array([row[key] for row in rows], np.float64) for key in numbers},
-        shift=float(data["shift"]),
-        threshold=float(data["accept"]),
-        provenance=data["provenance"],
+        **columns,
+        shift=_finite(data["shift"], "shift"),
+        threshold=_finite(data["accept"], "accept"),
+        provenance=str(data["provenance"]),
     )
 
 
@@ -208,23 +238,34 @@ def _convolution_of(data: dict[str, Any]) -> ConvolutionModel:
         raise ValueError(f"a side of {side} pooled {sum(pooled)} times in {len(filters)} layers")
     samples = (side // 2 ** sum(pooled)) ** 2 * outs[-1]
     _check_shapes(arrays, ((f,), (f,), (samples + f, h), (h,), (h,), ()))
+    _check_scale(arrays["scale"])
     return ConvolutionModel(
-        tuple(data["features"]),
+        tuple(map(str, data["features"])),
         side,
-        float(data["near"]),
-        float(data["trees_part"]),
-        float(data["farthest"]),
+        _finite(data["near"], "near"),
+        _finite(data["trees_part"], "trees_part"),
+        _finite(data["farthest"], "farthest"),
         filters,
         biases,
         pooled,
         **arrays,
-        provenance=data["provenance"],
+        provenance=str(data["provenance"]),
     )
 
 
-def _check_shapes(
-    arrays: dict[str, NDArray[np.float32]], wanted: tuple[tuple[int, ...], ...]
-) -> None:
+def _finite(value: Any, name: str) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{name} is {number}")
+    return number
+
+
+def _check_scale(scale: NDArray[np.float32]) -> None:
+    if not (scale > 0).all():
+        raise ValueError("a scale that is not positive")
+
+
+def _check_shapes(arrays: Mapping[str, NDArray[Any]], wanted: tuple[tuple[int, ...], ...]) -> None:
     for (name, array), shape in zip(arrays.items(), wanted, strict=True):
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} of shape {array.shape}, wanted {shape}, finite")

@@ -80,6 +80,22 @@ class TreeModel:
     network: NetworkModel | None = None
     patch_cnn: ConvolutionModel | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse trees that a compiled kernel cannot follow: links lead to later nodes, by features that there are."""
+        arrays = (self.feature, self.split, self.left, self.right, self.value)
+        if self.feature.ndim != 2 or not self.feature.shape[1]:
+            raise ValueError(f"trees: wanted (trees, nodes), found {self.feature.shape}")
+        if any(array.shape != self.feature.shape for array in arrays):
+            raise ValueError("trees: wanted arrays of one shape; the model is damaged")
+        nodes = self.feature.shape[1]
+        own = np.arange(nodes)
+        low, high = np.minimum(self.left, self.right), np.maximum(self.left, self.right)
+        known = (self.feature >= 0) & (self.feature < len(self.features))
+        if not (((low > own) & (high < nodes) & known) | (self.left < 0)).all():
+            raise ValueError(
+                "trees: wanted links to later nodes and features that exist; the model is damaged"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class NetworkModel:

@@ -107,7 +107,13 @@ SIGNS = Table(
         Column("assembly_id", _TEXT, "", "the same for panels on one support", _SURE),
         Column("log", _TEXT, "", "stem of the log's file name", _SURE),
         Column("status", _CHOICE, "", "what kind of row this is", _SURE, tuple(SIGN_STATUSES)),
-        Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1"),
+        Column(
+            "confidence",
+            _SINGLE,
+            "",
+            "calibrated probability that it is a sign, 0 to 1; with boxes of another detector its own scores, see "
+            "detectors.md",
+        ),
         Column("color", _CHOICE, "", "colour class of the face", values=COLORS),
         Column(
             "color_distance",
@@ -184,7 +190,7 @@ OBSERVATIONS = Table(
             "",
             "pass1, pass2: colour clusters; level: stable region of a contrast map; stack: two regions joined; "
             "predicted: reprojected from other frames; moved: one of these after box regression; network: box of the "
-            "detection network",
+            "detection network; external: box of another detector or of a file",
             _SURE,
             SOURCES,
         ),

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.result import read_rows
+from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
+_LONGEST_ID = 240
 _FRAME_COLUMNS = ("frame", "log_time_ns", "status", "x", "y", "z")
 _VIEW_COLUMNS = ("sign_id", "frame", "box", "residual_px")
 _SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != "geometry")
@@ -87,6 +89,8 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
     """
     signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
     known = [str(sign["sign_id"]) for sign in signs]
+    for name in known:
+        _require_file_name(out, name)
     if sign_id is not None and sign_id not in known:
         raise UsageError(_unknown_sign(out, sign_id, known))
     drive = _read_drive(out, signs)
@@ -131,6 +135,18 @@ def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap)
         distance = None if camera is None else float(np.linalg.norm(position - camera))
         views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance))
     return Evidence(sign, tuple(views))
+
+
+def _require_file_name(out: Path, name: str) -> None:
+    """Refuse an id that names a file elsewhere than beside the other sheets: the table may be anybody's."""
+    apart = (
+        {"/", "\\", "\0"} & {*name} or name in ("", ".", "..") or len(name.encode()) > _LONGEST_ID
+    )
+    if apart or not name.isprintable():
+        raise InputError(
+            f"{out / SIGNS.file}: wanted ids of signs that can name a file, found {visible(name[:80])!r}; "
+            "the table was not written by wayside: run the log again"
+        )
 
 
 def _unknown_sign(out: Path, sign_id: str, known: list[str]) -> str:

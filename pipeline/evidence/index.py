@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import DriveMap
 from wayside.pipeline.evidence.marks import appearance_of, class_words, ink_of, outline_of
+from wayside.pipeline.file_marks import marked_head
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 
@@ -37,11 +38,12 @@ class Card:
         return str(self.sign["sign_id"])
 
 
-def format_index(cards: Sequence[Card], drive: DriveMap, log: str) -> str:
+def format_index(cards: Sequence[Card], drive: DriveMap, log: str, mark: str) -> str:
     """HTML page that lists all signs, with a map and filters."""
     page = Template(files(__package__).joinpath("index.html").read_text("utf-8"))
     return page.substitute(
         log=escape(log),
+        mark=marked_head(mark),
         summary=escape(_summary(cards, drive)),
         colors=_options(COLORS, [card.sign["color"] for card in cards]),
         shapes=_options(SHAPES, [card.sign["shape"] for card in cards]),

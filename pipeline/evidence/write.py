@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +15,11 @@ from wayside.pipeline.evidence.crops import Crop, cut, read_images
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.index import Card, format_index
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_crop, draw_sheet
+from wayside.pipeline.file_marks import is_marked, marked_png
+from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_run, read_settings
-from wayside.schemas.errors import OutputError
+from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.settings import ReadSettings
 
 INDEX_FILE = "index.html"
@@ -44,6 +44,7 @@ def write_evidence(
     sign_id: str | None = None,
     log: Path | None = None,
     watch: Watcher = lambda done, total: None,
+    overwrite: bool = False,
 ) -> Written:
     """Write one PNG a sign and an index of all into `folder`.
 
@@ -62,6 +63,8 @@ def write_evidence(
         Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
+    overwrite
+        Replace whatever stands there under the names of the sheets and the index; else only sheets of this log.
 
     Raises
     ------
@@ -70,37 +73,55 @@ def write_evidence(
     InputError
         The result or the log cannot be used.
     OutputError
-        A sheet cannot be written.
+        A sheet cannot be written, or a file of its name stands there that is not replaced.
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id)
-    binder = _Binder(folder, drive, str(run.get("log", "")), str(run.get("world", "")))
+    mark = f"wayside {run.get('log', '')} {run.get('log_fingerprint') or ''}".strip()
     source = (find_log(run, log), read_settings(out, run)) if signs else None
-    _make_folder(folder)
-    if source is not None:
-        _fill(binder, signs, *source, watch)
-    index = None
-    if sign_id is None:
-        index = folder / INDEX_FILE
-        cards = [
-            Card(one.sign, binder.path(one).name, binder.thumbs.get(one.name)) for one in signs
-        ]
-        _write(index, format_index(cards, drive, binder.log).encode())
-    return Written(tuple(binder.path(one) for one in signs), index, binder.lost_views)
+    with OutputFolder(folder) as output:
+        binder = _Binder(
+            output.part, drive, str(run.get("log", "")), str(run.get("world", "")), mark
+        )
+        names = [binder.name(one) for one in signs] + ([INDEX_FILE] if sign_id is None else [])
+        if not overwrite:
+            _check_free(folder, names, mark)
+        if source is not None:
+            _fill(binder, signs, *source, watch)
+        if sign_id is None:
+            cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
+            _write(output.part / INDEX_FILE, format_index(cards, drive, binder.log, mark).encode())
+        output.commit()
+    index = folder / INDEX_FILE if sign_id is None else None
+    return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)
+
+
+def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
+    """Make sure that no file is replaced that is not a sheet or an index of the same log."""
+    for name in names:
+        path = folder / name
+        if path.is_symlink() or path.exists():
+            try:
+                own = path.is_file() and is_marked(path, mark)
+            except OSError as error:
+                raise not_written(folder, error) from error
+            if not own:
+                raise refuse(path, "a file there that is no evidence of this log")
 
 
 class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
-    def __init__(self, folder: Path, drive: DriveMap, log: str, world: str) -> None:
+    def __init__(self, folder: Path, drive: DriveMap, log: str, world: str, mark: str) -> None:
         self.folder, self.drive, self.log, self.world = folder, drive, log, world
+        self.mark = mark
         self.crops: defaultdict[str, dict[SignView, Crop]] = defaultdict(dict)
         self.thumbs: dict[str, bytes] = {}
         self.lost_views = 0
 
-    def path(self, evidence: Evidence) -> Path:
-        """Where the sheet of a sign goes."""
-        return self.folder / f"{evidence.name}.png"
+    def name(self, evidence: Evidence) -> str:
+        """The file of the sheet of a sign."""
+        return f"{evidence.name}.png"
 
     def add(self, evidence: Evidence, view: SignView, rgb: NDArray[np.uint8] | None) -> None:
         """Keep what the image of a view shows; None where it does not decode."""
@@ -112,9 +133,8 @@ class _Binder:
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
         sheet = draw_sheet(evidence, crops, self.drive, self.log, self.world)
-        _write(
-            self.path(evidence), _encoded(".png", sheet, cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
-        )
+        png = _encoded(".png", sheet, cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
+        _write(self.folder / self.name(evidence), marked_png(png, self.mark))
         if evidence.best in crops:
             thumb = draw_crop(crops[evidence.best], THUMB)
             quality = cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY
@@ -147,26 +167,8 @@ def _encoded(kind: str, rgb: NDArray[np.uint8], *how: int) -> bytes:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all."""
-    part = path.with_name(f".{path.name}.part")
     try:
-        part.write_bytes(content)
-        os.replace(part, path)
+        with create(path) as stream:
+            stream.write(content)
     except OSError as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise _not_written(path, error) from error
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _not_written(folder, error) from error
-
-
-def _not_written(path: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"{path}: wanted to write the evidence there, found: {error.strerror or error}; "
-        "choose another folder with -o"
-    )
+        raise not_written(path.parent, error, "to write the evidence here") from error

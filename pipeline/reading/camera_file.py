@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ from wayside.pipeline.reading.contents import ContentError, make_camera
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
+LARGEST_FILE = 1 << 16
+"""Characters that are read: a calibration has about a thousand."""
+_MOST_NUMBERS = 64
 _EXAMPLE = "image_width, image_height, camera_matrix, distortion_model and distortion_coefficients"
 
 
@@ -23,8 +27,9 @@ def read_camera_file(path: Path) -> Camera:
         The file cannot be read or is no calibration of that form.
     """
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open(encoding="utf-8") as stream:
+            text = stream.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text"
         raise InputError(
             f"{path}: wanted a camera calibration to read, found: {reason}; check the name"
@@ -41,6 +46,8 @@ def parse_camera(text: str, name: str) -> Camera:
         The text is no calibration of that form.
     """
     try:
+        if len(text) > LARGEST_FILE:
+            raise ContentError(f"over {LARGEST_FILE} characters")
         content = yaml.safe_load(text)
         if not isinstance(content, dict):
             raise ContentError("it has no named entries")
@@ -53,8 +60,9 @@ def parse_camera(text: str, name: str) -> Camera:
             str(content.get("distortion_model") or ""),
             _numbers(content.get("distortion_coefficients", ())),
         )
-    except (yaml.YAMLError, ContentError, TypeError, ValueError) as error:
-        what = "no YAML" if isinstance(error, yaml.YAMLError) else f"a fault: {error}"
+    except (yaml.YAMLError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        broken = isinstance(error, (yaml.YAMLError, RecursionError))
+        what = "no YAML" if broken else f"a fault: {error}"
         raise InputError(
             f"{name}: wanted a camera calibration (ROS camera_info YAML), found {what}; "
             f"such a file has {_EXAMPLE}"
@@ -65,5 +73,8 @@ def _numbers(entry: Any) -> tuple[float, ...]:
     """Numbers of a matrix entry: `{rows, cols, data: [...]}`, a list, or a list of rows."""
     values = entry.get("data", ()) if isinstance(entry, dict) else entry
     rows = values if isinstance(values, (list, tuple)) else [values]
-    flat = [v for row in rows for v in (row if isinstance(row, list) else [row])]
-    return tuple(float(v) for v in flat)
+    flat = (v for row in rows for v in (row if isinstance(row, list) else [row]))
+    numbers = tuple(float(v) for v in islice(flat, _MOST_NUMBERS + 1))
+    if len(numbers) > _MOST_NUMBERS:
+        raise ContentError(f"a matrix of over {_MOST_NUMBERS} numbers")
+    return numbers

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import struct
 import zlib
+from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
 from wayside.pipeline.reading.layout import (
     CHANNEL,
-    LARGEST_RECORD,
     MESSAGE,
     MESSAGE_HEAD,
     RECORD_HEAD,
@@ -23,10 +25,15 @@ _FIXED = struct.Struct(
 )  # start, end, unpacked size, checksum, length of the compression's name
 _LONGEST_NAME = 64
 _LARGEST_WINDOW = 1 << 29
+_LZ4_PIECE = 1 << 18
 
 
 class ChunkError(ValueError):
     """A chunk that cannot be used, in words that follow "a chunk lost:"."""
+
+
+class TooMuchError(ChunkError):
+    """A chunk that unpacks to more than its log may."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +47,12 @@ class ChunkHead:
     compression: str
     packed_size: int
 
-    @property
-    def times_known(self) -> bool:
-        """Whether the chunk says from when to when its messages are."""
-        return 0 < self.start_ns <= self.end_ns
+    def span_after(self, zero_ns: int | None) -> str:
+        """From when to when its messages are, counted from the first of the log; empty where that is not known."""
+        if zero_ns is None or not 0 < self.start_ns <= self.end_ns:
+            return ""
+        begin, end = (self.start_ns - zero_ns) / 1e9, (self.end_ns - zero_ns) / 1e9
+        return f" ({begin:.2f} s to {end:.2f} s after the first message)"
 
 
 LARGEST_HEAD = _FIXED.size + _LONGEST_NAME + 8
@@ -79,54 +88,107 @@ def parse_chunk_head(content: bytes, record_length: int) -> tuple[ChunkHead, int
     return ChunkHead(start, end, unpacked, checksum, name, packed), size
 
 
-def unpack_chunk(head: ChunkHead, packed: bytes) -> list[tuple[int, memoryview]]:
-    """Opcode and content of each schema, channel and message in a chunk, as views into the unpacked bytes.
+def unpack_chunk(head: ChunkHead, packed: memoryview) -> memoryview:
+    """The records of a chunk as bytes, unpacked but not compared with their checksum.
 
     Raises
     ------
     ChunkError
-        Size, compression, checksum or an inner length is wrong; nothing of the chunk is to be trusted then.
+        Size or compression is wrong.
     """
-    if head.unpacked_size > LARGEST_RECORD:
-        raise ChunkError(f"it says it unpacks to {head.unpacked_size} bytes")
-    data = _decompress(head, packed)
+    data = memoryview(_decompress(head, packed))
     if len(data) != head.unpacked_size:
         raise ChunkError(f"it unpacks to {len(data)} bytes instead of {head.unpacked_size}")
+    return data
+
+
+def check_chunk(head: ChunkHead, data: memoryview) -> None:
+    """Compare the unpacked records of a chunk with its checksum, where it has one; raises ChunkError."""
     if head.checksum and zlib.crc32(data) != head.checksum:
         raise ChunkError("its checksum differs")
-    return _take_apart(memoryview(data))
 
 
-def _decompress(head: ChunkHead, packed: bytes) -> bytes:
+def _decompress(head: ChunkHead, packed: memoryview) -> bytes | bytearray | memoryview:
     """At most one byte more than the head says, whatever the compressed data would grow to."""
     limit = head.unpacked_size + 1
     try:
         if head.compression in ("", "none"):
             return packed
         if head.compression == "lz4":
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=limit))
+            return _unpack_lz4(packed, limit)
         if head.compression == "zstd":
-            unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
-            if zstandard.frame_content_size(packed) == head.unpacked_size:
-                return unpacker.decompress(packed)
-            with unpacker.stream_reader(packed, read_across_frames=True) as reader:
+            with zstd_reader(packed) as reader:
                 return reader.read(limit)
     except (RuntimeError, EOFError, ValueError, MemoryError, zstandard.ZstdError) as error:
         raise ChunkError(f"{head.compression} cannot unpack it ({error})") from error
     raise ChunkError(f"its compression {head.compression!r} is unknown")
 
 
-def _take_apart(data: memoryview) -> list[tuple[int, memoryview]]:
-    records: list[tuple[int, memoryview]] = []
-    position, end = 0, len(data)
+def _unpack_lz4(packed: memoryview, limit: int) -> bytearray:
+    """Piece by piece: the package holds what one call unpacks several times over."""
+    unpacker, data = lz4.frame.LZ4FrameDecompressor(), bytearray()
+    for start in range(0, len(packed), _LZ4_PIECE):
+        data += unpacker.decompress(packed[start : start + _LZ4_PIECE])
+        if len(data) >= limit or unpacker.eof:
+            break
+    return data
+
+
+def zstd_reader(packed: memoryview) -> zstandard.ZstdDecompressionReader:
+    """Reader of what zstd frames hold; it needs a window of half a gigabyte at most."""
+    unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+    return unpacker.stream_reader(packed, read_across_frames=True)
+
+
+class RecordOffsets(NamedTuple):
+    """Where the schemas, channels and messages in a chunk begin, how many records it has, and why no more follow."""
+
+    offsets: array[int]
+    records: int
+    fault: str
+
+
+def find_records(data: memoryview, most: int) -> RecordOffsets:
+    """Walk the records of a chunk up to its end, or to the first that cannot be (`fault` says why).
+
+    Parameters
+    ----------
+    data
+        What the chunk unpacks to.
+    most
+        Records that it may have.
+
+    Raises
+    ------
+    TooMuchError
+        It has more.
+    """
+    offsets = array("Q")
+    position, end, count = 0, len(data), 0
     while position < end:
         if position + RECORD_HEAD.size > end:
-            raise ChunkError("a record in it is cut off")
+            return RecordOffsets(offsets, count, "a record in it is cut off")
         opcode, length = RECORD_HEAD.unpack_from(data, position)
-        position += RECORD_HEAD.size
-        if length > end - position or (opcode == MESSAGE and length < MESSAGE_HEAD.size):
-            raise ChunkError(f"a record in it says it has {length} bytes")
+        inside = end - position - RECORD_HEAD.size
+        if opcode == 0:
+            return RecordOffsets(offsets, count, "a record in it has no kind (opcode 0)")
+        if length > inside or (opcode == MESSAGE and length < MESSAGE_HEAD.size):
+            return RecordOffsets(offsets, count, f"a record in it says it has {length} bytes")
+        count += 1
+        if count > most:
+            raise TooMuchError(
+                f"it has over {most} records, with what came before more than the log has bytes; "
+                "if this is right, raise the setting read.unpacked_extra_kb"
+            )
         if opcode in (MESSAGE, SCHEMA, CHANNEL):
-            records.append((opcode, data[position : position + length]))
-        position += length
-    return records
+            offsets.append(position)
+        position += RECORD_HEAD.size + length
+    return RecordOffsets(offsets, count, "")
+
+
+def take_records(data: memoryview, offsets: Iterable[int]) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and content of the records that begin at `offsets`, as views into the data."""
+    for offset in offsets:
+        opcode, length = RECORD_HEAD.unpack_from(data, offset)
+        start = offset + RECORD_HEAD.size
+        yield opcode, data[start : start + length]

@@ -70,6 +70,16 @@ Content = ImageContent | CalibrationContent | PoseContent | FixContent
 
 _SUPPORTED_LENSES = {"", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"}
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+_LARGEST_IMAGE_PX = 200_000_000
+"""The largest survey cameras have 150 million; each pixel takes some dozen bytes while its image is processed."""
+_NARROWEST_DEG, _WIDEST_DEG = 0.1, 170.0
+"""Of a telescope, and of a lens whose image a plane can hold; other angles are a slip in the focal length."""
+
+
+def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
+    """Nanoseconds of a time stamp; None where it is not set (0), or no table can hold it (64 bits)."""
+    stamp = int(seconds) * 10**9 + int(nanoseconds)
+    return stamp if stamp and -(1 << 63) <= stamp < 1 << 63 else None
 
 
 def make_camera(
@@ -84,8 +94,19 @@ def make_camera(
     """
     if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
         raise ContentError("it has no focal length (not calibrated)")
-    if not (0 < size[0] < 1 << 16 and 0 < size[1] < 1 << 16):
-        raise ContentError(f"its image size {size[0]} x {size[1]} makes no sense")
+    width, height = size
+    if min(size) <= 0 or width * height > _LARGEST_IMAGE_PX:
+        raise ContentError(f"its image size {width} x {height} makes no sense")
+    for focal, centre, length in ((k[0], k[2], width), (k[4], k[5], height)):
+        angle = math.degrees(2 * math.atan2(length / 2, focal))
+        if not _NARROWEST_DEG < angle < _WIDEST_DEG:
+            raise ContentError(
+                f"its focal length {focal:g} px makes an angle of view of {angle:.3g} degrees over {length} px"
+            )
+        if not -length <= centre <= 2 * length:
+            raise ContentError(
+                f"its centre {centre:g} px lies far outside of the image of {length} px"
+            )
     if not any(d):
         d = ()
     if d and model.lower() not in _SUPPORTED_LENSES:

@@ -15,6 +15,7 @@ from wayside.pipeline.reading.contents import (
     PoseContent,
     make_camera,
     make_fix,
+    stamp_ns,
 )
 
 
@@ -93,8 +94,8 @@ def _time(message: Any) -> int | None:
     if stamp is None:
         return None
     if hasattr(stamp, "seconds"):
-        return (int(stamp.seconds) * 10**9 + int(stamp.nanos)) or None
-    return (int(stamp.sec) * 10**9 + int(stamp.nsec)) or None
+        return stamp_ns(stamp.seconds, stamp.nanos)
+    return stamp_ns(stamp.sec, stamp.nsec)
 
 
 def _name(message: Any) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     FixContent,
@@ -16,7 +17,8 @@ from wayside.pipeline.reading.image_headers import format_word, read_image_heade
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
 from wayside.pipeline.reading.plan import Plan, plan_reading
 from wayside.pipeline.reading.poses import CameraPoses
-from wayside.pipeline.reading.records import Message, ScanReport, scan
+from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.series import TimeSeries, blend_fixes
 from wayside.pipeline.reading.survey import topic_key
 from wayside.pipeline.reading.thinning import Thinning, position_of
@@ -115,7 +117,7 @@ class _Reader:
     """One reading of one log."""
 
     def __init__(self, plan: Plan, settings: ReadSettings, report: ReadReport) -> None:
-        self.plan, self.report = plan, report
+        self.plan, self.report, self.settings = plan, report, settings
         self.selection = _Selection(plan, settings)
         self.decoders = Decoders()
         self.faulty: dict[
@@ -140,7 +142,7 @@ class _Reader:
         wanted = {(t.name, t.schema) for t in topics if t is not None}
         camera = plan.camera.name, plan.camera.schema
         transforms = self.poses is not None
-        for record in scan(plan.survey.path, self.report):
+        for record in scan(plan.survey.path, self.report, allowance_of(self.settings)):
             if not isinstance(record, Message):
                 continue
             key = topic_key(record.channel)
@@ -242,6 +244,7 @@ class _Reader:
         report = self.report
         for topic, (count, offset) in sorted(self.faulty.items()):
             report.add_problem(offset, f"{count} messages of {topic} lost: they cannot be decoded")
+        report.notes += [*map(str, report.remarks), *report.unchecked]
         if self.poses is not None and self.poses.assumed_mount:
             report.notes.append(
                 "the log does not say how the camera is mounted: it is taken to look straight ahead"

@@ -9,11 +9,16 @@ import struct
 import zlib
 from dataclasses import dataclass
 
+from wayside.pipeline.visible_text import visible
+
 MAGIC = b"\x89MCAP0\r\n"
 
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x09, 0x0B, 0x0C, 0x0F
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX = 0x07, 0x08, 0x09, 0x0A
+STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = 0x0B, 0x0C, 0x0D, 0x0E, 0x0F
 LAST_KNOWN = DATA_END
+ONLY_IN_SUMMARY = (CHUNK_INDEX, ATTACHMENT_INDEX, STATISTICS, METADATA_INDEX, SUMMARY_OFFSET)
+ONLY_IN_DATA = (MESSAGE, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA)
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -102,8 +107,11 @@ class Fields:
         return self._take(self.integer(length_size))
 
     def text(self) -> str:
-        """String; bytes that are no UTF-8 are replaced, since a damaged name must not end the reading."""
-        return self.block().decode("utf-8", "replace")
+        """String; bytes that are no UTF-8 are replaced, since a damaged name must not end the reading.
+
+        Control characters come as their escapes: names are shown, compared and typed.
+        """
+        return visible(self.block().decode("utf-8", "replace"))
 
     def mapping(self) -> dict[str, str]:
         """Map of strings."""
@@ -137,6 +145,15 @@ def parse_channel(content: memoryview, schemas: dict[int, Schema]) -> Channel:
     channel_id, schema_id = fields.integer(2), fields.integer(2)
     topic, encoding = fields.text(), fields.text()
     return Channel(channel_id, topic, encoding, schema_id, schemas.get(schema_id))
+
+
+def is_message_index(content: memoryview) -> bool:
+    """Whether the content of a record is a message index: a channel and an array of times and offsets that fills it."""
+    return (
+        len(content) >= 6
+        and int.from_bytes(content[2:6], "little") == len(content) - 6
+        and (len(content) - 6) % 16 == 0
+    )
 
 
 def parse_metadata(content: memoryview) -> Metadata:

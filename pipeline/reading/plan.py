@@ -6,6 +6,7 @@ import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
+from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent, PoseContent
 from wayside.pipeline.reading.messages import Kind
@@ -15,6 +16,7 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 
 _CLOCKS_DIFFER_NS = 60 * 10**9
+_MOST_LISTED, _LONGEST_SHOWN = 6, 120
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +89,13 @@ def plan_reading(path: Path, settings: ReadSettings) -> Plan:
         camera=settings.camera,
         calibrated=given is not None,
         spaced=settings.spacing_m > 0,
+        allowance=allowance_of(settings),
     )
     names = {t.name for t in survey.cameras}
     if len(names) > 1 and not settings.camera:
-        survey = survey_log(path, whole=True)  # the question states how much there is of each
+        survey = survey_log(
+            path, whole=True, allowance=allowance_of(settings)
+        )  # the question states how much there is of each
     return make_plan(survey, settings, given)
 
 
@@ -154,13 +159,19 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
 
 
 def describe_cameras(cameras: list[Topic]) -> str:
-    """Cameras with their counts and sizes, in a line."""
+    """Cameras with their counts and sizes, in a line: the most numerous, a handful of them."""
     words = []
-    for topic in cameras:
+    for topic in sorted(cameras, key=lambda t: -t.count)[:_MOST_LISTED]:
         size = topic.image_size
         shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
-        words.append(f"{topic.name} ({topic.count} images, {shown})")
-    return ", ".join(words)
+        words.append(f"{shortened(topic.name)} ({topic.count} images, {shown})")
+    more = f" and {len(cameras) - _MOST_LISTED} more" if len(cameras) > _MOST_LISTED else ""
+    return ", ".join(words) + more
+
+
+def shortened(name: str) -> str:
+    """A name as it fits into a line: the middle of one that is far too long is left out."""
+    return name if len(name) <= _LONGEST_SHOWN else f"{name[:60]}...{name[-20:]}"
 
 
 def _choose_calibration(
@@ -224,8 +235,10 @@ def _clocks_differ(camera: Topic, *others: Topic | None) -> bool:
 def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
-    words = [f"{t.name} ({t.schema or 'no schema'})" for t in topics[:6]]
-    more = f" and {len(topics) - 6} more" if len(topics) > 6 else ""
+    words = [
+        f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics[:_MOST_LISTED]
+    ]
+    more = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
     return ", ".join(words) + more if words else "no messages"
 
 

@@ -10,9 +10,12 @@ from wayside.pipeline.reading.chunks import LARGEST_HEAD, ChunkError, parse_chun
 from wayside.pipeline.reading.layout import (
     CHUNK,
     DATA_END,
+    FOOTER,
     LAST_KNOWN,
+    MAGIC,
     MESSAGE,
     MESSAGE_HEAD,
+    ONLY_IN_DATA,
     RECORD_HEAD,
     length_is_plausible,
 )
@@ -70,6 +73,18 @@ def is_chunk(content: bytes, length: int) -> bool:
     except ChunkError:
         return False
     return head.compression in ("", "none", "lz4", "zstd") and head.start_ns <= head.end_ns
+
+
+def data_ends(stream: BinaryIO, opcode: int, offset: int, size: int) -> bool:
+    """Whether a record of this opcode, `DATA_END` or `FOOTER`, that ends at `offset` can be the end of the data.
+
+    Behind the end of the data stands the summary or the footer, behind the footer the file mark.
+    """
+    stream.seek(offset)
+    head = stream.read(RECORD_HEAD.size)
+    if opcode == FOOTER:
+        return MAGIC.startswith(head[: len(MAGIC)])
+    return not head or head[0] not in ONLY_IN_DATA
 
 
 def follows_a_record(stream: BinaryIO, offset: int, size: int) -> bool:

@@ -16,6 +16,7 @@ from wayside.pipeline.reading.contents import (
     PoseContent,
     make_camera,
     make_fix,
+    stamp_ns,
 )
 
 _NO_FIX = -1
@@ -122,7 +123,7 @@ def _time(message: Any) -> int | None:
     """Nanoseconds of the header's stamp, None where it is not set."""
     stamp = message.header.stamp
     nanoseconds = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec
-    return (int(stamp.sec) * 10**9 + int(nanoseconds)) or None
+    return stamp_ns(stamp.sec, nanoseconds)
 
 
 def _name(message: Any) -> str:

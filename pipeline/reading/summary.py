@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import BinaryIO
 
 from wayside.pipeline.reading.layout import (
@@ -32,10 +32,11 @@ _LARGEST = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Channels by id, and how many messages each has (empty where the log does not say)."""
+    """Channels by id, how many messages there are, and how many of each channel (empty where the log does not say)."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
     message_counts: dict[int, int] = field(default_factory=dict)
+    messages: int | None = None
 
 
 def read_summary(stream: BinaryIO) -> Summary | None:
@@ -89,7 +90,7 @@ def _read_tail(stream: BinaryIO) -> bytes | None:
 
 def _parse(section: memoryview) -> Summary:
     schemas: dict[int, Schema] = {}
-    summary = Summary()
+    summary, messages = Summary(), None
     position = 0
     while position + RECORD_HEAD.size <= len(section):
         opcode, length = RECORD_HEAD.unpack_from(section, position)
@@ -105,17 +106,20 @@ def _parse(section: memoryview) -> Summary:
             channel = parse_channel(content, schemas)
             summary.channels[channel.id] = channel
         elif opcode == STATISTICS:
-            summary.message_counts.update(_message_counts(content))
-    return summary
+            messages, counts = _message_counts(content)
+            summary.message_counts.update(counts)
+    return replace(summary, messages=messages)
 
 
-def _message_counts(content: memoryview) -> dict[int, int]:
+def _message_counts(content: memoryview) -> tuple[int, dict[int, int]]:
+    """Of all channels together and of each."""
     fields = Fields(content)
-    for size in (8, 2, 4, 4, 4, 4, 8, 8):  # messages, schemas ... chunks, first and last time
+    messages = fields.integer(8)
+    for size in (2, 4, 4, 4, 4, 8, 8):  # schemas, channels ... chunks, first and last time
         fields.integer(size)
     end = fields.integer(4) + fields.position
     counts: dict[int, int] = {}
     while fields.position < end:
         channel = fields.integer(2)
         counts[channel] = fields.integer(8)
-    return counts
+    return messages, counts

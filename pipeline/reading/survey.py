@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from wayside.pipeline.reading.camera_file import parse_camera
+from wayside.pipeline.reading.bounds import Allowance
+from wayside.pipeline.reading.camera_file import LARGEST_FILE, parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
@@ -16,7 +17,8 @@ from wayside.pipeline.reading.image_headers import format_word, read_image_heade
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
 from wayside.pipeline.reading.poses import TransformTree
-from wayside.pipeline.reading.records import Message, ScanReport, scan
+from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.summary import read_summary
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -25,6 +27,7 @@ METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
 """Metadata record by which `wayside import` tells the distance between images."""
 
 _LONG_ENOUGH_NS = 2 * 10**9
+_MOST_ATTACHMENTS = 16
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
 
 
@@ -86,6 +89,7 @@ class LogSurvey:
     tree: TransformTree = field(default_factory=TransformTree)
     attached_camera: Camera | None = None
     attachment_name: str = ""
+    attachments_tried: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
 
@@ -100,7 +104,13 @@ class LogSurvey:
 
 
 def survey_log(
-    path: Path, *, whole: bool, camera: str = "", calibrated: bool = False, spaced: bool = False
+    path: Path,
+    *,
+    whole: bool,
+    camera: str = "",
+    calibrated: bool = False,
+    spaced: bool = False,
+    allowance: Allowance | None = None,
 ) -> LogSurvey:
     """Look into a log.
 
@@ -116,6 +126,8 @@ def survey_log(
         The image topic that is wanted; empty: any.
     calibrated, spaced
         Whether calibration or spacing come from elsewhere, and need not be found.
+    allowance
+        How far the log may unpack; None: as the default settings say.
 
     Raises
     ------
@@ -125,11 +137,12 @@ def survey_log(
     survey = LogSurvey(path)
     expected = set() if whole else _expected_topics(path)
     decoders = Decoders()
-    for record in scan(path, survey.scan):
+    for record in scan(path, survey.scan, allowance):
         if isinstance(record, Metadata):
             _take_metadata(survey, record)
         elif isinstance(record, Attachment):
-            _take_attachment(survey, record)
+            if not calibrated:
+                _take_attachment(survey, record)
         else:
             news = _take_message(survey, record, decoders)
             passed = record.log_time_ns - (survey.scan.first_log_ns or 0)
@@ -213,9 +226,13 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
+    """Read an attached calibration: only a small YAML file that has its words, and none after the first."""
     is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
-    if not is_yaml or survey.attached_camera is not None:
+    if not is_yaml or survey.attached_camera is not None or len(record.data) > LARGEST_FILE:
         return
+    if b"camera_matrix" not in record.data or survey.attachments_tried >= _MOST_ATTACHMENTS:
+        return
+    survey.attachments_tried += 1
     try:
         text = record.data.decode("utf-8")
         survey.attached_camera = parse_camera(text, record.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import atan, degrees, isfinite, radians, tan
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
-from wayside.schemas.errors import OutputError, UsageError
+from wayside.pipeline.writing import write_json
+from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import (
@@ -192,19 +192,20 @@ def reaches(one: SimulationResult, target_m: float) -> bool:
     return bool((one.total < target_m).sum() >= 0.95 * one.wanted)
 
 
-def write_simulation(tried: Sequence[SimulationResult], file: Path) -> None:
+def write_simulation(
+    tried: Sequence[SimulationResult], file: Path, *, overwrite: bool = False
+) -> None:
     """Write the figures of one survey, or of all that a sweep tried, as JSON.
+
+    They replace those of an earlier simulation or, with `overwrite`, whatever stands there.
 
     Raises
     ------
     OutputError
-        The file cannot be written.
+        The file cannot be written, or something else stands there.
     """
     content = {"schema_version": 1, "surveys": [one.to_json() for one in tried]}
-    try:
-        file.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
-    except OSError as error:
-        raise OutputError(f"figures could not be written to {file}: {error.strerror}") from error
+    write_json(file, content, ("schema_version", "surveys"), overwrite=overwrite)
 
 
 def format_simulation(one: SimulationResult) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import rerun as rr
 
 from wayside.pipeline.inventory import WrittenTables
+from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.chains import closing, opening
 from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
@@ -54,6 +55,17 @@ class RerunObserver:
     def images(self) -> str:
         """Which images are recorded."""
         return self._state.images
+
+    @property
+    def records(self) -> bool:
+        """Whether one of the recordings is the file beside the tables."""
+        return any(recorder.name == RECORDING for recorder in self._recorders)
+
+    @property
+    def recording_lost(self) -> bool:
+        """Whether that file is not whole."""
+        failed = any(r.name == RECORDING and r.fault is not None for r in self._recorders)
+        return self.records and (failed or self._fault is not None)
 
     def see(self, stage: str, item: Item) -> None:
         """Take note of what a stage made of a frame."""

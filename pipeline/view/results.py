@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -10,8 +11,9 @@ from typing import Any
 
 from rerun.experimental import ViewerClient
 
+from wayside.pipeline.file_marks import is_marked, marked_png
+from wayside.pipeline.output_folder import RECORDING, finish_replacement
 from wayside.pipeline.result import read_rows, read_run
-from wayside.pipeline.run import RECORDING
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.pipeline.view.viewer import (
@@ -22,11 +24,13 @@ from wayside.pipeline.view.viewer import (
     view_errors,
     wait_until_loaded,
 )
+from wayside.pipeline.writing import sync, write_file
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 
 IMPORTED = "log.rrd"
 """The log itself as a recording, beside the run's own, where that holds no images."""
+_MARK = "wayside picture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,7 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     UsageError
         The recording holds images of its own, and a log is given.
     """
+    finish_replacement(out)
     path = out / RECORDING
     if not path.is_file():
         raise InputError(
@@ -107,7 +112,11 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
         )
     imported = out / IMPORTED
     if not imported.is_file():
-        import_log(log, Path(run["log"]).stem, imported)
+        with tempfile.TemporaryDirectory(prefix=".wayside-", dir=out) as scratch:
+            whole = Path(scratch) / IMPORTED
+            import_log(log, Path(run["log"]).stem, whole)
+            sync(whole)
+            os.replace(whole, imported)
     return Recordings(path, imported, run["camera_topic"])
 
 
@@ -125,14 +134,20 @@ def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> 
 
 
 def save_screenshot(
-    out: Path, target: Target, log: Path | None, png: Path, size: tuple[int, int]
+    out: Path,
+    target: Target,
+    log: Path | None,
+    png: Path,
+    size: tuple[int, int],
+    *,
+    overwrite: bool = False,
 ) -> None:
-    """Draw the viewer with a target to a PNG, without a display.
+    """Draw the viewer with a target to a PNG, without a display; over another such image, or with `overwrite` anything.
 
     Raises
     ------
     OutputError
-        There is no software Vulkan, the file cannot be written, or a view could not be drawn.
+        There is no software Vulkan, a view could not be drawn, the file cannot be written or another stands there.
     """
     if not png.parent.is_dir():
         raise OutputError(f"{png}: wanted a folder that is there, found none; make {png.parent}")
@@ -142,9 +157,19 @@ def save_screenshot(
         with headless(found.files(layout), size) as client:
             _show(client, target, found)
             faults = view_errors(client)
-            client.save_screenshot(str(png.resolve()))
+            drawn = Path(scratch) / "drawn.png"
+            client.save_screenshot(str(drawn))
+            content = marked_png(drawn.read_bytes(), _MARK)
+    write_file(png, content, is_own=_is_picture, overwrite=overwrite)
     if faults:
         raise OutputError(f"{png}: drawn, but the viewer reports {'; '.join(faults)}")
+
+
+def _is_picture(path: Path) -> bool:
+    try:
+        return is_marked(path, _MARK)
+    except OSError:
+        return False
 
 
 def _show(client: ViewerClient, target: Target, found: Recordings) -> None:

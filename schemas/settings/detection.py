@@ -222,6 +222,16 @@ class CandidateSettings:
         high=0.99,
     )
 
+    # --- boxes of another detector, or of a file ---
+    external_score: float = setting(
+        0.25,
+        "",
+        "boxes of another detector, or of a file, with a smaller score are left out",
+        origin="the default of Ultralytics' predictions",
+        low=0,
+        high=1,
+    )
+
     # --- classification ---
     same_face_iou: float = setting(
         0.4,

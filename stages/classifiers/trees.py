@@ -20,16 +20,10 @@ def log_odds(model: TreeModel, values: NDArray[np.float32]) -> NDArray[np.float3
     Raises
     ------
     ValueError
-        If the number of columns is not the model's, or a tree leads out of its arrays.
+        If the number of columns is not the model's.
     """
     values = np.ascontiguousarray(values, np.float32)
     require_array(values, "values", np.float32, (None, len(model.features)))
-    nodes = model.feature.shape[1]
-    links_fit = (model.left < nodes) & (model.right < nodes)
-    if not (links_fit.all() and (model.feature < len(model.features)).all() and nodes):
-        raise ValueError(
-            "trees: wanted links to nodes and features that exist; the model is damaged"
-        )
     result = np.empty(len(values), np.float32)
     _sum_trees(
         values,

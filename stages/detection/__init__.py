@@ -3,6 +3,8 @@
 from wayside.stages.detection.box_classifier import BoxClassifier
 from wayside.stages.detection.box_regression import SIDES, regressed_regions
 from wayside.stages.detection.detector import detect, name_log_probabilities
+from wayside.stages.detection.detector_outputs import recognised
+from wayside.stages.detection.external_boxes import detect_externally
 from wayside.stages.detection.feature_vectors import (
     REGION_FEATURES,
     box_feature_names,
@@ -17,6 +19,13 @@ from wayside.stages.detection.network_proposals import (
     STRIDE,
     DetectionNetwork,
 )
+from wayside.stages.detection.onnx_detector import (
+    ENGINES,
+    Network,
+    as_input,
+    multiple_of,
+    named_boxes,
+)
 from wayside.stages.detection.patch_cnn import (
     PATCH_CNN_FEATURES,
     PATCH_DARK_LEVEL,
@@ -28,6 +37,7 @@ from wayside.stages.detection.proposals import propose
 
 __all__ = [
     "CENTRE_PX",
+    "ENGINES",
     "INNER",
     "MAPS",
     "PATCH_CNN_FEATURES",
@@ -39,15 +49,21 @@ __all__ = [
     "STRIDE",
     "BoxClassifier",
     "DetectionNetwork",
+    "Network",
+    "as_input",
     "box_feature_names",
     "box_features",
     "detect",
+    "detect_externally",
     "drawn_patches",
+    "multiple_of",
     "name_log_probabilities",
+    "named_boxes",
     "patch_log_odds",
     "placement_features",
     "prefilter_feature_names",
     "prefilter_features",
     "propose",
+    "recognised",
     "regressed_regions",
 ]

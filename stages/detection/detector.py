@@ -79,10 +79,7 @@ def detect(
         If a model has features or outputs that are not known here.
     """
     boxes = BoxClassifier(classifier)
-    for what, network, names in (("colour", color, COLORS), ("shape", shape, SHAPES)):
-        if network is not None:
-            require_names(f"{what} network", network.features, box_feature_names())
-            require_names(f"{what} network", network.classes, names)
+    require_name_networks(color, shape)
     if regressor is not None:
         require_names("box network", regressor.features, box_feature_names())
         require_names("box network", regressor.classes, SIDES, exact=True)
@@ -113,7 +110,7 @@ def detect(
             candidates = candidates.with_boxes(rows[near[better]], moved.box[better])
         candidates = with_scores(candidates, rows, scores, boxes.threshold, settings)
         above = scores >= boxes.threshold
-        candidates = _with_names(candidates, color, shape, rows[above], values[above])
+        candidates = with_names(candidates, color, shape, rows[above], values[above])
         if back is not None:
             back_scores = log_odds(back, values)
             behind = (back_scores >= back.threshold) & (back_scores > scores)
@@ -123,11 +120,19 @@ def detect(
         yield Detections(item, candidates)
 
 
+def require_name_networks(color: NetworkModel | None, shape: NetworkModel | None) -> None:
+    """Refuse networks of colour and shape with features or names that are not known here (InputError)."""
+    for what, network, names in (("colour", color, COLORS), ("shape", shape, SHAPES)):
+        if network is not None:
+            require_names(f"{what} network", network.features, box_feature_names())
+            require_names(f"{what} network", network.classes, names)
+
+
 def as_learned(regions: Regions) -> Regions:
-    """The regions as the classifiers know them: boxes of the detection network as stable regions."""
-    is_network = regions.source == SOURCES.index("network")
+    """The regions as the classifiers know them: boxes of networks, ours and others, as stable regions."""
+    unknown = np.isin(regions.source, [SOURCES.index(name) for name in ("network", "external")])
     level = np.uint8(SOURCES.index("level"))
-    return replace(regions, source=np.where(is_network, level, regions.source))
+    return replace(regions, source=np.where(unknown, level, regions.source))
 
 
 def regression_threshold(classifier: TreeModel, settings: CandidateSettings) -> float:
@@ -171,7 +176,7 @@ def with_scores(
     return replace(candidates, score=score, verdict=verdict)
 
 
-def _with_names(
+def with_names(
     candidates: Candidates,
     color: NetworkModel | None,
     shape: NetworkModel | None,

@@ -32,6 +32,8 @@ from wayside.stages.imaging import halved
 
 FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
 """Area of a shape as a fraction of its box."""
+OTHER_FILLED = 0.8
+"""The same of the other shapes, and where the shape is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,17 +129,22 @@ def network_regions(
         return Regions.empty()
     rows = np.flatnonzero(settings.fits_face(found.box))
     box = found.box[rows]
-    filled = np.array([FILLED.get(SHAPES[k], 0.8) for k in found.shape[rows].argmax(axis=1)])
-    means = [_mean_inside(rgb, corners) for corners in box]
+    means = [mean_inside(rgb, corners) for corners in box]
     return Regions(
         box,
-        (filled * np.prod(box[:, 2:] - box[:, :2], axis=1)).astype(np.int32),
+        filled_area(box, found.shape[rows].argmax(axis=1)),
         np.array(means, np.float32).reshape(-1, 3),
         np.full(len(box), SOURCES.index("network"), np.uint8),
     )
 
 
-def _mean_inside(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float64]:
+def filled_area(box: NDArray[np.float32], shape: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Areas (n,) of faces of these shapes (n,) in boxes (n, 4); of an unknown shape (-1) that of a usual one."""
+    filled = [OTHER_FILLED if k < 0 else FILLED.get(SHAPES[k], OTHER_FILLED) for k in shape]
+    return np.asarray(np.array(filled) * np.prod(box[:, 2:] - box[:, :2], axis=1), np.int32)
+
+
+def mean_inside(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float64]:
     """Mean colour of the inner half of a box: most of its corners show the background."""
     quarter = (box[2:] - box[:2]) / 4
     x0, y0 = np.floor(box[:2] + quarter).astype(int)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
 import numpy as np
+import simplejpeg
 from numpy.typing import NDArray
 
-from wayside.schemas.frame import UNDECODABLE, WRONG_SIZE, Frame, Image
+from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, WRONG_SIZE, Frame, Image
 
 _AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 """The calibration belongs to the pixels as the sensor gave them, so a rotation noted in EXIF is not applied."""
@@ -34,20 +36,25 @@ _RAW_CHANNELS: dict[str, tuple[int, int | None]] = {
 }
 """Raw encodings: bytes a pixel and the conversion to RGB (None: already)."""
 
-_END_OF_JPEG, _START_OF_SCAN = b"\xff\xd9", b"\xff\xda"
+_JPEG, _END_OF_JPEG, _START_OF_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
+_MOST_SCANS = 100
+"""Scans of a progressive JPEG, each of which passes over all pixels: encoders write about ten."""
+_FILLING = re.compile(r"\b[1-8] extraneous bytes before marker 0xd9")
+"""What a decoder says of the bytes that some cameras put between image and end: no pixel is missing."""
 
 
 def decode(frames: Iterator[Frame]) -> Iterator[Image]:
     """Decode the pixels of every used frame; pass the others on without.
 
-    An image that cannot be decoded, or only in part, comes out with status `undecodable`; one whose size is not the
-    camera's with `wrong_size`, since no point of it could be placed. Orientation tags are ignored. OpenCV's own threads
-    are left as the process has set them.
+    An image that cannot be decoded comes out with status `undecodable`, one that decodes in part only with `damaged`,
+    one whose size is not the camera's with `wrong_size`, since no point of it could be placed. Size and scans are
+    looked at before anything is decoded; a compressed image whose header does not tell its size is not. Orientation
+    tags are ignored. OpenCV's own threads are left as the process has set them.
 
     Parameters
     ----------
     frames
-        Frames in any state; used ones hold a compressed image or raw rows.
+        Frames in any state; used ones hold a compressed image, its size in `width` and `height`, or raw rows.
 
     Yields
     ------
@@ -58,30 +65,61 @@ def decode(frames: Iterator[Frame]) -> Iterator[Image]:
         if not frame.used:
             yield Image(frame, None, None)
             continue
-        rgb = decode_pixels(frame)
+        status, rgb = USED if _fits(frame) else WRONG_SIZE, None
+        if status == USED:
+            status, rgb = decode_pixels(frame)
+        if rgb is not None and rgb.shape[:2] != (frame.height, frame.width):
+            status, rgb = WRONG_SIZE, None
         if rgb is None:
-            yield Image(replace(frame, status=UNDECODABLE), None, None)
-        elif frame.camera is not None and rgb.shape[:2] != (
-            frame.camera.height,
-            frame.camera.width,
-        ):
-            yield Image(replace(frame, status=WRONG_SIZE), None, None)
+            yield Image(replace(frame, status=status), None, None)
         else:
             yield Image(frame, rgb, np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8))
 
 
-def decode_pixels(frame: Frame) -> NDArray[np.uint8] | None:
-    """Pixels of one frame, (height, width, 3) uint8 RGB, C-contiguous; None where they cannot all be had."""
+def _fits(frame: Frame) -> bool:
+    """Whether an image has the size of its camera, by its header; where this is not known, decoding refuses it."""
+    camera, size = frame.camera, (frame.width, frame.height)
+    return camera is None or 0 in size or size == (camera.width, camera.height)
+
+
+def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
+    """Status and pixels of one frame, (height, width, 3) uint8 RGB, C-contiguous; None where they cannot all be had."""
     data = np.frombuffer(frame.data, np.uint8)
+    rgb = None
     try:
         if frame.encoding in _RAW_CHANNELS:
-            return _raw_pixels(frame, data)
-        if data.size == 0 or _is_cut_short(data):
-            return None
-        decoded = cv2.imdecode(data, _AS_STORED)
+            rgb = _raw_pixels(frame, data)
+        elif data.size and frame.width > 0 and frame.height > 0:
+            if data[:2].tobytes() == _JPEG:
+                return _jpeg_pixels(data)
+            decoded = cv2.imdecode(data, _AS_STORED)
+            rgb = None if decoded is None else np.ascontiguousarray(decoded, np.uint8)
     except cv2.error:
-        return None
-    return None if decoded is None else np.ascontiguousarray(decoded, np.uint8)
+        rgb = None
+    return (UNDECODABLE, None) if rgb is None else (USED, rgb)
+
+
+def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None]:
+    """Status and pixels of a JPEG.
+
+    libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
+    pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
+    """
+    if data.tobytes().count(_START_OF_SCAN) > _MOST_SCANS:
+        return UNDECODABLE, None
+    try:
+        _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
+    except ValueError:
+        return UNDECODABLE, None
+    if str(colors).upper() in ("CMYK", "YCCK"):
+        decoded = None if _is_cut_short(data) else cv2.imdecode(data, _AS_STORED)
+        return (DAMAGED, None) if decoded is None else (USED, np.ascontiguousarray(decoded))
+    try:
+        return USED, simplejpeg.decode_jpeg(data, "RGB")
+    except ValueError as error:
+        if _FILLING.search(str(error)) is None:
+            return DAMAGED, None
+        return USED, simplejpeg.decode_jpeg(data, "RGB", strict=False)
 
 
 def _raw_pixels(frame: Frame, data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
@@ -101,7 +139,5 @@ def _raw_pixels(frame: Frame, data: NDArray[np.uint8]) -> NDArray[np.uint8] | No
 
 def _is_cut_short(data: NDArray[np.uint8]) -> bool:
     """Whether a JPEG has no end after its last scan: a decoder fills the rest with grey without an error."""
-    if data[:2].tobytes() != b"\xff\xd8" or data[-2:].tobytes() == _END_OF_JPEG:
-        return False
     content = data.tobytes()  # padding or other bytes may follow the end
     return content.rfind(_END_OF_JPEG) < content.rfind(_START_OF_SCAN)

@@ -516,3 +516,38 @@ def test_a_run_notes_where_its_log_lies_and_one_without_signs_has_an_index(
     written = write_evidence(out, tmp_path / "sheets")
     assert len(written.sheets) == pq.read_metadata(out / SIGNS.file).num_rows
     assert written.index.is_file()
+
+
+@pytest.mark.parametrize(
+    "name", ["../../X", "/tmp/X", "..", "a\x00b", "a/b", "a\\b", "\x1b[2J", "x" * 300, ""]
+)
+def test_an_id_that_leads_out_of_the_folder_is_refused_and_nothing_is_written(out, tmp_path, name):
+    rows = pq.read_table(out / SIGNS.file).to_pylist()
+    rows[0]["sign_id"] = name
+    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
+    before = {path for path in tmp_path.rglob("*")}
+    with pytest.raises(InputError, match="can name a file"):
+        write_evidence(out, out / "evidence")
+    assert {path for path in tmp_path.rglob("*")} == before
+
+
+def test_links_in_a_strangers_folder_are_not_followed(out, tmp_path):
+    mine = tmp_path / "mine"
+    mine.write_text("precious")
+    sheets = out / "evidence"
+    sheets.mkdir()
+    for name in (f"{NEAR}.png", f".{NEAR}.png.part", "index.html", ".index.html.part"):
+        (sheets / name).symlink_to(mine)
+    with pytest.raises(OutputError, match="no evidence of this log"):
+        write_evidence(out, sheets)
+    write_evidence(out, sheets, overwrite=True)
+    assert mine.read_text() == "precious"
+    assert not (sheets / f"{NEAR}.png").is_symlink()
+
+
+def test_a_folder_of_sheets_that_is_a_link_is_refused(out, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (out / "evidence").symlink_to(tmp_path / "elsewhere")
+    shown = CliRunner().invoke(app, ["evidence", str(out)])
+    assert isinstance(shown.exception, UsageError)
+    assert not list((tmp_path / "elsewhere").iterdir())

@@ -1,10 +1,11 @@
 import json
+import math
 from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
-from wayside.pipeline.model_files import load_models, shipped_models
+from wayside.pipeline.model_files import load_models, shipped_digests, shipped_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
@@ -110,6 +111,88 @@ def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path):
     models = load_models(settings(folder=tmp_path))
     assert models.location_classes.provenance == "my own"
     assert models.box_classifier.provenance == load_models(settings()).box_classifier.provenance
+
+
+def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_path, monkeypatch):
+    from wayside.pipeline import model_files
+
+    shipped = Path(str(shipped_models()))
+    expected = {f.name for f in shipped.iterdir() if f.suffix in (".json", ".onnx")}
+    # `make learn` writes it: cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
+    assert shipped_digests().keys() == expected
+    for name in expected:
+        assert sha256((shipped / name).read_bytes()).hexdigest() == shipped_digests()[name], name
+        (tmp_path / name).write_bytes((shipped / name).read_bytes())
+    changed = json.loads((tmp_path / "place.json").read_text()) | {"bias": 1.0}
+    (tmp_path / "place.json").write_text(json.dumps(changed))
+    monkeypatch.setattr(model_files, "shipped_models", lambda: tmp_path)
+    with pytest.raises(InputError, match=r"place\.json: wanted the model that ships"):
+        load_models(settings())
+
+
+def changed_model(name, change):
+    data = json.loads((shipped_models() / name).read_text())
+    change(data)
+    return json.dumps(data)
+
+
+DAMAGED = {
+    "a link out of a tree": ("place.json", lambda d: d["trees"][0]["left"].__setitem__(0, 10**6)),
+    "a link far before it": (
+        "place.json",
+        lambda d: d["trees"][0]["right"].__setitem__(0, -(2**30)),
+    ),
+    "a feature that is not there": (
+        "place.json",
+        lambda d: d["trees"][0]["feature"].__setitem__(0, 2**20),
+    ),
+    "a number too large": ("place.json", lambda d: d["trees"][0]["left"].__setitem__(0, 2**40)),
+    "short arrays": ("place.json", lambda d: [t["value"].pop() for t in d["trees"]]),
+    "one short array": ("place.json", lambda d: d["trees"][3]["value"].pop()),
+    "nan in a tree": ("place.json", lambda d: d["trees"][0]["value"].__setitem__(0, math.nan)),
+    "nan as bias": ("place.json", lambda d: d.update(bias=math.nan)),
+    "no trees": ("place.json", lambda d: d.update(trees=[])),
+    "infinity in a pre-filter": ("place.json", lambda d: d.update(gate={**d, "accept": math.inf})),
+    "a list as part": ("place.json", lambda d: d.update(network=[1])),
+    "a mean of another size": ("location.json", lambda d: d["classes"][0]["mean"].pop()),
+    "no covariance": (
+        "location.json",
+        lambda d: d["classes"][0].update(covariance=[[0, 0], [0, 0]]),
+    ),
+    "nan as weight": (
+        "outline.json",
+        lambda d: d["weights"].update(dict.fromkeys(d["weights"], math.nan)),
+    ),
+    "a scale of zero": ("face_color.json", lambda d: d["scale"].__setitem__(0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGED)
+def test_a_damaged_model_is_refused_with_its_name(what):
+    name, change = DAMAGED[what]
+    with pytest.raises(InputError, match=name.replace(".", r"\.")):
+        model_from_json(changed_model(name, change), name)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("place.json", lambda d: d["features"].reverse()),
+        ("face_color.json", lambda d: d["classes"].__setitem__(0, "mauve")),
+    ],
+)
+def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_path, name, change):
+    (tmp_path / name).write_text(changed_model(name, change))
+    with pytest.raises(InputError, match=name.replace(".", r"\.")):
+        load_models(settings(folder=tmp_path))
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "trees", "gate": ' * 2000]
+)
+def test_a_model_file_of_endless_depth_is_refused(text):
+    with pytest.raises(InputError, match=r"location\.json"):
+        model_from_json(text, "location.json")
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):

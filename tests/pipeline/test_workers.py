@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from wayside.pipeline import workers
 from wayside.pipeline.workers import StageClock, ordered_parallel
 from wayside.schemas.errors import StageError
 
@@ -51,6 +52,24 @@ def test_a_slow_consumer_makes_the_reader_wait():
         next(results)
     assert len(read) <= 5 + 2 * 3
     results.close()
+    assert not own_threads()
+
+
+@pytest.mark.parametrize("way", ["exits", "returns"])
+def test_a_worker_that_ends_is_a_fault_and_not_the_end_of_the_run(way, monkeypatch):
+    monkeypatch.setattr(workers, "_LIFE_SIGN_S", 0.05)
+
+    def ends_at_seven(items):
+        for item in items:
+            if item == 7 and way == "exits":
+                raise SystemExit
+            if item == 7:
+                return
+            yield item
+
+    found = []
+    with pytest.raises(StageError, match="stage workers failed"):
+        found.extend(ordered_parallel(ends_at_seven, iter(range(50)), workers=2, queue=2))
     assert not own_threads()
 
 

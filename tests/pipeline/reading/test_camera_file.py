@@ -52,6 +52,25 @@ def test_a_matrix_as_rows_is_read():
         (ROS.replace("plumb_bob", "equidistant"), "equidistant"),
         (ROS.replace(", 0.000505, 0.000000]", "]"), "3 coefficients"),
         (ROS.replace("438.78, ", ""), "no focal length"),
+        (ROS.replace("438.78", "1.0e-9"), "angle of view of 180 degrees"),
+        (ROS.replace("437.35", "1.0e+9"), "angle of view"),
+        (ROS.replace("305.59", "1.0e+9"), "lies far outside"),
+        (ROS.replace("243.74", "-500"), "lies far outside"),
+        (ROS.replace("640", "30000").replace("480", "30000"), "makes no sense"),
+        (ROS.replace("640", "9" * 5000), ""),
+        (ROS.replace("640", ".inf"), "infinity"),
+        (ROS.replace("438.78", "[" * 30_000), "no YAML"),
+        (ROS.replace("438.78", ".nan"), "no focal length"),
+        (ROS + "#" * 70_000, "over 65536 characters"),
+        (
+            "a: &a [1"
+            + ", 1" * 9000
+            + "]\nb: &b [*a"
+            + ", *a" * 9000
+            + "]\n"
+            + ROS.replace("[438.78", "*b #"),
+            "",
+        ),
     ],
 )
 def test_what_is_no_calibration_says_why(text, found):

@@ -31,6 +31,7 @@ from wayside.pipeline.view.views import (
     candidate_words,
     entities_of,
 )
+from wayside.pipeline.writing import PART
 from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
@@ -65,11 +66,11 @@ def run(folder, viewing=None, workers=2, until_s=None):
     settings, _ = load_settings(options=options)
     models = load_models(settings)
 
-    def observer(report):
+    def observer(report, part):
         return (
             None
             if viewing is None
-            else open_observer(viewing, folder, "demo", models.location_classes, report)
+            else open_observer(viewing, part, "demo", models.location_classes, report)
         )
 
     return run_log(DEMO, folder, settings, models, arguments=[], open_observer=observer)
@@ -309,7 +310,7 @@ def test_a_frame_not_used_clears_what_was_shown():
 
 
 def test_a_killed_run_leaves_a_recording_that_can_be_repaired(tmp_path):
-    recording = tmp_path / RECORDING
+    recording = tmp_path / PART / RECORDING
     command = "from wayside.pipeline.cli import main; main()"
     started = subprocess.Popen(
         [sys.executable, "-c", command, "run", str(DEMO), "-o", str(tmp_path), "--view", "file"],

@@ -39,10 +39,25 @@ def test_another_number_of_features_is_refused():
         log_odds(stump(), np.zeros((3, 5), np.float32))
 
 
-def test_a_tree_that_leads_out_of_its_nodes_is_refused():
-    damaged = replace(stump(), left=np.array([[7, -1, -1]], np.int32))
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"left": [[7, -1, -1]]},
+        {"right": [[-5_000_000, -1, -1]]},
+        {"left": [[0, -1, -1]]},
+        {"feature": [[-1_000_000, 0, 0]]},
+        {"feature": [[2, 0, 0]]},
+        {"value": [[0.0, -1.0]]},
+        {"split": [[]]},
+    ],
+)
+def test_a_tree_that_leads_out_of_its_arrays_cannot_be_made(changes):
+    arrays = {
+        name: np.array(value, np.int32 if name in ("left", "right", "feature") else np.float32)
+        for name, value in changes.items()
+    }
     with pytest.raises(ValueError, match="damaged"):
-        log_odds(damaged, np.zeros((1, 2), np.float32))
+        replace(stump(), **arrays)
 
 
 def test_exported_trees_give_the_scores_of_scikit_learn():

@@ -80,8 +80,8 @@ def test_colors_hold_whatever_the_exposure_and_brightness_tells_it():
 
 def classifier(patch_cnn=None):
     """Trees without any, to be given scores by hand."""
-    none = (np.zeros((1, 1)),) * 5
-    trees = TreeModel(box_feature_names(), 0.0, *none, 0.0, "made by hand")
+    none, leaf = np.zeros((1, 1)), np.full((1, 1), -1)
+    trees = TreeModel(box_feature_names(), 0.0, leaf, none, leaf, leaf, none, 0.0, "made by hand")
     return BoxClassifier(replace(trees, patch_cnn=patch_cnn))
 
 

@@ -72,20 +72,91 @@ def test_the_orientation_tag_is_ignored():
     np.testing.assert_array_equal(turned.rgb, decode_one(frame(jpeg(pixels()))).rgb)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.97])
-def test_a_jpeg_cut_short_is_undecodable(share):
+def textured(height=64, width=96):
+    """Detail everywhere, so that every block has many codes."""
+    return np.random.default_rng(1).integers(0, 256, (height, width, 3)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("subsampling", [0, 1, 2])
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("rgb", [pixels(), textured(HEIGHT, WIDTH)], ids=["smooth", "textured"])
+def test_the_pixels_of_a_jpeg_are_those_of_opencv(subsampling, progressive, rgb):
+    out = io.BytesIO()
+    Image.fromarray(rgb).save(out, "JPEG", subsampling=subsampling, progressive=progressive)
+    data = out.getvalue()
+    as_stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+    np.testing.assert_array_equal(decode_one(frame(data)).rgb, as_stored)
+
+
+def test_grey_and_cmyk_jpegs_decode():
+    for mode in ("L", "CMYK"):
+        out = io.BytesIO()
+        Image.fromarray(pixels()).convert(mode).save(out, "JPEG", quality=95)
+        image = decode_one(frame(out.getvalue()))
+        assert image.frame.status == "used", mode
+        assert decode_one(frame(out.getvalue()[:-50])).frame.status == "damaged", mode
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.05])
+def test_a_jpeg_without_its_header_is_undecodable(share):
     data = jpeg(pixels())
     image = decode_one(frame(data[: int(share * len(data))]))
     assert (image.frame.status, image.rgb, image.grey) == ("undecodable", None, None)
 
 
-def test_a_jpeg_cut_after_its_thumbnail_is_undecodable():
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("share", [0.7, 0.9, 0.99])
+@pytest.mark.parametrize("end", [b"", b"\xff\xd9", bytes(50), bytes(50) + b"\xff\xd9"])
+def test_a_jpeg_of_which_a_part_is_missing_is_damaged(progressive, share, end):
+    data = jpeg(textured(HEIGHT, WIDTH), progressive=progressive)
+    image = decode_one(frame(data[: int(share * len(data))] + end))
+    assert (image.frame.status, image.rgb, image.grey) == ("damaged", None, None)
+
+
+def test_a_jpeg_whose_codes_make_no_sense_is_damaged():
+    data = jpeg(textured(HEIGHT, WIDTH))
+    middle = len(data) * 3 // 4
+    noise = np.random.default_rng(0).integers(0, 255, 300).astype(np.uint8).tobytes()
+    changed = data[:middle] + noise + data[middle + 300 :]
+    assert decode_one(frame(changed)).frame.status == "damaged"
+
+
+def test_a_few_filling_bytes_before_the_end_do_no_harm():
+    data = jpeg(pixels())
+    filled = data[:-2] + bytes(4) + data[-2:]
+    image = decode_one(frame(filled))
+    assert image.frame.status == "used"
+    np.testing.assert_array_equal(image.rgb, decode_one(frame(data)).rgb)
+
+
+def test_a_jpeg_cut_after_its_thumbnail_is_damaged():
     thumbnail = jpeg(pixels()[:8, :8])
     data = jpeg(pixels())
     marker = b"\xff\xe5" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
     whole = data[:2] + marker + data[2:]
     assert decode_one(frame(whole)).frame.status == "used"
-    assert decode_one(frame(whole[:-40])).frame.status == "undecodable"
+    assert decode_one(frame(whole[:-40])).frame.status == "damaged"
+
+
+def test_a_jpeg_of_endless_scans_is_not_decoded():
+    out = io.BytesIO()
+    Image.fromarray(pixels()).save(out, "JPEG", progressive=True)
+    data = out.getvalue()
+    scan = data[data.rindex(b"\xff\xda") : -2]
+    bomb = data[:-2] + scan * 2000 + data[-2:]
+    assert decode_one(frame(bomb)).frame.status == "undecodable"
+
+
+@pytest.mark.parametrize("encoding", ["tiff", "png", "jpeg"])
+def test_an_image_that_is_larger_than_its_camera_is_not_decoded(encoding, monkeypatch):
+    def decoded(*_, **__):
+        raise AssertionError("it was decoded")
+
+    monkeypatch.setattr(cv2, "imdecode", decoded)
+    image = decode_one(frame(b"II*\0" + bytes(40), encoding, width=20032, height=20032))
+    assert image.frame.status == "wrong_size"
+    image = decode_one(frame(b"II*\0" + bytes(40), encoding, width=0, height=0))
+    assert image.frame.status == "undecodable"
 
 
 def test_padding_after_a_jpeg_does_no_harm():
@@ -98,7 +169,9 @@ def test_bytes_that_are_no_image_are_undecodable():
 
 
 def test_an_image_of_another_size_than_the_cameras_is_counted_as_such():
-    image = decode_one(frame(jpeg(pixels()[:-2])))
+    image = decode_one(frame(jpeg(pixels()[:-2]), height=HEIGHT - 2))
+    assert (image.frame.status, image.rgb) == ("wrong_size", None)
+    image = decode_one(frame(jpeg(pixels()[:-2])))  # whatever its header was said to be
     assert (image.frame.status, image.rgb) == ("wrong_size", None)
 
 

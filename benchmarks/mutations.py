@@ -1,0 +1,334 @@
+"""Inputs changed at random: logs, images, calibrations, settings, labels and models (used by reliability_logs.py)."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import random
+import resource
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from mcap.writer import CompressionType, Writer
+
+from recordings.drives.messages.content import Calibration, CameraPose, FixReading
+from recordings.drives.messages.dialects import DIALECTS
+from recordings.drives.spec import CameraSpec
+from wayside.pipeline.evaluate import evaluate
+from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.settings_file import format_settings, load_settings
+from wayside.schemas.errors import WaysideError
+from wayside.schemas.model_json import model_from_json
+from wayside.schemas.models import GaussianModel, NetworkModel, TreeModel
+from wayside.schemas.settings import ReadSettings
+from wayside.schemas.tables import OBSERVATIONS, SIGNS
+from wayside.stages.classifiers import log_odds, network_outputs
+from wayside.stages.imaging import decode
+
+ROOT = Path(__file__).resolve().parents[1]
+START, STEP = 1_700_000_000 * 10**9, 10**9 // 4
+WIDTH, HEIGHT = 48, 32
+PACKINGS: dict[str, dict[str, Any]] = {
+    "not chunked": {"use_chunking": False},
+    "chunks": {"compression": CompressionType.NONE},
+    "lz4 chunks": {"compression": CompressionType.LZ4},
+    "zstd chunks": {"compression": CompressionType.ZSTD},
+}
+Found = list[tuple[str, int, bytes]]
+
+
+def small_log(dialect_name: Any, images: int, **options: Any) -> bytes:
+    """A log of some small images, with calibration, poses and fixes."""
+    dialect = DIALECTS[dialect_name]()
+    stream, channels = io.BytesIO(), {}
+    writer = Writer(stream, **options)
+    writer.start(library="benchmarks")
+    calibration = Calibration(CameraSpec(WIDTH, HEIGHT, 50.0, 50.0, 23.5, 15.5))
+    for k in range(images):
+        ns = START + k * STEP
+        pixels = np.random.default_rng(k).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+        jpeg = cv2.imencode(".jpg", pixels)[1].tobytes()
+        pose = CameraPose(np.array([8.0 * k, 0, 2]), np.array([0.0, 0, 0, 1]), 0.1, 0.1)
+        for topic, (name, data) in (
+            ("/calibration", dialect.calibration(ns, calibration)),
+            ("/pose", dialect.pose(ns, pose)),
+            ("/fix", dialect.fix(ns, FixReading(48.0, 11.0 + k * 1e-4, 500.0, (2.0, 2.0, 4.0)))),
+            ("/image", dialect.compressed(ns, jpeg)),
+        ):
+            if topic not in channels:
+                schema = writer.register_schema(name, dialect.schema_encoding, dialect.schema(name))
+                channels[topic] = writer.register_channel(topic, dialect.encoding, schema)
+            writer.add_message(channels[topic], ns, data, ns, k)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return stream.getvalue()
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came of many attempts."""
+
+    tries: int = 0
+    refused: int = 0
+    wrong: int = 0
+    faults: Counter[str] = field(default_factory=Counter)
+    slowest_s: float = 0.0
+
+    def attempt(self, work: Callable[[], object]) -> Any:
+        """Result of the work; None where it was refused with words, or broke."""
+        self.tries += 1
+        started = time.process_time()
+        try:
+            return work()
+        except WaysideError:
+            self.refused += 1
+        except Exception as error:
+            self.faults[f"{type(error).__name__}: {error}"[:100]] += 1
+        finally:
+            self.slowest_s = max(self.slowest_s, time.process_time() - started)
+        return None
+
+
+def read(path: Path) -> Found:
+    """Topic, number and bytes of all messages."""
+    found = (m for m in scan(path, ScanReport()) if isinstance(m, Message))
+    return [(m.channel.topic, m.sequence, bytes(m.data)) for m in found]
+
+
+def changed_bytes(content: bytes, rng: random.Random) -> bytes:
+    """One to six edits: bits flipped, runs set, cut out, inserted or doubled."""
+    data = bytearray(content)
+    for _ in range(rng.randint(1, 6)):
+        at, run = rng.randrange(len(data)), rng.choice((1, 1, 4, 8, rng.randrange(1, 400)))
+        edit = rng.randrange(6)
+        if edit == 0:
+            data[at] ^= 1 << rng.randrange(8)
+        elif edit == 1:
+            data[at : at + run] = bytes([rng.choice((0, 255, rng.randrange(256)))]) * run
+        elif edit == 2:
+            del data[at : at + run]
+        elif edit == 3:
+            data[at:at] = rng.randbytes(run)
+        elif edit == 4:
+            data[at:at] = data[at : at + run]
+        else:
+            data[at : at + 8] = rng.choice((0, 2**31, 2**40, 2**63, 45)).to_bytes(8, "little")
+        if len(data) < 2:
+            return bytes(data)
+    return bytes(data)
+
+
+ODD: tuple[Any, ...] = (
+    None, True, -1, 0, 2**31, 2**64, -(2**40), 1e-300, 1e300, math.nan, math.inf,
+    "", "x", "../..", "\0", [], {}, [[]], [1],
+)  # fmt: skip
+
+
+def changed_tree(value: Any, rng: random.Random) -> Any:
+    """JSON with one to four values replaced, removed, repeated or exchanged for odd ones."""
+    value = json.loads(json.dumps(value))
+    for _ in range(rng.randint(1, 4)):
+        holder, key = value, None
+        for _ in range(rng.randrange(1, 9)):
+            keys = list(holder) if isinstance(holder, dict) else list(range(len(holder)))
+            if not keys:
+                break
+            key = rng.choice(keys)
+            if not isinstance(holder[key], (dict, list)) or not holder[key]:
+                break
+            if rng.random() < 0.8:
+                holder, key = holder[key], None
+        if (
+            key is None
+            or (isinstance(holder, list) and key >= len(holder))
+            or key not in (holder if isinstance(holder, dict) else range(len(holder)))
+        ):
+            continue
+        edit = rng.randrange(4)
+        if edit == 0:
+            del holder[key]
+        elif edit == 1 and isinstance(holder, list):
+            holder.insert(key, deepcopy(holder[key]))
+        else:
+            holder[key] = deepcopy(rng.choice(ODD))
+    return value
+
+
+def mutation_table(count: int, rng: random.Random, folder: Path) -> Iterator[str]:
+    """Rows of the table of mutations, one a kind of input."""
+    for title, attempt in (
+        ("logs, read to frames and decoded", _mutated_logs(folder)),
+        ("images", _mutated_images()),
+        ("calibrations (YAML)", _mutated_calibrations(folder)),
+        ("settings (TOML)", _mutated_settings(folder)),
+        ("labels and truth (JSON)", _mutated_labels(folder)),
+        ("models (JSON), evaluated where they are accepted", _mutated_models()),
+    ):
+        tally = Tally()
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        for _ in range(count):
+            attempt(tally, rng)
+        grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e3
+        for fault, times in tally.faults.most_common():
+            print(f"{title}: {times} x {fault}", file=sys.stderr)
+        yield (
+            f"| {title} | {tally.tries} | {tally.refused} | {tally.wrong} | {sum(tally.faults.values())} | "
+            f"{1e3 * tally.slowest_s:.0f} | {grown:.0f} |"
+        )
+
+
+Attempt = Callable[[Tally, random.Random], None]
+
+
+def _mutated_logs(folder: Path) -> Attempt:
+    path = folder / "changed.mcap"
+    logs = []
+    for dialect in DIALECTS:
+        for name, options in PACKINGS.items():
+            content = small_log(dialect, 5, chunk_size=6000, **options)
+            path.write_bytes(content)
+            logs.append((content, {one[2] for one in read(path)}, name != "not chunked"))
+
+    def attempt(tally: Tally, rng: random.Random) -> None:
+        content, known, checked = rng.choice(logs)
+        path.write_bytes(changed_bytes(content, rng))
+
+        def work() -> Found:
+            found = read(path)
+            for _ in decode(read_frames(path, ReadSettings(thin_m=0.0), ReadReport())):
+                pass
+            return found
+
+        found = tally.attempt(work)
+        if (
+            checked and found is not None
+        ):  # what stands in a chunk has a checksum; a front that is cut off has none
+            tally.wrong += sum(one[2] not in known for one in found) > 0
+
+    return attempt
+
+
+def _mutated_images() -> Attempt:
+    from wayside.pipeline.reading.image_headers import read_image_header
+    from wayside.schemas.frame import USED, Frame
+
+    pixels = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    kinds = (".jpg", ".png", ".webp", ".tiff", ".bmp")
+    images = [cv2.imencode(kind, cv2.blur(pixels, (3, 3)))[1].tobytes() for kind in kinds]
+
+    def attempt(tally: Tally, rng: random.Random) -> None:
+        data = changed_bytes(rng.choice(images), rng)
+
+        def work() -> None:
+            header = read_image_header(data)
+            size = (0, 0) if header is None else header[1:]
+            if size[0] * size[1] <= 10**6:
+                list(decode(iter([Frame(0, 0, None, USED, "", data, None, *size)])))
+
+        tally.attempt(work)
+
+    return attempt
+
+
+def _mutated_calibrations(folder: Path) -> Attempt:
+    path = folder / "camera.yaml"
+    text = (
+        b"image_width: 640\nimage_height: 480\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+        b"  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]\ndistortion_model: plumb_bob\n"
+        b"distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.36, 0.11, 0.001, 0.0005, 0.0]\n"
+    )
+
+    def attempt(tally: Tally, rng: random.Random) -> None:
+        path.write_bytes(changed_bytes(text, rng))
+        tally.attempt(lambda: read_camera_file(path))
+
+    return attempt
+
+
+def _mutated_settings(folder: Path) -> Attempt:
+    path = folder / "settings.toml"
+    text = format_settings(*load_settings(), expert=False).encode()
+
+    def attempt(tally: Tally, rng: random.Random) -> None:
+        path.write_bytes(changed_bytes(text, rng))
+        tally.attempt(lambda: load_settings("default", path))
+
+    return attempt
+
+
+def _mutated_labels(folder: Path) -> Attempt:
+    out, path = folder / "out", folder / "labels.json"
+    out.mkdir()
+    sign = {c.name: None for c in SIGNS.columns} | {
+        "sign_id": "a-0001", "status": "sign", "color": "red", "shape": "octagon", "best_frame": 3,
+        "best_box": [10.0, 10.0, 30.0, 30.0], "right_m": 4.0, "down_m": -1.0, "ahead_m": 20.0,
+    }  # fmt: skip
+    for table, rows in ((SIGNS, [sign]), (OBSERVATIONS, [])):
+        required = {f.name: _some(f) for f in table.schema if not f.nullable}
+        rows = [required | {k: v for k, v in row.items() if v is not None} for row in rows]
+        pq.write_table(pa.Table.from_pylist(rows, table.schema), out / table.file)
+    truth = json.loads((ROOT / "recordings" / "demo.truth.json").read_text())
+    truth["signs"], truth["frames"] = truth["signs"][:2], truth["frames"][:6]
+    for one in truth["signs"]:
+        one["frames"] = one["frames"][:3]
+    box = {"i": 3, "box": [11, 11, 29, 31]}
+    labels = {
+        "signs": [{"id": "s1", "wanted": True, "boxes": [box]}],
+        "stride": 2,
+        "distractors": [{"what": "lamp", "source_frame": 4, "box": [1, 2, 3, 4]}],
+    }
+
+    def attempt(tally: Tally, rng: random.Random) -> None:
+        path.write_text(json.dumps(changed_tree(rng.choice((truth, labels)), rng)))
+        tally.attempt(lambda: evaluate(out, path))
+
+    return attempt
+
+
+def _some(column: pa.Field) -> Any:
+    kind = column.type
+    if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
+        return ""
+    if pa.types.is_fixed_size_list(kind):
+        return [0.0] * kind.list_size
+    return 0
+
+
+def _mutated_models() -> Attempt:
+    names = ("place.json", "location.json", "outline.json", "color_rgb.json", "ranking.json")
+    models = [json.loads((shipped_models() / name).read_text()) for name in names]
+    network = json.loads((shipped_models() / "judge.json").read_text())["network"]
+    if network is not None:
+        models.append(network)
+
+    def attempt(tally: Tally, rng: random.Random) -> None:
+        text = json.dumps(changed_tree(rng.choice(models), rng))
+
+        def work() -> None:
+            model = model_from_json(text)
+            values = np.random.default_rng(0).normal(size=(20, 1000)).astype(np.float32)
+            with np.errstate(all="ignore"):
+                if isinstance(model, TreeModel):
+                    log_odds(model, np.ascontiguousarray(values[:, : len(model.features)]))
+                elif isinstance(model, NetworkModel):
+                    network_outputs(model, np.ascontiguousarray(values[:, : len(model.features)]))
+                elif isinstance(model, GaussianModel) and model.classes:
+                    model.distances(values[:, : model.classes[0].mean.size])
+
+        tally.attempt(work)
+
+    return attempt

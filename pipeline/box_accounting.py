@@ -1,0 +1,180 @@
+"""What became of the boxes of another detector: how many came in, were left out and why, and are views of signs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from wayside.schemas.detections import SOURCES, verdict_code
+from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Frame
+from wayside.schemas.landmarks import TrackedFrame
+
+REASONS = {
+    "not_finite": "have a coordinate or score that is no number",
+    "no_area": "have no width or height",
+    "other_class": "are of classes that are no signs",
+    "below_score": "have a score below candidates.external_score",
+    "outside_image": "lie outside their image",
+    "unused_image": "are of images that were not used",
+    "not_in_log": "are of images that the log does not hold",
+}
+"""Why boxes are left out, as the end of a sentence that starts with their number."""
+EXPECTED = ("other_class", "below_score", "unused_image")
+"""Reasons that are no fault of the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoxReport:
+    """What `run.json` says of the boxes of another detector: where they are from, counts; notes; one line in words."""
+
+    source: dict[str, Any]
+    counts: dict[str, Any]
+    notes: tuple[str, ...]
+    words: str
+
+
+class BoxAccounting:
+    """Counts the boxes of one run, frame by frame."""
+
+    def __init__(self, source: DetectorFile | BoxFile) -> None:
+        self._source = source
+        self._given = source.rows if isinstance(source, BoxFile) else 0
+        self._left_out: Counter[str] = Counter()
+        self._unseen: set[int] = set()
+        if isinstance(source, BoxFile):
+            self._left_out.update(source.left_out)
+            self._unseen = set(source.boxes)
+        self._candidates = self._of_signs = 0
+
+    def take(self, settled: TrackedFrame) -> None:
+        """Count the boxes of a frame whose candidates are decided."""
+        table = settled.candidates
+        own = table.regions.source == SOURCES.index("external")
+        self._candidates += int(own.sum())
+        self._of_signs += int((own & (table.verdict == verdict_code("sign"))).sum())
+        frame = settled.frame
+        if not isinstance(self._source, BoxFile):
+            self._given += settled.region_count
+            self._left_out["other_class"] += settled.region_count - len(table)
+            return
+        boxes = self._source.of(frame)
+        number = self._source.number_of(frame)
+        if number is not None:
+            self._unseen.discard(number)
+        if settled.motion is None:
+            self._left_out["unused_image"] += len(boxes)
+        else:
+            self._left_out["outside_image"] += len(boxes) - len(table)
+
+    def counts(self) -> dict[str, Any]:
+        """The entry of `run.json`: boxes that came in, left out by reason, candidates, views of signs."""
+        left_out = self._left_out.copy()
+        if isinstance(self._source, BoxFile):
+            boxes: list[ExternalBoxes] = [self._source.boxes[number] for number in self._unseen]
+            left_out["not_in_log"] += sum(len(one) for one in boxes)
+        return {
+            "given": self._given,
+            "left_out": {name: left_out[name] for name in REASONS if left_out[name]},
+            "candidates": self._candidates,
+            "of_signs": self._of_signs,
+        }
+
+    def report(self) -> BoxReport:
+        """All of it, after the last frame.
+
+        Raises
+        ------
+        InputError
+            No box of a file is of an image of the log.
+        """
+        counts = self.counts()
+        if isinstance(self._source, BoxFile):
+            require_known_boxes(self._source, counts)
+        words = in_words(self._source, counts)
+        return BoxReport(described(self._source), counts, tuple(self._notes(counts)), words)
+
+    def _notes(self, counts: dict[str, Any]) -> list[str]:
+        """What is amiss with the boxes, in words."""
+        left_out = counts["left_out"]
+        faults = [
+            f"{count} of {self._given} boxes {REASONS[name]}"
+            for name, count in left_out.items()
+            if name not in EXPECTED
+        ]
+        if self._source.signs is None:
+            faults.append("no class map: boxes of every class count as signs (models.classes)")
+        return faults
+
+
+def described(source: DetectorFile | BoxFile) -> dict[str, Any]:
+    """The entry of `run.json` on where the boxes are from."""
+    signs = source.signs
+    classes = None if signs is None else {str(number): asdict(one) for number, one in signs.items()}
+    if isinstance(source, BoxFile):
+        return {
+            "file": Path(source.path).name,
+            "sha256": source.sha256,
+            "images_by": source.key,
+            "classes": classes,
+        }
+    size = source.input_size
+    return {
+        "file": Path(source.onnx.path).name,
+        "sha256": source.onnx.sha256,
+        "format": source.format,
+        "engine": source.engine,
+        "input": None if size is None else [size[1], size[0]],
+        "classes": classes,
+    }
+
+
+def in_words(source: DetectorFile | BoxFile, counts: dict[str, Any]) -> str:
+    """One line on the boxes for a person."""
+    name = Path(source.path if isinstance(source, BoxFile) else source.onnx.path).name
+    kind = "boxes" if isinstance(source, BoxFile) else f"detector, {source.format}"
+    left_out = "".join(
+        f", {n} {reason.replace('_', ' ')}" for reason, n in counts["left_out"].items()
+    )
+    return (
+        f"{kind} of {name}: {counts['given']} boxes came in, {counts['candidates']} are candidates, "
+        f"{counts['of_signs']} are views of signs{left_out}"
+    )
+
+
+def paired_by_order(frames: Iterator[Frame], boxes: BoxFile) -> Iterator[Frame]:
+    """The frames, as many as the file names images.
+
+    Raises
+    ------
+    InputError
+        There are more or fewer: names say only the order of the images.
+    """
+    count = 0
+    for frame in frames:
+        count += 1
+        if count > boxes.images:
+            break
+        yield frame
+    if count != boxes.images:
+        more = "more" if count > boxes.images else str(count)
+        raise InputError(
+            f"models.detections: wanted as many images in the log as {boxes.path} names, {boxes.images}, found {more}: "
+            "names are matched with images in order; name all of them, or say the frame of each box (docs/detectors.md)"
+        )
+
+
+def require_known_boxes(source: BoxFile, counts: dict[str, Any]) -> None:
+    """Refuse a file none of whose boxes is of an image of the log (InputError)."""
+    lost = counts["left_out"].get("not_in_log", 0)
+    usable = source.rows - sum(source.left_out.values())
+    if usable and lost == usable:
+        known = sorted(source.boxes)[:3]
+        raise InputError(
+            f"models.detections: wanted boxes of images of the log by {source.key}, found none in {source.path} "
+            f"(it has {', '.join(str(int(k)) for k in known)} ...); frames.parquet of a run lists frame and times"
+        )

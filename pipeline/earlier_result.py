@@ -1,0 +1,141 @@
+"""What stands in the folder that a run is to write to: an own earlier result of the same log, or something to keep."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wayside.pipeline.output_folder import RECORDING
+from wayside.pipeline.result import RUN_FILE
+from wayside.pipeline.writing import not_written
+from wayside.schemas.errors import OutputError
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+TABLES = (SIGNS.file, OBSERVATIONS.file, FRAMES.file)
+_END_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class EarlierResult:
+    """What stands in a folder; `recorded`: a recording that belongs to the result there."""
+
+    folder: Path
+    recorded: bool
+    overwrite: bool
+
+    def check_recording(self) -> None:
+        """Make sure that a recording may be written; raises OutputError where one of the user's stands there."""
+        if not self.recorded and not self.overwrite and _is_there(self.folder, RECORDING):
+            raise _refused(self.folder, RECORDING, "not of the result there")
+
+
+def log_fingerprint(log: Path) -> str | None:
+    """Which recording a log is, wherever it lies: a digest of its length and its first and last mebibyte.
+
+    None where it cannot be told.
+    """
+    try:
+        if not log.is_file():
+            return None
+        size = log.stat().st_size
+        digest = hashlib.sha256(str(size).encode())
+        with log.open("rb") as stream:
+            digest.update(stream.read(_END_BYTES))
+            stream.seek(max(size - _END_BYTES, 0))
+            digest.update(stream.read(_END_BYTES))
+    except OSError:
+        return None
+    return digest.hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> EarlierResult:
+    """Make sure that a run loses nothing of the user's.
+
+    A result of the same log may be replaced: the log is the one of before by its fingerprint, or by its path where
+    the result does not state one. Each table must be as `run.json` states it.
+
+    Parameters
+    ----------
+    folder, log
+        Where the result goes; what it is made of.
+    overwrite
+        Replace whatever stands there.
+
+    Raises
+    ------
+    OutputError
+        A result of another log stands there, or files that no run of wayside has left there.
+    """
+    standing = [name for name in (*TABLES, RUN_FILE) if _is_there(folder, name)]
+    run = _read_run(folder)
+    recorded = run is not None and _has_recording(run)
+    if overwrite or not standing:
+        return EarlierResult(folder, recorded, overwrite)
+    if run is None:
+        raise _refused(folder, ", ".join(standing), "no result of wayside")
+    if not _is_same(run, log):
+        raise _refused(
+            folder, f"the result of {run.get('log_path') or run.get('log')}", "another log"
+        )
+    try:
+        foreign = [name for name in standing if not _is_as_stated(folder, name, run)]
+    except OSError as error:
+        raise not_written(folder, error) from error
+    if foreign:
+        raise _refused(folder, ", ".join(foreign), "not as the run.json there states it")
+    return EarlierResult(folder, recorded, overwrite)
+
+
+def _has_recording(run: dict[str, Any]) -> bool:
+    """Whether a run left a recording; before it stated so, only whether one was seen by a viewer."""
+    return run.get("recording", run.get("view_images")) is not None
+
+
+def _is_as_stated(folder: Path, name: str, run: dict[str, Any]) -> bool:
+    """Whether a file is one that the run of `run.json` has left."""
+    stated = run["files"].get(name)
+    path = folder / name
+    return name == RUN_FILE or (
+        isinstance(stated, dict) and path.is_file() and stated.get("sha256") == file_digest(path)
+    )
+
+
+def _is_same(run: dict[str, Any], log: Path) -> bool:
+    stated = run.get("log_fingerprint")
+    if stated is not None:
+        return bool(stated == log_fingerprint(log))
+    noted = run.get("log_path")
+    if noted is None:
+        return bool(run.get("log") == log.name)
+    return bool(Path(noted).resolve() == log.resolve())
+
+
+def _read_run(folder: Path) -> dict[str, Any] | None:
+    """Content of `run.json`; None where it is none of wayside's."""
+    try:
+        run = json.loads((folder / RUN_FILE).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    known = isinstance(run, dict) and "wayside" in run and isinstance(run.get("files"), dict)
+    return run if known else None
+
+
+def _is_there(folder: Path, name: str) -> bool:
+    path = folder / name
+    return path.is_symlink() or path.exists()
+
+
+def _refused(folder: Path, found: str, why: str) -> OutputError:
+    return OutputError(
+        f"{folder}: wanted to write the result here, found {found} ({why}); "
+        "choose another folder with -o, or replace it with --overwrite"
+    )

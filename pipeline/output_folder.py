@@ -1,0 +1,244 @@
+"""Several files that belong together and replace those of before all at once, whenever the process ends.
+
+The files are written into `.wayside-part` in the folder where they belong. When all are whole and on the disk, that
+folder is renamed to `.wayside-done`: from then on the new result counts, and what remains is to move its files into
+place. A process that is killed before leaves the old result; one that is killed after leaves the moves to whoever
+opens the folder next, `finish_replacement`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+import time
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from wayside.pipeline.writing import PART, create, lock, not_written, sync
+from wayside.schemas.errors import InputError, OutputError
+
+DONE, LOCK = ".wayside-done", ".wayside-lock"
+RECORDING = "drive.rrd"
+"""The recording of every step, beside the tables where it is asked for."""
+_MANIFEST = ".files.json"
+_PATIENCE_S, _POLL_S = 10.0, 0.02
+
+
+class OutputFolder:
+    """A folder that one process at a time writes a set of files to; leaving the block without `commit` changes nothing.
+
+    Attributes
+    ----------
+    folder
+        Where the files belong; made where it is missing.
+    part
+        Where they are written until `commit`.
+
+    Parameters
+    ----------
+    folder
+        As above.
+    kept
+        Files that stay in `part` where the block ends with an error that is not about the output.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written, or another process writes to it.
+    """
+
+    def __init__(self, folder: Path, kept: Collection[str] = ()) -> None:
+        self.folder, self.part = folder, folder / PART
+        self._kept = tuple(kept)
+        self._lock: int | None = None
+        self._made = False
+
+    def __enter__(self) -> Self:
+        """Take the lock and make an empty `part`; what a killed process left is finished or removed."""
+        try:
+            self._made = not self.folder.exists()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = _take_lock(self.folder)
+            if self._lock is None:
+                raise OutputError(
+                    f"{self.folder}: wanted to write the result here, found another wayside that does so now; "
+                    "wait until it is done or choose another folder with -o"
+                )
+            _move_into_place(self.folder)
+            for scratch in (self.folder / DONE, self.part):
+                _remove_folder(scratch)
+            self.part.mkdir(mode=0o700)
+        except BaseException as error:
+            self._release()
+            if isinstance(error, OSError):
+                wanted = "a folder to write the result to"
+                raise not_written(self.folder, error, wanted) from error
+            raise
+        return self
+
+    def commit(self, *, drop_recording: bool = False) -> None:
+        """Replace: the files in `part` go to `folder`, the recording there goes away where that is said.
+
+        On an error nothing has changed.
+
+        Raises
+        ------
+        OutputError
+            A file cannot be brought to the disk.
+        """
+        names = sorted(path.name for path in self.part.iterdir())
+        try:
+            for name in names:
+                if (self.folder / name).is_dir():
+                    raise OutputError(
+                        f"{self.folder / name}: wanted to write a file of this name, found a folder; move it away"
+                    )
+                sync(self.part / name)
+            with create(self.part / _MANIFEST) as stream:
+                stream.write(json.dumps([names, drop_recording]).encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+            sync(self.part)
+            self.part.rename(self.folder / DONE)
+        except OSError as error:
+            raise not_written(self.folder, error) from error
+        try:
+            sync(self.folder)
+            _move_into_place(self.folder)
+        except KeyboardInterrupt:  # too late to keep the old result
+            _move_into_place(self.folder)
+            raise
+        except OSError as error:
+            raise not_written(self.folder, error) from error
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Remove what was not committed, and give the lock back."""
+        keep = self._kept if kind is not None and not issubclass(kind, OutputError) else ()
+        with suppress(OSError):
+            if self.part.is_dir():
+                for path in self.part.iterdir():
+                    if path.name not in keep:
+                        path.unlink()
+                with suppress(OSError):  # it holds what is kept
+                    self.part.rmdir()
+        self._release()
+        if self._made and kind is not None:
+            with suppress(OSError):  # it holds what is kept, or what others put there
+                self.folder.rmdir()
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            with suppress(OSError):
+                (self.folder / LOCK).unlink()
+            os.close(self._lock)
+            self._lock = None
+
+
+def finish_replacement(folder: Path) -> None:
+    """Bring a result into place whose writer was killed in the middle of it; nearly always there is nothing to do.
+
+    Raises
+    ------
+    InputError
+        It cannot be done: another process is at it for too long, or the folder cannot be written.
+    """
+    late = time.monotonic() + _PATIENCE_S
+    while _is_folder(folder / DONE):
+        try:
+            opened = _take_lock(folder)
+            if opened is not None:
+                try:
+                    _move_into_place(folder)
+                finally:
+                    with suppress(OSError):
+                        (folder / LOCK).unlink()
+                    os.close(opened)
+        except OSError as error:
+            raise InputError(
+                f"{folder}: wanted one result, found a new one that has not replaced the old one yet: "
+                f"{error.strerror or error}; open it where the folder can be written"
+            ) from error
+        if opened is None:
+            if time.monotonic() > late:
+                raise InputError(
+                    f"{folder}: wanted one result, found that another wayside replaces it now; try again"
+                )
+            time.sleep(_POLL_S)
+
+
+def _take_lock(folder: Path) -> int | None:
+    """Lock a folder by a file in it; None where another process holds it.
+
+    The holder removes the file in the end, so a lock counts only while the file still has its name.
+    """
+    path = folder / LOCK
+    while True:
+        opened = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        try:
+            if not lock(opened):
+                os.close(opened)
+                return None
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(opened), os.stat(path, follow_symlinks=False)):
+                    return opened
+        except BaseException:
+            os.close(opened)
+            raise
+        os.close(opened)
+
+
+def _move_into_place(folder: Path) -> None:
+    """Do the rest of a replacement; doing it again from any point on comes to the same."""
+    done = folder / DONE
+    if not _is_folder(done):
+        return
+    manifest = done / _MANIFEST
+    if manifest.is_file():
+        names, drop_recording = _read_manifest(manifest)
+        for name in names:
+            with suppress(FileNotFoundError):  # moved before
+                os.replace(done / name, folder / name)
+        if drop_recording:
+            (folder / RECORDING).unlink(missing_ok=True)
+        sync(folder)
+    _remove_folder(done)
+
+
+def _read_manifest(manifest: Path) -> tuple[list[str], bool]:
+    """The files to put into place, and whether a recording there goes away; no name leads elsewhere."""
+    try:
+        names, drop_recording = json.loads(manifest.read_bytes())
+        plain = [str(name) for name in names]
+    except (ValueError, TypeError) as error:
+        raise OSError(f"{manifest} is damaged ({error})") from error
+    for name in plain:
+        if name != Path(name).name or name.startswith("."):
+            raise OSError(f"{manifest} names {name!r}, which is no file of a result")
+    return plain, bool(drop_recording)
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a path is a folder and not a link to one."""
+    try:
+        return stat.S_ISDIR(path.lstat().st_mode)
+    except FileNotFoundError:
+        return False
+
+
+def _remove_folder(path: Path) -> None:
+    """Remove a folder of scratch files; the manifest goes first, so that no half of it is taken for a result."""
+    if _is_folder(path):
+        (path / _MANIFEST).unlink(missing_ok=True)
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,100 @@
+"""The process as the system sees it: signals that end it, and output that nobody reads."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+import traceback
+from contextlib import suppress
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from wayside.pipeline.visible_text import visible_lines
+from wayside.schemas.errors import WaysideError
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+_ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
+_STREAMS = ("stdout", "stderr")
+
+
+def interrupt_on_signals() -> None:
+    """Treat signals that ask the process to end as Ctrl-C, so that it leaves nothing half made.
+
+    A signal that the caller has it ignore, as `nohup` does, stays ignored.
+    """
+    for name in _ENDING_SIGNALS:
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _interrupt)
+
+
+def open_standard_streams() -> None:
+    """Let what nobody reads go: a pipe that its reader has closed is no fault of the work, nor is a closed stream."""
+    for name in _STREAMS:
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the caller
+            setattr(sys, name, _nowhere())
+            continue
+        try:
+            number = stream.fileno()
+        except (OSError, ValueError, AttributeError):  # replaced by something that is no file
+            continue
+        raw = io.BufferedWriter(_Pipe(number, "wb", closefd=False))
+        encoding, errors = stream.encoding, stream.errors
+        at_once = getattr(stream, "write_through", False)  # PYTHONUNBUFFERED
+        lines = name == "stderr" or stream.isatty() or at_once
+        setattr(
+            sys, name, io.TextIOWrapper(raw, encoding=encoding, errors=errors, line_buffering=lines)
+        )
+
+
+def report_error(error: WaysideError, *, debug: bool) -> int:
+    """Say what is wrong on stderr; the exit status. A traceback is for a fault of wayside itself, or `debug`."""
+    with suppress(OSError):  # nobody can be told
+        if debug or error.exit_status == 1:
+            traceback.print_exc()
+        print(visible_lines(f"wayside: {error}"), file=sys.stderr, flush=True)
+    return error.exit_status
+
+
+def flush_standard_streams() -> None:
+    """Write what waits.
+
+    Raises
+    ------
+    OSError
+        The disk that they go to is full.
+    """
+    for name in _STREAMS:
+        getattr(sys, name).flush()
+
+
+def silence_standard_streams() -> None:
+    """Drop what waits and cannot be written, so that the end of the interpreter does not complain about it again."""
+    for name in _STREAMS:
+        try:
+            getattr(sys, name).flush()
+        except OSError:
+            setattr(sys, name, _nowhere())
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _nowhere() -> io.TextIOWrapper:
+    return open(os.devnull, "w", encoding="utf-8")
+
+
+class _Pipe(io.FileIO):
+    """Takes everything, also where the reader has gone."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write; how many bytes were taken."""
+        with suppress(BrokenPipeError):
+            return super().write(data)
+        return memoryview(data).nbytes

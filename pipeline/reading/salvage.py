@@ -1,0 +1,116 @@
+"""What can be had of a chunk that is not whole: its front, up to where it is cut or can no longer be unpacked.
+
+LZ4: https://github.com/lz4/lz4/blob/dev/doc/lz4_Frame_format.md and lz4_Block_format.md. A block of LZ4 is unpacked up
+to its cut; of zstd, whose blocks of at most 128 kB begin with tables for the whole, only complete blocks are.
+"""
+
+from __future__ import annotations
+
+import lz4.block  # type: ignore[import-untyped]
+import zstandard
+
+from wayside.pipeline.reading.chunks import ChunkHead, zstd_reader
+
+_PIECE = 1 << 14
+_LZ4_MAGIC = b"\x04\x22\x4d\x18"
+_LZ4_BLOCKS = {4: 1 << 16, 5: 1 << 18, 6: 1 << 20, 7: 1 << 22}
+_LZ4_REACH = 1 << 16
+_LZ4_SHORTEST_MATCH = 4
+_NOT_PACKED = 1 << 31
+
+
+def unpack_front(head: ChunkHead, packed: memoryview, most: int) -> memoryview:
+    """The first bytes that a chunk holds, as many as can be unpacked, at most `most`; nothing of them is checked.
+
+    Parameters
+    ----------
+    head
+        Head of the chunk.
+    packed
+        What there is of its records, packed; the end may be missing or damaged.
+    most
+        Largest number of bytes to give.
+    """
+    most = min(most, head.unpacked_size)
+    if head.compression in ("", "none"):
+        return packed[:most]
+    unpack = {"lz4": _lz4_front, "zstd": _zstd_front}.get(head.compression)
+    return memoryview(b"" if unpack is None else unpack(packed, most))
+
+
+def _zstd_front(packed: memoryview, most: int) -> bytearray:
+    front = bytearray()
+    try:
+        with zstd_reader(packed) as reader:
+            while len(front) < most and (piece := reader.read(min(_PIECE, most - len(front)))):
+                front += piece
+    except (zstandard.ZstdError, MemoryError):
+        pass  # what came before the fault is kept
+    return front
+
+
+def _lz4_front(packed: memoryview, most: int) -> bytearray:
+    front = bytearray()
+    if bytes(packed[:4]) != _LZ4_MAGIC or len(packed) < 7:
+        return front
+    flags, largest = packed[4], _LZ4_BLOCKS.get(packed[5] >> 4 & 7, 0)
+    linked, block_checksums = not flags & 0x20, bool(flags & 0x10)
+    position = 7 + (8 if flags & 0x08 else 0) + (4 if flags & 0x01 else 0)
+    while position + 4 < len(packed) and len(front) < most:
+        size = int.from_bytes(packed[position : position + 4], "little")
+        stored, size = bool(size & _NOT_PACKED), size & (_NOT_PACKED - 1)
+        if size == 0 or size > largest:
+            break
+        position += 4
+        block = packed[position : position + size]
+        position += size + (4 if block_checksums else 0)
+        if stored:
+            front += block
+            continue
+        before = bytes(front[-_LZ4_REACH:]) if linked else b""
+        try:
+            if len(block) < size:
+                raise lz4.block.LZ4BlockError("cut off")
+            front += lz4.block.decompress(block, uncompressed_size=largest, dict=before)
+        except (lz4.block.LZ4BlockError, MemoryError):
+            front += front_of_lz4_block(bytes(block), before, min(largest, most - len(front)))
+            break
+    del front[most:]
+    return front
+
+
+def front_of_lz4_block(block: bytes, before: bytes, most: int) -> bytes:
+    """What a block of LZ4 holds up to its cut, or to the first sequence that cannot be; at most `most` bytes.
+
+    block: the packed bytes that there are; before: up to 64 kB unpacked before it, to which its matches may reach.
+    """
+    out = bytearray(before)
+    end = len(before) + most
+    position = 0
+    try:
+        while len(out) < end:
+            token = block[position]
+            count, position = _lz4_length(block, position + 1, token >> 4)
+            out += block[position : position + count]
+            position += count
+            back = block[position] | block[position + 1] << 8
+            count, position = _lz4_length(block, position + 2, token & 15)
+            if not 0 < back <= len(out):
+                break
+            count = min(count + _LZ4_SHORTEST_MATCH, end - len(out))
+            repeated = bytes(out[len(out) - back :])
+            out += (repeated * (count // back + 1))[:count]
+    except IndexError:
+        pass  # the cut
+    return bytes(out[len(before) : end])
+
+
+def _lz4_length(block: bytes, position: int, length: int) -> tuple[int, int]:
+    """A length whose first four bits are given, continued by bytes where all are set; and the position behind it."""
+    if length == 15:
+        while True:
+            byte = block[position]
+            position, length = position + 1, length + byte
+            if byte < 255:
+                break
+    return length, position

@@ -1,0 +1,129 @@
+"""Detectors that are not wayside's: what their files say, the boxes they give, which of their classes are signs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import NONE
+from wayside.schemas.frame import Camera, Frame
+from wayside.schemas.models import OnnxFile
+
+SUREST = 0.999
+"""Largest score of a box, and 1 minus the smallest: no detector is sure beyond all evidence."""
+
+IMAGE_KEYS = ("frame", "log_time_ns", "header_time_ns", "image_name")
+"""How a file of boxes names its images: number or times as in `frames.parquet`, or names in the order of the images."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignClass:
+    """A class of sign faces; color, shape: of all its faces, None where the networks of wayside name them."""
+
+    color: str | None = None
+    shape: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorFile:
+    """A detector in an ONNX file, and how it is run and read.
+
+    engine: `opencv` or `onnxruntime`; format: one of the setting `models.detector_format` except `auto`; input_size:
+    height and width of the image that it takes, None: any multiple of 32; image_input, size_input: names of the inputs
+    for the image and for its size (empty: none); outputs: names; signs: classes that are signs by number, None: all.
+    """
+
+    onnx: OnnxFile
+    engine: str
+    format: str
+    input_size: tuple[int, int] | None
+    image_input: str
+    size_input: str
+    outputs: tuple[str, ...]
+    signs: Mapping[int, SignClass] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalBoxes:
+    """Boxes of sign faces in one image, n rows.
+
+    box (n, 4) float32 pixels as recorded, half open; score (n,) float32 log odds; color, shape (n,) int8 into `COLORS`,
+    `SHAPES` or -1 where the detector does not say; found: boxes above the least score, those of other classes included.
+    """
+
+    box: NDArray[np.float32]
+    score: NDArray[np.float32]
+    color: NDArray[np.int8]
+    shape: NDArray[np.int8]
+    found: int
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(self.box)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> ExternalBoxes:
+        """Those rows, in that order."""
+        return replace(
+            self,
+            box=self.box[rows],
+            score=self.score[rows],
+            color=self.color[rows],
+            shape=self.shape[rows],
+        )
+
+    def inside(self, camera: Camera) -> ExternalBoxes:
+        """Those with a part inside the image, cut at its border."""
+        box = np.clip(self.box, 0, np.array([camera.width, camera.height] * 2, np.float32))
+        return replace(self, box=box).select(np.flatnonzero((box[:, 2:] > box[:, :2]).all(axis=1)))
+
+    @staticmethod
+    def empty() -> ExternalBoxes:
+        """No rows."""
+        none = np.zeros(0, np.int8)
+        return ExternalBoxes(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), none, none, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class BoxFile:
+    """Boxes made elsewhere, by image.
+
+    path, sha256: the file; key: one of `IMAGE_KEYS`, what the numbers of `boxes` are (with `image_name`: the image's
+    place in the order of the names, which is that of the frames); images: how many images the names are of, 0 where
+    they are not named; rows: boxes in the file; left_out: rows that are not among `boxes`, by reason; signs: classes
+    that are signs by number, None: all.
+    """
+
+    path: str
+    sha256: str
+    key: str
+    boxes: Mapping[int, ExternalBoxes] = field(repr=False)
+    rows: int
+    images: int = 0
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    signs: Mapping[int, SignClass] | None = None
+
+    def number_of(self, frame: Frame) -> int | None:
+        """The number that names this frame in `boxes`; None where it has none."""
+        if self.key == "log_time_ns":
+            return frame.log_time_ns
+        return frame.header_time_ns if self.key == "header_time_ns" else frame.index
+
+    def of(self, frame: Frame) -> ExternalBoxes:
+        """The boxes of a frame as the file has them."""
+        number = self.number_of(frame)
+        found = None if number is None else self.boxes.get(number)
+        return ExternalBoxes.empty() if found is None else found
+
+
+def score_log_odds(score: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Log odds of scores (n,) between 0 and 1, which are cut off at `SUREST`."""
+    limited = np.clip(np.asarray(score, np.float64), 1 - SUREST, SUREST)
+    return np.asarray(np.log(limited / (1 - limited)), np.float32)
+
+
+def unnamed(count: int) -> NDArray[np.int8]:
+    """Classes (count,) of which nothing is known."""
+    return np.full(count, NONE, np.int8)

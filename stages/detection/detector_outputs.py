@@ -1,0 +1,214 @@
+"""Outputs of detectors that are not wayside's, read as boxes: the formats of the YOLO and RT-DETR families.
+
+Each format is one function from the network's outputs to boxes, scores and classes. `recognised` names the format by
+shapes and names, and only where no other format has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float32]
+
+STRIDES = ((8, 16, 32), (4, 8, 16, 32), (8, 16, 32, 64))
+"""Strides of the heads of YOLO networks: usual, with P2, with P6."""
+ANCHORS_A_CELL = {"yolov5": 3, "yolov8": 1}
+MOST_QUERIES = 1000
+"""No network without suppression gives more boxes; one with a box for every cell gives more."""
+UNIT_MARGIN = 0.5
+"""Boxes that are fractions of the image reach at most so far beyond it."""
+WHOLE_IMAGE = ("detr", "detr_classes", "detr_pixels", "detr_logits")
+"""Formats whose networks see the image stretched to their input; the others see it letterboxed."""
+SUPPRESSED = ("yolov5", "yolov8")
+"""Formats with several boxes on one object, of which the best stays."""
+
+
+class RawBoxes(NamedTuple):
+    """Boxes as a network gives them: box (n, 4) x0, y0, x1, y1; score (n,) 0 to 1; number (n,) of the class.
+
+    The boxes of `WHOLE_IMAGE` are fractions of the image, except those of `detr_pixels`, which are pixels of the image;
+    the others are pixels of the network's input.
+    """
+
+    box: Array
+    score: Array
+    number: NDArray[np.int64]
+
+
+def recognised(
+    outputs: Mapping[str, Array], input_size: tuple[int, int], head: str, classes: int
+) -> str:
+    """The format of the outputs of a network, from one run on any image.
+
+    Parameters
+    ----------
+    outputs
+        By name.
+    input_size
+        Height and width of the image that the network took.
+    head, classes
+        Name of its head and number of its classes as the file's metadata say, empty and 0 where they do not.
+
+    Raises
+    ------
+    ValueError
+        With the shapes that were found: no format has them, or several have.
+    """
+    shapes = {name: value.shape for name, value in outputs.items()}
+    if {"labels", "boxes", "scores"} == set(outputs):
+        return "detr_pixels"
+    if {"logits", "pred_boxes"} == set(outputs):
+        return "detr_logits"
+    found = []
+    if len(outputs) == 1:
+        (values,) = outputs.values()
+        if values.ndim == 3 and values.shape[0] == 1:
+            found = [
+                name
+                for name in _of_one_output(values[0], input_size, head)
+                if _fits(name, values, classes)
+            ]
+    if len(found) != 1:
+        several = f"; it could be {' or '.join(found)}" if found else ""
+        raise ValueError(
+            f"outputs {_listed(shapes)} for an input of {input_size[1]} x {input_size[0]}{several}"
+        )
+    return found[0]
+
+
+def _of_one_output(values: Array, input_size: tuple[int, int], head: str) -> list[str]:
+    """Formats that have a table (rows, columns) of this shape and content."""
+    rows, columns = values.shape
+    cells = {sum(input_size[0] // s * (input_size[1] // s) for s in strides) for strides in STRIDES}
+    found = []
+    if columns in cells and rows > 4:
+        found.append("yolov8")
+    if columns > 5 and rows in {ANCHORS_A_CELL["yolov5"] * count for count in cells}:
+        found.append("yolov5")
+    if rows <= MOST_QUERIES and columns > 4 and not found:
+        last = values[:, -1]
+        numbered = columns == 6 and bool((last == np.round(last)).all())
+        fractions = "detr" in head.lower() or (rows > 0 and _are_fractions(values))
+        if numbered:
+            found.append("detr" if fractions else "end_to_end")
+        elif fractions:
+            found.append("detr_classes")
+    return found
+
+
+def _are_fractions(values: Array) -> bool:
+    """Whether all rows have boxes of some size that are fractions of the image."""
+    middle, size = values[:, :2], values[:, 2:4]
+    inside = (np.abs(middle - 0.5) <= 0.5 + UNIT_MARGIN).all()
+    return bool(inside and (size > 0).all() and (size <= 1 + UNIT_MARGIN).all())
+
+
+def _fits(name: str, values: Array, classes: int) -> bool:
+    """Whether a format leaves as many scores as the network has classes, where that is known."""
+    columns = {
+        "yolov8": values.shape[1] - 4,
+        "yolov5": values.shape[2] - 5,
+        "detr_classes": values.shape[2] - 4,
+    }
+    return not classes or columns.get(name, classes) == classes
+
+
+def _listed(shapes: Mapping[str, Sequence[int]]) -> str:
+    return ", ".join(f"{name} {list(shape)}" for name, shape in shapes.items())
+
+
+def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
+    """The boxes in the outputs of a network of a format.
+
+    Raises
+    ------
+    ValueError
+        Outputs that the format does not have, or scores outside of 0 to 1.
+    """
+    if form == "detr_logits":
+        scores = _sigmoid(_one(outputs, "logits", 3))
+        found = _best(_corners(_one(outputs, "pred_boxes", 3)), scores)
+    elif form == "detr_pixels":
+        numbers = _one(outputs, "labels", 2)
+        found = RawBoxes(_one(outputs, "boxes", 3), _one(outputs, "scores", 2), _whole(numbers))
+    else:
+        found = _READ[form](_only(outputs, form))
+    if found.box.shape != (len(found.score), 4):
+        raise ValueError(f"boxes {list(found.box.shape)} and scores {list(found.score.shape)}")
+    if len(found.score) and not (-1e-3 <= found.score.min() and found.score.max() <= 1 + 1e-3):
+        low, high = float(found.score.min()), float(found.score.max())
+        raise ValueError(f"scores from {low:.3g} to {high:.3g}, not 0 to 1, as format {form}")
+    return found
+
+
+def _yolov5(table: Array) -> RawBoxes:
+    return _best(_corners(table[:, :4]), table[:, 5:] * table[:, 4:5])
+
+
+def _yolov8(table: Array) -> RawBoxes:
+    return _best(_corners(table[:4].T), table[4:].T)
+
+
+def _end_to_end(table: Array) -> RawBoxes:
+    return RawBoxes(table[:, :4], table[:, 4], _whole(table[:, 5]))
+
+
+def _detr(table: Array) -> RawBoxes:
+    return RawBoxes(_corners(table[:, :4]), table[:, 4], _whole(table[:, 5]))
+
+
+def _detr_classes(table: Array) -> RawBoxes:
+    return _best(_corners(table[:, :4]), table[:, 4:])
+
+
+_READ = {
+    "yolov5": _yolov5,
+    "yolov8": _yolov8,
+    "end_to_end": _end_to_end,
+    "detr": _detr,
+    "detr_classes": _detr_classes,
+}
+
+
+def _one(outputs: Mapping[str, Array], name: str, axes: int) -> Array:
+    value = outputs.get(name)
+    if value is None or value.ndim != axes or value.shape[0] != 1:
+        raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
+    return np.asarray(value[0])
+
+
+def _only(outputs: Mapping[str, Array], form: str) -> Array:
+    """The table of a format that has only one."""
+    least = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
+    value = next(iter(outputs.values()))
+    if len(outputs) != 1 or value.ndim != 3 or value.shape[0] != 1 or not _at_least(value, least):
+        raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
+    return np.asarray(value[0])
+
+
+def _at_least(value: Array, least: tuple[int, int]) -> bool:
+    return all(found >= wanted for found, wanted in zip(value.shape[1:], least, strict=True))
+
+
+def _best(box: Array, scores: Array) -> RawBoxes:
+    """Boxes with their best class of `scores` (n, classes)."""
+    number = scores.argmax(axis=1)
+    return RawBoxes(box, scores[np.arange(len(scores)), number], number.astype(np.int64))
+
+
+def _whole(numbers: Array) -> NDArray[np.int64]:
+    return np.asarray(np.rint(numbers), np.int64)
+
+
+def _corners(box: Array) -> Array:
+    """Boxes (n, 4) of middle and size as x0, y0, x1, y1."""
+    half = box[:, 2:] / 2
+    return np.concatenate([box[:, :2] - half, box[:, :2] + half], axis=1)
+
+
+def _sigmoid(values: Array) -> Array:
+    return np.asarray(1 / (1 + np.exp(-np.clip(values, -50, 50))), np.float32)

@@ -1,0 +1,142 @@
+"""Boxes of another detector as candidates: it takes the place of proposals and box classifier.
+
+Its boxes are the detections and its scores theirs. Colour and shape are those of its classes where these say so; else
+the colour and shape networks name them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import (
+    COLORS,
+    NONE,
+    SHAPES,
+    SOURCES,
+    Candidates,
+    Detections,
+    Regions,
+)
+from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
+from wayside.schemas.frame import Camera, Image
+from wayside.schemas.models import NetworkModel
+from wayside.schemas.settings import CandidateSettings
+from wayside.stages.detection.detector import (
+    as_learned,
+    require_name_networks,
+    with_names,
+    with_scores,
+)
+from wayside.stages.detection.feature_vectors import box_features
+from wayside.stages.detection.onnx_detector import OnnxDetector
+from wayside.stages.detection.proposals import filled_area, mean_inside
+from wayside.stages.imaging import pyramid
+from wayside.stages.segmentation import unsegmented
+
+
+def detect_externally(
+    items: Iterator[Image],
+    *,
+    source: DetectorFile | BoxFile,
+    settings: CandidateSettings,
+    color: NetworkModel | None = None,
+    shape: NetworkModel | None = None,
+) -> Iterator[Detections]:
+    """The boxes of a detector or of a file as the candidates of each image.
+
+    Parameters
+    ----------
+    items
+        Images; those that are not used have no candidates.
+    source
+        The detector, or the boxes by image.
+    settings
+        Least score; overlap of suppression; number of candidates that are tracked. Of boxes that overlap more the best
+        stays (`overlap`), of all of them the best `settings.keep` (`score`).
+    color, shape
+        Networks that name what the classes of the boxes do not.
+
+    Yields
+    ------
+    One item an image, in order.
+
+    Raises
+    ------
+    InputError
+        If a network has features or outputs that are not known here, or the detector's outputs are not understood.
+    """
+    require_name_networks(color, shape)
+    # not safe to share between threads, and each worker has its own instance of this stage
+    detector = None if isinstance(source, BoxFile) else OnnxDetector(source)
+    for item in items:
+        segmentation, camera = unsegmented(item), item.frame.camera
+        if item.rgb is None or camera is None:
+            yield Detections(segmentation, Candidates.of(segmentation.regions))
+            continue
+        if detector is not None:
+            found = detector.boxes(item.rgb, settings.external_score, settings.same_face_iou)
+        else:
+            assert isinstance(source, BoxFile)
+            found = source.of(item.frame).inside(camera)
+        segmentation = replace(
+            segmentation, regions=external_regions(found, item.rgb), region_count=found.found
+        )
+        yield Detections(
+            segmentation,
+            classified(found, segmentation.regions, item.rgb, camera, settings, color, shape),
+        )
+
+
+def external_regions(found: ExternalBoxes, rgb: NDArray[np.uint8]) -> Regions:
+    """The boxes as regions: the area of their shape, the mean colour of their middle."""
+    means = [mean_inside(rgb, corners) for corners in found.box]
+    return Regions(
+        found.box,
+        filled_area(found.box, found.shape),
+        np.array(means, np.float32).reshape(-1, 3),
+        np.full(len(found), SOURCES.index("external"), np.uint8),
+    )
+
+
+def classified(
+    found: ExternalBoxes,
+    regions: Regions,
+    rgb: NDArray[np.uint8],
+    camera: Camera,
+    settings: CandidateSettings,
+    color: NetworkModel | None,
+    shape: NetworkModel | None,
+) -> Candidates:
+    """Candidates of the boxes with scores, verdicts and classes."""
+    rows = np.arange(len(found))
+    candidates = with_scores(Candidates.of(regions), rows, found.score, -np.inf, settings)
+    if len(found) == 0:
+        return candidates
+    values = box_features(pyramid(rgb), as_learned(regions), camera)
+    candidates = with_names(candidates, color, shape, rows, values)
+    return replace(
+        candidates,
+        color=_known_first(found.color, candidates.color),
+        color_log_probability=_certain(found.color, candidates.color_log_probability, len(COLORS)),
+        shape=_known_first(found.shape, candidates.shape),
+        shape_log_probability=_certain(found.shape, candidates.shape_log_probability, len(SHAPES)),
+    )
+
+
+def _known_first(known: NDArray[np.int8], named: NDArray[np.int8]) -> NDArray[np.int8]:
+    return np.asarray(np.where(known == NONE, named, known), np.int8)
+
+
+def _certain(
+    known: NDArray[np.int8], named: NDArray[np.float32] | None, count: int
+) -> NDArray[np.float32]:
+    """Log probabilities (n, count): 0 for the known class and -inf for the others, else those of the network."""
+    start = np.full((len(known), count), np.nan, np.float32) if named is None else named.copy()
+    rows = np.flatnonzero(known != NONE)
+    start[rows] = -np.inf
+    start[rows, known[rows]] = 0.0
+    return start

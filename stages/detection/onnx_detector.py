@@ -1,0 +1,219 @@
+"""A detector that is not wayside's, run from its ONNX file: the image to its input, its boxes back to the image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.detectors import (
+    DetectorFile,
+    ExternalBoxes,
+    SignClass,
+    score_log_odds,
+)
+from wayside.schemas.errors import InputError
+from wayside.stages.detection.detector_outputs import (
+    SUPPRESSED,
+    WHOLE_IMAGE,
+    RawBoxes,
+    read_outputs,
+)
+from wayside.stages.geometry import non_maximum_suppression
+
+MULTIPLE = 32
+"""Height and width of what a network of free input size sees are multiples of this."""
+GREY = 114
+"""Level of the border of a letterboxed image, as in the training of the YOLO networks."""
+
+
+class Network(Protocol):
+    """A network that an engine runs."""
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
+        """Outputs by name."""
+
+
+class OpenCvNetwork:
+    """By OpenCV; not safe to share between threads. Raises cv2.error where OpenCV cannot read or run the file."""
+
+    def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
+        self._network = cv2.dnn.readNetFromONNX(path, cv2.dnn.ENGINE_NEW)
+        self._outputs = outputs
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
+        """Outputs by name."""
+        for name, value in inputs.items():
+            self._network.setInput(value, name)
+        values = self._network.forward(list(self._outputs))
+        return {
+            name: np.array(value, np.float32)
+            for name, value in zip(self._outputs, values, strict=True)
+        }
+
+
+class OnnxRuntimeNetwork:
+    """By onnxruntime, in one thread. Raises ImportError where it is not installed."""
+
+    def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        self._session = onnxruntime.InferenceSession(
+            path, options, providers=["CPUExecutionProvider"]
+        )
+        self._outputs = outputs
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
+        """Outputs by name."""
+        values = self._session.run(list(self._outputs), dict(inputs))
+        return {
+            name: np.asarray(value, np.float32)
+            for name, value in zip(self._outputs, values, strict=True)
+        }
+
+
+ENGINES: dict[str, Callable[[str, tuple[str, ...]], Network]] = {
+    "opencv": OpenCvNetwork,
+    "onnxruntime": OnnxRuntimeNetwork,
+}
+"""Engines by name, in the order in which they are tried."""
+
+
+class OnnxDetector:
+    """A detector that is run on images; one each thread."""
+
+    def __init__(self, file: DetectorFile) -> None:
+        self._file = file
+        self._network = ENGINES[file.engine](file.onnx.path, file.outputs)
+
+    def boxes(self, rgb: NDArray[np.uint8], least_score: float, same_iou: float) -> ExternalBoxes:
+        """Boxes of signs in an image (height, width, 3), best first.
+
+        Parameters
+        ----------
+        rgb
+            The image.
+        least_score
+            Boxes of a smaller score are left out.
+        same_iou
+            Where the network does not suppress boxes itself, those that overlap a better one more are.
+
+        Raises
+        ------
+        InputError
+            The outputs are not those of the file's format.
+        """
+        file = self._file
+        height, width = rgb.shape[:2]
+        seen, scale, border = fitted(
+            rgb, file.input_size or multiple_of((height, width)), whole=file.format in WHOLE_IMAGE
+        )
+        inputs: dict[str, NDArray[Any]] = {file.image_input: as_input(seen)}
+        if file.size_input:
+            inputs[file.size_input] = np.array([[width, height]], np.int64)
+        try:
+            raw = read_outputs(self._network.run(inputs), file.format)
+        except ValueError as error:
+            raise InputError(
+                f"models.detector: wanted boxes of format {file.format} from {file.onnx.path}, found {error}; "
+                "see docs/detectors.md for the formats, or --set models.detector_format"
+            ) from error
+        if file.format in WHOLE_IMAGE:
+            unit = 1 if file.format == "detr_pixels" else np.array([width, height] * 2)
+            box = raw.box * unit
+        else:
+            box = (raw.box - np.tile(border, 2)) / np.tile(scale, 2)
+        raw = raw._replace(box=np.asarray(box, np.float32))
+        return sign_boxes(
+            raw,
+            (height, width),
+            file.signs,
+            least_score,
+            same_iou if file.format in SUPPRESSED else None,
+        )
+
+
+def fitted(
+    rgb: NDArray[np.uint8], size: tuple[int, int], *, whole: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+    """The image at a size (height, width), the scale (2,) of x and y, and the border (2,) left of and above it.
+
+    whole: stretched to all of it; else as large as fits with its aspect, in the middle of a grey border.
+    """
+    height, width = rgb.shape[:2]
+    if whole:
+        scale = np.array([size[1] / width, size[0] / height], np.float32)
+        stretched = np.asarray(cv2.resize(rgb, (size[1], size[0])), np.uint8)
+        return stretched, scale, np.zeros(2, np.float32)
+    factor = min(size[0] / height, size[1] / width)
+    tall, wide = round(height * factor), round(width * factor)
+    scaled = rgb if (tall, wide) == (height, width) else cv2.resize(rgb, (wide, tall))
+    top, left = (size[0] - tall) // 2, (size[1] - wide) // 2
+    seen = np.full((*size, 3), GREY, np.uint8)
+    seen[top : top + tall, left : left + wide] = scaled
+    scale = np.array([wide / width, tall / height], np.float32)
+    return seen, scale, np.array([left, top], np.float32)
+
+
+def multiple_of(size: tuple[int, int]) -> tuple[int, int]:
+    """The next size that a network without a fixed one takes."""
+    return size[0] + -size[0] % MULTIPLE, size[1] + -size[1] % MULTIPLE
+
+
+def as_input(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """An image as networks take it: (1, 3, height, width), 0 to 1."""
+    return np.ascontiguousarray(rgb.transpose(2, 0, 1)[None], np.float32) / np.float32(255)
+
+
+def sign_boxes(
+    raw: RawBoxes,
+    size: tuple[int, int],
+    signs: Mapping[int, SignClass] | None,
+    least_score: float,
+    same_iou: float | None,
+) -> ExternalBoxes:
+    """Boxes of signs, best first, cut at the border of the image of `size` (height, width).
+
+    Whatever their classes, of boxes that overlap more than `same_iou` the best stays: one panel is one sign.
+    """
+    height, width = size
+    box = np.clip(raw.box, 0, np.array([width, height] * 2, np.float32)).astype(np.float32)
+    good = (raw.score >= least_score) & np.isfinite(raw.box).all(axis=1)
+    good &= (box[:, 2:] > box[:, :2]).all(axis=1)
+    rows = np.flatnonzero(good)
+    rows = rows[np.argsort(-raw.score[rows], kind="stable")]
+    if same_iou is not None:
+        rows = rows[non_maximum_suppression(box[rows], same_iou)]
+    found = named_boxes(box[rows], raw.score[rows], raw.number[rows], signs)
+    return replace(found, found=len(rows))
+
+
+def named_boxes(
+    box: NDArray[np.float32],
+    score: NDArray[np.float32],
+    number: NDArray[np.int64],
+    signs: Mapping[int, SignClass] | None,
+) -> ExternalBoxes:
+    """Those boxes (n, 4) whose classes are signs, with what these say of colour and shape."""
+    if signs is None:
+        known = [SignClass()] * len(number)
+        rows = np.arange(len(number))
+    else:
+        rows = np.flatnonzero([int(k) in signs for k in number])
+        known = [signs[int(number[row])] for row in rows]
+    color = [NONE if one.color is None else COLORS.index(one.color) for one in known]
+    shape = [NONE if one.shape is None else SHAPES.index(one.shape) for one in known]
+    return ExternalBoxes(
+        box[rows],
+        score_log_odds(score[rows]),
+        np.array(color, np.int8),
+        np.array(shape, np.int8),
+        len(number),
+    )

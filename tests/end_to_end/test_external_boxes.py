@@ -1,0 +1,155 @@
+"""Boxes that are not wayside's, from the log to the tables: those of the truth, and those of a detector."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import wayside
+from wayside.pipeline.box_file import load_boxes
+from wayside.pipeline.cli import app
+from wayside.pipeline.evaluate_rendered import evaluate_against_truth
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import UsageError
+
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
+DETECTORS = Path(__file__).parents[1] / "stages" / "detection" / "detectors"
+SCORE = 0.8
+HALF_PX = 0.5
+"""The truth has pixel centres at integers, boxes have their edges there."""
+
+
+def true_boxes(truth):
+    """Rows of a file of boxes: the faces that are half visible at least."""
+    rows = []
+    for sign in truth["signs"]:
+        for view in sign["frames"]:
+            if view["side"] == "front" and view["visible_fraction"] >= 0.5:
+                x_min, y_min, x_max, y_max = (side + HALF_PX for side in view["box"])
+                corners = {"x_min": x_min, "y_min": y_min, "x_max": x_max, "y_max": y_max}
+                rows.append({"frame": view["frame"], **corners, "class": sign["kind"]})
+    return rows
+
+
+@pytest.fixture(scope="module")
+def rows(truth):
+    return true_boxes(truth)
+
+
+@pytest.fixture(scope="module")
+def parquet(rows, tmp_path_factory):
+    path = tmp_path_factory.mktemp("boxes") / "boxes.parquet"
+    lost = {"frame": 9000, "x_min": 1, "y_min": 1, "x_max": 9, "y_max": 9, "class": "stop"}
+    inverted = {**lost, "frame": 3, "x_max": 0}
+    outside = {**lost, "frame": 4, "x_min": 1700, "x_max": 1720}
+    every = [{**row, "score": SCORE} for row in (*rows, lost, inverted, outside)]
+    pq.write_table(pa.Table.from_pylist(every), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def inventory(parquet):
+    return wayside.run(DEMO, detections=parquet).finish()
+
+
+def test_boxes_of_the_truth_give_all_signs_and_no_other(inventory, truth):
+    signs = inventory.signs.to_pylist()
+    found = evaluate_against_truth(signs, truth)
+    assert (len(found.matches), found.wanted, len(found.false)) == (8, 8, 0)
+    assert max(abs(error) for match in found.matches for error in match.error_m) < 0.1
+    assert {row["status"] for row in signs} == {"sign"}
+
+
+def test_colours_and_shapes_are_named_by_the_networks(inventory, truth):
+    found = evaluate_against_truth(inventory.signs.to_pylist(), truth)
+    for match in found.matches:
+        assert match.color[0] == match.color[1]
+        assert match.shape[0] == match.shape[1]
+
+
+def test_the_confidence_is_the_score_of_the_boxes(inventory):
+    assert inventory.signs["confidence"].to_pylist() == pytest.approx(
+        [SCORE] * inventory.signs.num_rows, abs=1e-5
+    )
+
+
+def test_every_box_is_a_candidate_or_counted(inventory, rows, parquet):
+    about = inventory.about
+    counts = about["accounting"]["boxes"]
+    assert counts["given"] == len(rows) + 3
+    assert counts["left_out"] == {"no_area": 1, "outside_image": 1, "not_in_log": 1}
+    assert counts["candidates"] == len(rows) == inventory.observations.num_rows
+    verdicts = Counter(inventory.observations["verdict"].to_pylist())
+    assert counts["of_signs"] == verdicts["sign"] > 0.9 * len(rows)
+    assert set(inventory.observations["source"].to_pylist()) == {"external"}
+    assert about["detector"]["file"] == parquet.name
+    assert about["detector"]["sha256"] == about["models"]["detections"]
+    notes = " ".join(about["notes"])
+    assert f"1 of {len(rows) + 3} boxes are of images that the log does not hold" in notes
+    assert "no class map" in notes
+
+
+def test_coco_with_the_same_boxes_is_the_same(rows, parquet, inventory, tmp_path):
+    frames = inventory.frames.num_rows
+    content = {
+        "images": [{"id": 100 + k, "file_name": f"drive_{k}.jpg"} for k in range(frames)],
+        "annotations": [
+            {
+                "image_id": 100 + row["frame"],
+                "category_id": 1,
+                "bbox": [
+                    row["x_min"],
+                    row["y_min"],
+                    row["x_max"] - row["x_min"],
+                    row["y_max"] - row["y_min"],
+                ],
+                "score": SCORE,
+            }
+            for row in rows
+        ],
+        "categories": [{"id": 1, "name": "sign"}],
+    }
+    path = tmp_path / "boxes.json"
+    path.write_text(json.dumps(content))
+
+    def loaded(name):
+        return load_boxes(load_settings("default", None, [], {"models.detections": str(name)})[0])
+
+    one, other = loaded(parquet), loaded(path)
+    assert other.images == frames
+    for frame in inventory.frames["frame"].to_pylist():
+        boxes = [found.boxes[frame].box if frame in found.boxes else [] for found in (one, other)]
+        inside = boxes[0] if frame != 4 else [box for box in boxes[0] if box[0] < 1600]
+        np.testing.assert_allclose(inside, boxes[1], atol=1e-3)
+
+
+def test_a_detector_is_run_from_the_command_line(tmp_path, capsys):
+    classes = tmp_path / "classes.toml"
+    classes.write_text('[classes]\nred = { color = "red", shape = "octagon" }\n')
+    onnx = DETECTORS / "yolov8.onnx"
+    out = tmp_path / "out"
+    arguments = ["run", str(DEMO), "-o", str(out), "--until", "0.5s", "--workers", "1"]
+    arguments += ["--detector", str(onnx), "--classes", str(classes)]
+    assert not app(arguments, standalone_mode=False)
+    about = json.loads((out / "run.json").read_text())
+    assert about["detector"] == {
+        "file": "yolov8.onnx",
+        "sha256": about["models"]["detector"],
+        "format": "yolov8",
+        "engine": "opencv",
+        "input": [64, 64],
+        "classes": {"0": {"color": "red", "shape": "octagon"}},
+    }
+    counts = about["accounting"]["boxes"]
+    assert counts["given"] == counts["candidates"] + counts["left_out"].get("other_class", 0)
+    assert "detector, yolov8 of yolov8.onnx" in capsys.readouterr().out
+
+
+def test_one_file_of_boxes_belongs_to_one_log(tmp_path):
+    arguments = ["run", "a.mcap", "b.mcap", "-o", str(tmp_path), "--detections", "c.parquet"]
+    with pytest.raises(UsageError, match="wanted one log, found 2"):
+        app(arguments, standalone_mode=False)

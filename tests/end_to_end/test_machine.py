@@ -1,0 +1,216 @@
+"""What the machine does to a run: signals, closed pipes, full disks, two runs at once; and files of the user."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+WAYSIDE = Path(sys.executable).with_name("wayside")
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
+SHORT = ("--until", "0.7s")
+TABLES = ("frames.parquet", "observations.parquet", "signs.parquet")
+FILES = [*TABLES, "run.json"]
+
+
+def run(out, *options, log=DEMO, until=SHORT, **how):
+    line = [WAYSIDE, "run", log, *until, "-o", out, *options]
+    return subprocess.run(
+        [str(word) for word in line],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        **how,
+    )
+
+
+def digests(folder):
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.iterdir()
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory):
+    """A result of the demo log."""
+    folder = tmp_path_factory.mktemp("old") / "out"
+    done = run(folder, until=("--until", "0.3s"))
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture
+def out(old, tmp_path):
+    """A copy of it, to be replaced."""
+    shutil.copytree(old, tmp_path / "out")
+    return tmp_path / "out"
+
+
+@pytest.mark.slow
+def test_the_same_log_replaces_its_own_result(out, old):
+    done = run(out)
+    assert done.returncode == 0, done.stderr
+    found = digests(out)
+    assert sorted(found) == sorted(FILES)
+    assert not set(found.values()) & set(digests(old).values())
+    stated = json.loads((out / "run.json").read_text())["files"]
+    assert {name: stated[name]["sha256"] for name in TABLES} == {n: found[n] for n in TABLES}
+
+
+@pytest.mark.slow
+def test_another_log_leaves_everything_and_says_what_stands_there(out, old, tmp_path):
+    other = tmp_path / "demo.mcap"
+    other.write_bytes(DEMO.read_bytes()[:2_000_000])
+    done = run(out, log=other)
+    assert done.returncode == 5
+    assert f"found the result of {DEMO} (another log)" in done.stderr
+    assert "--overwrite" in done.stderr
+    assert digests(out) == digests(old)
+    assert run(out, "--overwrite", log=other).returncode == 4
+    assert not set(digests(out).values()) & set(digests(old).values())
+
+
+@pytest.mark.slow
+def test_a_log_that_cannot_be_read_leaves_the_old_result_with_its_recording(tmp_path):
+    out, text = tmp_path / "out", tmp_path / "notes.mcap"
+    shutil.copy(DEMO, text)
+    assert run(out, "--view", "file", log=text).returncode == 0
+    before = digests(out)
+    assert "drive.rrd" in before
+    text.write_text("not a log")
+    for options in ((), ("--overwrite",)):
+        done = run(out, *options, log=text)
+        assert done.returncode in (3, 5)
+        assert digests(out) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_signals_that_ask_to_end_are_interrupts(out, old, number):
+    line = [str(WAYSIDE), "run", str(DEMO), "-o", str(out), "--view", "file"]
+    with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as running:
+        wait_for(out / ".wayside-part" / ".observations.scratch")
+        running.send_signal(number)
+        _, words = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert b"wayside: interrupted; this log's tables were not written" in words
+    assert digests(out) == digests(old)
+
+
+@pytest.mark.slow
+def test_two_runs_do_not_mix(out):
+    line = [str(WAYSIDE), "run", str(DEMO), "-o", str(out)]
+    with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
+        wait_for(out / ".wayside-part" / ".observations.scratch")
+        second = run(out)
+        assert first.wait(300) == 0
+    assert second.returncode == 5
+    assert "another wayside" in second.stderr
+    frames = json.loads((out / "run.json").read_text())
+    assert frames["accounting"]["used"] == 24
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stream", ["stdout", "stderr", "both"])
+def test_a_closed_pipe_is_no_failure(tmp_path, stream):
+    reader, writer = os.pipe()
+    os.close(reader)
+    to = {name: writer for name in ("stdout", "stderr") if stream in (name, "both")}
+    line = [str(WAYSIDE), "run", str(DEMO), *SHORT, "-o", str(tmp_path / "out")]
+    rest = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} | to
+    assert subprocess.run(line, check=False, timeout=300, **rest).returncode == 0
+    os.close(writer)
+    assert sorted(digests(tmp_path / "out")) == sorted(FILES)
+
+
+def test_closed_streams_and_readers_that_go_are_no_failure():
+    line = f"{WAYSIDE} settings --all | head -1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    line = f"{WAYSIDE} info {DEMO} >&- 2>&-"
+    assert subprocess.run(["bash", "-c", line], check=False).returncode == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_words_that_do_not_fit_on_the_disk_are_an_output_error():
+    with open("/dev/full", "w") as full:
+        line = [str(WAYSIDE), "settings"]
+        done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 5
+    assert done.stderr.startswith("wayside: output: wanted to write here, found: No space left")
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("free_kb", [0, 8, 40, 120, 250])
+def test_a_full_disk_leaves_the_old_result(old, tmp_path, free_kb):
+    size = sum(-(-path.stat().st_size // 4096) * 4 for path in old.iterdir()) + 8
+    with small_disk(tmp_path / "disk", size + free_kb) as disk:
+        out = disk / "out"
+        shutil.copytree(old, out)
+        done = run(out, "--observations", "all")
+        assert done.returncode == 5
+        assert "free some space" in done.stderr
+        assert "Traceback" not in done.stderr
+        assert digests(out) == digests(old)
+        assert sorted(os.listdir(out)) == sorted(FILES)
+
+
+@contextmanager
+def small_disk(folder, kilobytes):
+    """A file system of its own; skips where none may be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(folder)]
+    if os.name == "nt" or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def wait_for(path):
+    deadline = time.monotonic() + 120
+    while not path.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert path.exists()
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_and_gives_the_same_bytes(tmp_path):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert run(whole, until=()).returncode == 0
+    line = [str(WAYSIDE), "run", str(DEMO), "-o", str(out), "--resume"]
+    for kept in (600_000, 1_500_000):  # bytes of the journal: killed twice
+        with subprocess.Popen(line, stdout=subprocess.DEVNULL) as running:
+            journal = out / ".wayside-journal"
+            deadline = time.monotonic() + 120
+            while (
+                not journal.exists() or journal.stat().st_size < kept
+            ) and running.poll() is None:
+                assert time.monotonic() < deadline
+                time.sleep(0.002)
+            running.kill()
+    other = run(out, "--resume", "--workers", "3", until=())
+    assert other.returncode == 0, other.stderr
+    assert sorted(os.listdir(out)) == sorted(FILES)
+    assert [digests(out)[name] for name in TABLES] == [digests(whole)[name] for name in TABLES]
+    assert json.loads((out / "run.json").read_text())["times"]["replayed_frames"] >= 4
+
+
+def test_resuming_and_viewing_exclude_each_other(tmp_path):
+    done = run(tmp_path / "out", "--resume", "--view", "file")
+    assert done.returncode == 2
+    assert "leave one out" in done.stderr

@@ -1,0 +1,229 @@
+import json
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from wayside.pipeline.box_accounting import BoxAccounting, paired_by_order
+from wayside.pipeline.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detectors import score_log_odds, unnamed
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import THINNED, USED, Frame
+
+
+def load(path, **options):
+    given = {"models.detections": str(path)} | options
+    return load_boxes(load_settings("default", None, [], given)[0])
+
+
+def parquet(folder, **columns):
+    path = folder / "boxes.parquet"
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def corners(*boxes):
+    return dict(zip(CORNERS, np.array(boxes, float).reshape(-1, 4).T, strict=True))
+
+
+def coco(folder, content):
+    path = folder / "boxes.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_boxes_are_found_by_the_frame_they_are_of(tmp_path):
+    box = corners((10, 20, 30, 40), (1, 2, 3, 4), (5, 6, 7, 8))
+    path = parquet(tmp_path, frame=[7, 3, 7], score=[0.3, 0.9, 0.8], **box)
+    found = load(path)
+    assert sorted(found.boxes) == [3, 7]
+    assert found.boxes[7].box.tolist() == [[5, 6, 7, 8], [10, 20, 30, 40]]  # the best first
+    np.testing.assert_allclose(found.boxes[7].score, score_log_odds(np.array([0.8, 0.3])))
+    assert (found.rows, found.left_out, found.key) == (3, {}, "frame")
+    assert found.sha256 == sha256(path.read_bytes()).hexdigest()
+
+
+def test_boxes_without_scores_are_certain(tmp_path):
+    found = load(parquet(tmp_path, frame=[0], **corners((1, 2, 3, 4))))
+    np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.ones(1)))
+
+
+@pytest.mark.parametrize(
+    ("key", "frame"),
+    [
+        ("log_time_ns", Frame(2, 1700000000000000001, None, USED, "jpeg", b"", None)),
+        ("header_time_ns", Frame(2, 5, 1700000000000000001, USED, "jpeg", b"", None)),
+    ],
+)
+def test_times_are_exact(tmp_path, key, frame):
+    path = parquet(tmp_path, **{key: [1700000000000000001]}, **corners((1, 2, 3, 4)))
+    assert len(load(path).of(frame)) == 1
+    other = Frame(2, 1700000000000000002, 1700000000000000002, USED, "jpeg", b"", None)
+    assert len(load(path).of(other)) == 0
+
+
+def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
+    names = ["img10.jpg", "img2.jpg", "img10.jpg"]
+    path = parquet(tmp_path, image_name=names, **corners(*[(1, 2, 3, 4)] * 3))
+    found = load(path)
+    assert {number: len(one) for number, one in found.boxes.items()} == {0: 1, 1: 2}
+    assert found.images == 2
+
+
+@pytest.mark.parametrize(("count", "words"), [(1, "found 1"), (3, "found more")])
+def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, count, words):
+    path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[(1, 2, 3, 4)] * 2))
+    frames = [Frame(k, k, None, THINNED, "jpeg", b"", None) for k in range(count)]
+    with pytest.raises(InputError, match=words):
+        list(paired_by_order(iter(frames), load(path)))
+    exact = [Frame(k, k, None, THINNED, "jpeg", b"", None) for k in range(2)]
+    assert list(paired_by_order(iter(exact), load(path))) == exact
+
+
+def test_rows_that_cannot_be_used_are_counted_by_reason(tmp_path):
+    good = (1, 2, 3, 4)
+    rows = [good, (np.nan, 2, 3, 4), (1, 2, np.inf, 4), (3, 2, 1, 4), (1, 2, 1, 4), good, good]
+    scores = [0.9, 0.9, 0.9, 0.9, 0.9, 0.1, np.nan]
+    path = parquet(tmp_path, frame=[0] * 7, score=scores, **corners(*rows))
+    found = load(path)
+    assert len(found.boxes[0]) == 1
+    assert found.left_out == {"not_finite": 3, "no_area": 2, "below_score": 1}
+    assert load(path, **{"candidates.external_score": 0.05}).left_out["no_area"] == 2
+    assert len(load(path, **{"candidates.external_score": 0.05}).boxes[0]) == 2
+
+
+@given(
+    box=arrays(np.float64, (5, 4), elements=st.floats(allow_nan=True, allow_infinity=True)),
+    score=arrays(np.float64, 5, elements=st.floats(0, 1) | st.just(np.nan)),
+)
+def test_every_row_is_used_or_counted(box, score):
+    whole, none = np.arange(5) // 2, unnamed(5)
+    rows = BoxRows("frame", whole, box, score, np.zeros(5, np.int64), {}, none, none)
+    boxes, left_out = boxes_by_image(Path("a.parquet"), rows, None, 0.25)
+    assert sum(map(len, boxes.values())) + sum(left_out.values()) == 5
+    for one in boxes.values():
+        assert (one.box[:, 2:] > one.box[:, :2]).all()
+
+
+def test_classes_say_which_boxes_are_signs_and_rows_what_they_look_like(tmp_path):
+    classes = tmp_path / "classes.toml"
+    classes.write_text('[classes]\nstop = { color = "red", shape = "octagon" }\nother = {}\n')
+    path = parquet(
+        tmp_path,
+        frame=[0, 1, 2, 3],
+        **corners(*[(1, 2, 3, 4)] * 4),
+        **{"class": ["stop", "car", "other", "stop"]},
+        color=[None, "red", "blue", "white"],
+        shape=pa.array([None, None, None, None], pa.string()),
+    )
+    found = load(path, **{"models.classes": str(classes)})
+    assert sorted(found.boxes) == [0, 2, 3]
+    assert found.left_out == {"other_class": 1}
+    kinds = {n: (one.color[0], one.shape[0]) for n, one in found.boxes.items()}
+    red, octagon = COLORS.index("red"), SHAPES.index("octagon")
+    assert kinds == {
+        0: (red, octagon),
+        2: (COLORS.index("blue"), -1),
+        3: (COLORS.index("white"), octagon),
+    }
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"frame": [0]}, "wanted the columns x_min"),
+        (corners((1, 2, 3, 4)), "one of frame, log_time_ns"),
+        ({"frame": [0], "log_time_ns": [0], **corners((1, 2, 3, 4))}, "one of frame"),
+        ({"frame": ["a"], **corners((1, 2, 3, 4))}, "column frame of type int64"),
+        ({"frame": [None], **corners((1, 2, 3, 4))}, "column frame in every row"),
+        ({"frame": [0], "score": [90.0], **corners((1, 2, 3, 4))}, "scores from 0 to 1.*90"),
+        ({"frame": [0], "score": [-2.0], **corners((1, 2, 3, 4))}, "scores from 0 to 1.*-2"),
+        ({"frame": [0], "color": ["pink"], **corners((1, 2, 3, 4))}, "column color.*'pink'"),
+        ({"frame": [0], "shape": [3], **corners((1, 2, 3, 4))}, "column shape.*'3'"),
+    ],
+)
+def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words):
+    with pytest.raises(InputError, match=words):
+        load(parquet(tmp_path, **columns))
+
+
+@pytest.mark.parametrize("content", [b"", b"no boxes", b"PAR1" + b"\0" * 40 + b"PAR1"])
+def test_a_file_that_is_no_parquet_is_refused(tmp_path, content):
+    path = tmp_path / "boxes.parquet"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"models\.detections: wanted a Parquet file"):
+        load(path)
+    with pytest.raises(InputError, match="correct the path"):
+        load(tmp_path / "none.parquet")
+
+
+def test_results_of_coco_name_the_frame_and_have_width_and_height(tmp_path):
+    entry = {"image_id": 4, "category_id": 9, "bbox": [10, 20, 5, 6], "score": 0.5}
+    found = load(coco(tmp_path, [entry]))
+    assert found.boxes[4].box.tolist() == [[10, 20, 15, 26]]
+    assert (found.key, found.images) == ("frame", 0)
+
+
+def data_set(**of_second):
+    return {
+        "images": [
+            {"id": 70, "file_name": "b10.jpg"},
+            {"id": 5, "file_name": "b9.jpg"} | of_second,
+        ],
+        "annotations": [
+            {"image_id": 70, "category_id": 2, "bbox": [1, 2, 3, 4]},
+            {"image_id": 5, "category_id": 3, "bbox": [1, 2, 3, 4], "score": 0.7},
+        ],
+        "categories": [{"id": 2, "name": "stop"}, {"id": 3, "name": "car"}],
+    }
+
+
+def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):
+    found = load(coco(tmp_path, data_set()))
+    assert (found.key, found.images, sorted(found.boxes)) == ("image_name", 2, [0, 1])
+    np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.array([0.7])))
+    classes = tmp_path / "classes.toml"
+    classes.write_text("[classes]\nstop = {}\n")
+    signs = load(tmp_path / "boxes.json", **{"models.classes": str(classes)})
+    assert sorted(signs.boxes) == [1]
+    assert signs.left_out == {"other_class": 1}
+
+
+def test_images_of_a_coco_data_set_may_say_their_frame(tmp_path):
+    content = data_set(frame=33)
+    content["images"][0]["frame"] = 31
+    found = load(coco(tmp_path, content))
+    assert (found.key, found.images, sorted(found.boxes)) == ("frame", 0, [31, 33])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {},
+        [1],
+        "boxes",
+        [{"image_id": 1, "bbox": [1, 2, 3]}],
+        [{"bbox": [1, 2, 3, 4]}],
+        {**data_set(), "images": []},
+        {**data_set(), "images": [{"id": 70, "file_name": "a"}, {"id": 5, "file_name": "a"}]},
+    ],
+)
+def test_what_is_no_coco_is_refused(tmp_path, content):
+    with pytest.raises(InputError, match="wanted COCO JSON"):
+        load(coco(tmp_path, content))
+
+
+def test_a_file_without_any_box_of_the_log_is_refused(tmp_path):
+    found = load(parquet(tmp_path, frame=[900], **corners((1, 2, 3, 4))))
+    with pytest.raises(InputError, match=r"found none in .*it has 900"):
+        BoxAccounting(found).report()
+    empty = load(parquet(tmp_path, frame=pa.array([], pa.int64()), **corners()))
+    assert BoxAccounting(empty).report().counts["given"] == 0

@@ -1,0 +1,65 @@
+import pytest
+
+from wayside.pipeline.class_map import EXAMPLE, numbered, read_class_map
+from wayside.schemas.detectors import SignClass
+from wayside.schemas.errors import InputError
+
+NAMES = {0: "person", 11: "stop sign", 12: "parking meter"}
+
+
+def written(folder, text):
+    path = folder / "classes.toml"
+    path.write_text(text)
+    return path
+
+
+def test_the_example_of_the_messages_is_a_class_map(tmp_path):
+    assert read_class_map(written(tmp_path, EXAMPLE)) == {"stop sign": SignClass("red", "octagon")}
+
+
+def test_classes_are_named_or_numbered_and_say_as_much_as_they_know(tmp_path):
+    text = '[classes]\n"stop sign" = { color = "red" }\n12 = {}\n[classes.0]\nshape = "other"\n'
+    classes = read_class_map(written(tmp_path, text))
+    assert numbered(classes, NAMES, "a.onnx", complete=True) == {
+        11: SignClass("red", None),
+        12: SignClass(),
+        0: SignClass(None, "other"),
+    }
+
+
+def test_a_name_that_the_detector_does_not_have_is_refused_with_the_nearest(tmp_path):
+    classes = read_class_map(written(tmp_path, '[classes]\n"stop_sign" = {}\n'))
+    with pytest.raises(InputError, match=r"found 'stop_sign'; did you mean 'stop sign'\?"):
+        numbered(classes, NAMES, "a.onnx", complete=True)
+    assert numbered(classes, NAMES, "boxes.parquet", complete=False) == {}
+
+
+def test_a_detector_without_names_wants_numbers(tmp_path):
+    classes = read_class_map(written(tmp_path, '[classes]\n"stop sign" = {}\n7 = {}\n'))
+    with pytest.raises(InputError, match=r"does not name its classes.*'stop sign'"):
+        numbered(classes, {}, "a.onnx", complete=True)
+    assert numbered({"7": SignClass()}, {}, "a.onnx", complete=True) == {7: SignClass()}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "wanted one table"),
+        ("[classes]\n", "no class in it"),
+        ("[class]\nstop = {}\n", "found class"),
+        ("[classes]\nstop = {}\n[more]\n", "found more"),
+        ('[classes]\nstop = "red"\n', "found 'red'"),
+        ('[classes]\nstop = { colour = "red" }\n', "colour"),
+        ('[classes]\nstop = { color = "pink" }\n', "one of white, yellow.*found 'pink'"),
+        ('[classes]\nstop = { shape = "heart" }\n', "one of rectangle.*found 'heart'"),
+        ("[classes\n", "not valid TOML"),
+    ],
+)
+def test_what_is_no_class_map_is_refused_with_words(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        read_class_map(written(tmp_path, text))
+
+
+def test_a_missing_class_map_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"models\.classes: wanted a TOML file"):
+        read_class_map(tmp_path / "none.toml")

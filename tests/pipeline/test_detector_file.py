@@ -1,0 +1,134 @@
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from wayside.pipeline import detector_file
+from wayside.pipeline.detector_file import load_detector
+from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.onnx_header import FLOAT32, OnnxHeader, OnnxInput, read_onnx_header
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.settings import ModelSettings
+
+DETECTORS = Path(__file__).parents[1] / "stages" / "detection" / "detectors"
+YOLO = DETECTORS / "yolov8.onnx"
+
+
+def test_a_header_has_inputs_outputs_operators_and_metadata():
+    header = read_onnx_header((DETECTORS / "detr_pixels.onnx").read_bytes())
+    assert [(one.name, one.shape) for one in header.inputs] == [
+        ("images", (1, 3, 64, 64)),
+        ("orig_target_sizes", (1, 2)),
+    ]
+    assert header.inputs[0].element == FLOAT32
+    assert header.outputs == ("labels", "boxes", "scores")
+    assert {"Conv", "TopK"} <= header.operators
+    assert header.metadata["names"] == "{0: 'red', 1: 'blue'}"
+
+
+@pytest.mark.parametrize("data", [b"", b"no network", b"\x08\x01" * 20, b"\xff" * 100])
+def test_bytes_that_are_no_network_have_no_header(data):
+    with pytest.raises(ValueError, match="bytes"):
+        read_onnx_header(data)
+
+
+def test_the_digest_of_a_detector_is_that_of_its_file():
+    assert load_detector(ModelSettings(detector=str(YOLO))).onnx.sha256 == (
+        sha256(YOLO.read_bytes()).hexdigest()
+    )
+
+
+def refused(path, **settings):
+    with pytest.raises(InputError, match=r"models\.detector: wanted") as caught:
+        load_detector(ModelSettings(detector=str(path), **settings))
+    return str(caught.value)
+
+
+def test_what_is_no_onnx_file_is_refused(tmp_path):
+    broken = tmp_path / "broken.onnx"
+    broken.write_bytes(b"no network")
+    assert "an ONNX file" in refused(broken)
+    assert "an ONNX file" in refused(tmp_path / "missing.onnx")
+    cut = tmp_path / "cut.onnx"
+    cut.write_bytes(YOLO.read_bytes()[:-400])
+    assert "wanted" in refused(cut)
+
+
+def test_a_network_with_other_outputs_is_refused_with_them():
+    words = refused(Path(str(shipped_models())) / "network.onnx")
+    assert "wanted outputs of the YOLO or RT-DETR family" in words
+    assert "maps [1, 24, 160, 160]" in words
+    assert "docs/detectors.md" in words
+
+
+def with_header(monkeypatch, **changes):
+    """Let the header of a file say something else."""
+    known = {
+        "inputs": (OnnxInput("images", FLOAT32, (1, 3, 64, 64)),),
+        "outputs": ("output0",),
+        "operators": frozenset({"Conv"}),
+        "metadata": {},
+    }
+    header = OnnxHeader(**(known | changes))
+    monkeypatch.setattr(detector_file, "read_onnx_header", lambda data: header)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"metadata": {"task": "segment"}}, "a network for the task 'segment'"),
+        ({"inputs": (OnnxInput("a", FLOAT32, (4, 3, 64, 64)),)}, r"float32 [4, 3, 64, 64]"),
+        ({"inputs": (OnnxInput("a", FLOAT32, (1, 1, 64, 64)),)}, r"[1, 1, 64, 64]"),
+        ({"inputs": (OnnxInput("a", 10, (1, 3, 64, 64)),)}, "element type 10"),
+        ({"inputs": (OnnxInput("a", FLOAT32, (1, 3, 0, 64)),)}, "both fixed or both free"),
+        (
+            {
+                "inputs": (
+                    OnnxInput("pixel_values", FLOAT32, (1, 3, 64, 64)),
+                    OnnxInput("pixel_mask", 7, (1, 64, 64)),
+                )
+            },
+            "pixel_mask",
+        ),
+    ],
+)
+def test_inputs_that_wayside_does_not_make_are_refused(monkeypatch, changes, words):
+    with_header(monkeypatch, **changes)
+    assert words in refused(YOLO)
+
+
+def test_opencv_does_not_get_networks_that_end_its_process(monkeypatch):
+    tried = []
+
+    class Engine:
+        def __init__(self, path, outputs):
+            tried.append(path)
+            raise ImportError
+
+    with_header(monkeypatch, operators=frozenset({"NonMaxSuppression"}))
+    monkeypatch.setattr(detector_file, "ENGINES", {"opencv": Engine, "onnxruntime": Engine})
+    words = refused(YOLO)
+    assert len(tried) == 1
+    assert "opencv does not run NonMaxSuppression" in words
+    assert "pip install 'wayside[detector]'" in words
+
+
+def test_a_format_can_be_said():
+    assert load_detector(ModelSettings(detector=str(YOLO), detector_format="yolov5")).format == (
+        "yolov5"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"models.detector": "a.onnx", "models.detections": "b.parquet"}, "give one"),
+        ({"models.classes": "a.toml"}, "give --detector or --detections"),
+        ({"models.detector": "a.onnx", "models.network": "network.onnx"}, "give one of them"),
+        ({"models.detector": "a.onnx", "candidates.judge": "report"}, "preset default"),
+    ],
+)
+def test_options_that_exclude_each_other_are_refused(options, words):
+    with pytest.raises(UsageError, match=words):
+        load_settings("default", None, [], options)

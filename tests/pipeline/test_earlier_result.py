@@ -1,0 +1,135 @@
+"""A run replaces its own earlier result, and nothing else unasked."""
+
+import hashlib
+import json
+
+import pytest
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.earlier_result import TABLES, check_earlier, log_fingerprint
+from wayside.pipeline.output_folder import RECORDING
+from wayside.schemas.errors import OutputError, UsageError
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "drive.mcap"
+    path.write_bytes(b"a drive")
+    return path
+
+
+@pytest.fixture
+def out(tmp_path, log):
+    """A result of the log."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    run = {"wayside": "0.1.0", "log": log.name, "log_path": str(log), "files": {}}
+    run |= {"log_fingerprint": log_fingerprint(log), "view_images": None, "recording": None}
+    for name in TABLES:
+        (folder / name).write_text(name)
+        digest = hashlib.sha256(name.encode()).hexdigest()
+        run["files"][name] = {"rows": 1, "sha256": digest}
+    (folder / "run.json").write_text(json.dumps(run))
+    return folder
+
+
+def change(out, **values):
+    path = out / "run.json"
+    run = json.loads(path.read_text()) | values
+    path.write_text(json.dumps({k: v for k, v in run.items() if v != "absent"}))
+
+
+def test_an_empty_folder_or_none_is_free(tmp_path, log):
+    assert not check_earlier(tmp_path / "none", log).recorded
+    (tmp_path / "notes.txt").write_text("mine")
+    assert not check_earlier(tmp_path, log).recorded
+
+
+def test_a_result_of_the_same_log_is_replaced(out, log):
+    check_earlier(out, log).check_recording()
+
+
+def test_the_log_may_have_moved(out, log):
+    moved = log.rename(log.with_name("moved.mcap"))
+    check_earlier(out, moved)
+
+
+def test_another_log_of_the_same_path_is_another_log(out, log):
+    log.write_bytes(b"b drive")
+    with pytest.raises(OutputError, match="--overwrite") as caught:
+        check_earlier(out, log)
+    assert f"found the result of {log} (another log)" in str(caught.value)
+    assert caught.value.exit_status == 5
+    check_earlier(out, log, overwrite=True)
+
+
+def test_a_result_that_states_no_fingerprint_is_known_by_the_path_of_its_log(out, log, tmp_path):
+    change(out, log_fingerprint="absent", recording="absent")
+    check_earlier(out, log)
+    other = tmp_path / "other" / log.name
+    other.parent.mkdir()
+    other.write_bytes(log.read_bytes())
+    with pytest.raises(OutputError, match="another log"):
+        check_earlier(out, other)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_that_was_changed_since_is_kept(out, log, name):
+    (out / name).write_text("mine")
+    with pytest.raises(OutputError, match=f"found {name} .not as the run.json there states it"):
+        check_earlier(out, log)
+
+
+@pytest.mark.parametrize("name", [*TABLES, "run.json"])
+def test_files_of_the_names_of_a_result_that_are_none_are_kept(tmp_path, log, name):
+    (tmp_path / name).write_text('{"files": {}}')
+    with pytest.raises(OutputError, match=f"found {name} .no result of wayside"):
+        check_earlier(tmp_path, log)
+
+
+def test_a_link_that_leads_nowhere_is_kept(tmp_path, log):
+    (tmp_path / TABLES[0]).symlink_to(tmp_path / "none")
+    with pytest.raises(OutputError, match="no result"):
+        check_earlier(tmp_path, log)
+
+
+def test_a_result_that_lost_a_table_is_replaced(out, log):
+    (out / TABLES[0]).unlink()
+    check_earlier(out, log)
+
+
+def test_a_recording_goes_with_its_result_and_another_one_stays(out, log):
+    (out / RECORDING).write_text("mine")
+    found = check_earlier(out, log)
+    assert not found.recorded
+    with pytest.raises(OutputError, match=RECORDING):
+        found.check_recording()
+    check_earlier(out, log, overwrite=True).check_recording()
+    change(out, recording=RECORDING)
+    found = check_earlier(out, log)
+    assert found.recorded
+    found.check_recording()
+
+
+def test_before_recordings_were_stated_a_viewer_meant_one(out, log):
+    change(out, recording="absent", view_images="all")
+    assert check_earlier(out, log).recorded
+
+
+def test_of_several_logs_all_places_are_looked_at_before_the_first_is_run(tmp_path):
+    logs = [tmp_path / name for name in ("a.mcap", "b.mcap")]
+    for log in logs:
+        log.write_text("no log, which a run would say")
+    (tmp_path / "out" / "b").mkdir(parents=True)
+    (tmp_path / "out" / "b" / TABLES[0]).write_text("mine")
+    line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
+    with pytest.raises(OutputError, match="b: wanted to write the result here"):
+        app(line, standalone_mode=False)
+    assert not (tmp_path / "out" / "a").exists()
+
+
+def test_logs_of_one_name_would_have_one_folder_and_are_refused(tmp_path):
+    logs = [tmp_path / name / "drive.mcap" for name in ("a", "b")]
+    line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
+    with pytest.raises(UsageError, match="one by one"):
+        app(line, standalone_mode=False)

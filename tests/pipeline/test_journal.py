@@ -1,0 +1,145 @@
+"""What is kept of an image comes back as it was, and a journal of something else is not used."""
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.pipeline.journal import JOURNAL, Journal, journal_key, remove_journal
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.detections import Candidates, Detections, Features, Regions, Segmentation
+from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.frame import Frame, Image
+
+KEY = {"log": "a"}
+
+
+def image(index):
+    return Image(Frame(index, index, None, "used", "jpeg", b"", None), None, None)
+
+
+def detections(index, rows=5, points=7, optional=True):
+    rng = np.random.default_rng(index)
+    box = rng.random((rows, 4)).astype(np.float32)
+    area = rng.integers(0, 9, rows).astype(np.int32)
+    rgb = rng.random((rows, 3)).astype(np.float32)
+    found = Candidates.of(Regions(box, area, rgb, rng.integers(0, 5, rows).astype(np.uint8)))
+    score = np.where(rng.random(rows) < 0.5, np.nan, rng.random(rows)).astype(np.float32)
+    found = dataclasses.replace(found, score=score)
+    if optional:
+        found = dataclasses.replace(found, back_score=-score)
+    features = Features(
+        rng.random((points, 2)).astype(np.float32),
+        rng.integers(0, 256, (points, 32)).astype(np.uint8),
+        *dataclasses.astuple(Features.empty())[2:],
+    )
+    seen = Segmentation(
+        image(index),
+        Regions.empty(),
+        rows + 3,
+        np.zeros((0, 3), np.float32),
+        np.zeros(0, np.float32),
+        (0, 0),
+        left_out=index,
+    )
+    return Detections(seen, found, features)
+
+
+def write(folder, items, key=KEY):
+    journal = Journal(folder, key)
+    assert list(journal.record(iter(items))) == list(items)
+    journal.close()
+    return journal.replayed
+
+
+def assert_same(one, other):
+    assert type(one) is type(other)
+    if dataclasses.is_dataclass(one):
+        for field in dataclasses.fields(one):
+            assert_same(getattr(one, field.name), getattr(other, field.name))
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        assert one.shape == other.shape
+        assert one.tobytes() == other.tobytes()
+        assert other.flags.writeable
+    else:
+        assert one == other
+
+
+@given(rows=st.integers(0, 40), points=st.integers(0, 40), optional=st.booleans())
+def test_what_is_kept_comes_back_bit_by_bit(tmp_path_factory, rows, points, optional):
+    folder = tmp_path_factory.mktemp("out")
+    items = [detections(index, rows, points, optional) for index in (0, 1, 5)]
+    assert write(folder, items) == 0
+    journal = Journal(folder, KEY)
+    assert journal.replayed == 3
+    assert [index in journal for index in range(6)] == [True, True, False, False, False, True]
+    for item in reversed(items):
+        assert_same(item, journal.replay(item.image))
+    journal.close()
+
+
+@given(cut=st.integers(1, 3000))
+def test_a_torn_end_is_cut_off_and_written_again(tmp_path_factory, cut):
+    folder = tmp_path_factory.mktemp("out")
+    items = [detections(index) for index in range(4)]
+    write(folder, items)
+    path = folder / JOURNAL
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-cut])
+    write(folder, items)
+    assert path.read_bytes() == whole
+
+
+def test_an_entry_whose_bytes_have_changed_ends_the_journal(tmp_path):
+    write(tmp_path, [detections(index) for index in range(4)])
+    path = tmp_path / JOURNAL
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    journal = Journal(tmp_path, KEY)
+    assert 0 < journal.replayed < 4
+    journal.close()
+
+
+def test_a_journal_of_something_else_is_begun_anew(tmp_path):
+    write(tmp_path, [detections(0), detections(1)])
+    assert write(tmp_path, [detections(0)], {"log": "b"}) == 0
+    assert write(tmp_path, [], {"log": "b"}) == 1
+
+
+def test_a_link_in_the_place_of_the_journal_is_not_followed(tmp_path):
+    (tmp_path / "precious").write_text("mine")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / JOURNAL).symlink_to(tmp_path / "precious")
+    with pytest.raises(OutputError, match="keep the journal"):
+        Journal(out, KEY)
+    assert (tmp_path / "precious").read_text() == "mine"
+
+
+def test_the_key_changes_with_all_that_a_result_depends_on(tmp_path):
+    log = tmp_path / "drive.mcap"
+    log.write_bytes(b"a drive")
+    plain, _ = load_settings()
+    models = load_models(plain)
+    key = journal_key(log, plain, models)
+    more, _ = load_settings(options={"run.workers": 1})
+    assert journal_key(log, more, models) == key
+    other, _ = load_settings(options={"segment.clusters": 9})
+    assert journal_key(log, other, models) != key
+    log.write_bytes(b"b drive")
+    assert journal_key(log, plain, models) != key
+    with pytest.raises(UsageError, match="--resume"):
+        journal_key(tmp_path / "none.mcap", plain, models)
+
+
+def test_a_journal_goes_when_the_result_stands(tmp_path):
+    write(tmp_path, [detections(0)])
+    remove_journal(tmp_path)
+    remove_journal(tmp_path)
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,139 @@
+"""What comes from a log or a name is shown as it is and acts on nothing."""
+
+import io
+import os
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app, main
+from wayside.pipeline.progress import FrameProgress
+from wayside.pipeline.summary import plain, sign_table
+from wayside.pipeline.visible_text import visible, visible_lines
+
+NASTY = "/cam\x1b]0;owned\x07[/bold][red]\u202e\nforged: line\udcff"
+
+
+@given(st.text())
+def test_visible_text_is_printable_and_printable_text_is_unchanged(text):
+    assert visible(text).isprintable()
+    assert visible(text) == text or not text.isprintable()
+    assert visible_lines("one\ntwo") == "one\ntwo"
+
+
+def test_markup_and_commands_to_the_terminal_are_shown_as_text():
+    screen = io.StringIO()
+    Console(file=screen, force_terminal=True, width=200, highlight=False).print(
+        f"[bold]{plain(NASTY)}[/bold]"
+    )
+    shown = screen.getvalue()
+    assert "[/bold][red]" in shown
+    assert r"\x1b]0;owned\x07" in shown
+    assert "\x1b]" not in shown
+    assert "\nforged" not in shown
+
+
+def test_a_log_whose_name_is_markup_has_a_progress_bar_and_a_table_of_signs():
+    with FrameProgress("[/bold]\x1b[2J.mcap", 10) as progress:
+        assert "\x1b" not in progress.description
+    numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
+    row = dict.fromkeys(numbers, 1.0) | {
+        "sign_id": "[/bold]-0001",
+        "status": "sign",
+        "color": None,
+        "shape": None,
+        "views": 3,
+        "confidence": 0.5,
+    }
+    screen = io.StringIO()
+    Console(file=screen, width=200).print(sign_table([row]))
+    assert "[/bold]-0001" in screen.getvalue()
+
+
+def test_topics_of_any_content_are_listed_without_acting_on_the_terminal(new_nasty_log):
+    shown = CliRunner().invoke(app, ["info", str(new_nasty_log)])
+    assert shown.exit_code == 0
+    assert "\x1b" not in shown.output
+    assert "\nforged" not in shown.output
+    assert r"\x1b]0;owned" in shown.output
+
+
+@pytest.fixture
+def new_nasty_log(tmp_path):
+    from mcap.writer import Writer
+
+    path = tmp_path / "drive.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(library="tests")
+        schema = writer.register_schema("foxglove.CompressedImage\x1b[2J", "jsonschema", b"{}")
+        channel = writer.register_channel(NASTY[:-1], "json", schema)
+        writer.add_message(channel, 1, b"{}", 1, 1)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("command", ["info", "run"])
+def test_a_name_that_is_not_utf8_is_named_in_the_error(tmp_path, monkeypatch, capsys, command):
+    name = os.fsdecode(os.fsencode(str(tmp_path)) + b"/caf\xe9\x1b[2J.mcap")
+    more = ["-o", str(tmp_path / "out")] if command == "run" else []
+    monkeypatch.setattr("sys.argv", ["wayside", command, name, *more])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 3
+    error = capsys.readouterr().err
+    assert r"caf\udce9\x1b[2J.mcap: wanted a log" in error
+
+
+@pytest.mark.parametrize("option", ["26.4", "far", "nan m"])
+@pytest.mark.parametrize("command", ["run", "import"])
+def test_a_spacing_without_a_unit_is_refused_by_every_command(
+    tmp_path, monkeypatch, capsys, command, option
+):
+    more = ["--calibration", "camera.yaml"] if command == "import" else []
+    arguments = [command, "drive.mcap", f"--spacing={option}", *more, "-o", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.argv", ["wayside", *arguments])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "--spacing: wanted a length with its unit" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "a = " + "[" * 50_000, "a = {b = " * 5000])
+def test_a_settings_file_of_endless_depth_is_refused(tmp_path, monkeypatch, capsys, text):
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    monkeypatch.setattr("sys.argv", ["wayside", "settings", "--settings", str(file)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "not valid TOML" in capsys.readouterr().err
+
+
+def test_a_run_json_of_endless_depth_is_refused(tmp_path, monkeypatch, capsys):
+    (tmp_path / "run.json").write_text("[" * 100_000)
+    monkeypatch.setattr("sys.argv", ["wayside", "evidence", str(tmp_path)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 3
+    (tmp_path / "labels.json").write_text('{"signs":' * 50_000)
+    truth = ["--truth", str(tmp_path / "labels.json")]
+    monkeypatch.setattr("sys.argv", ["wayside", "evaluate", str(tmp_path), *truth])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 3
+
+
+def test_thousands_of_cameras_are_named_by_a_handful():
+    from wayside.pipeline.reading.plan import describe_cameras
+
+    cameras = [
+        SimpleNamespace(name=f"/camera{i}" + "x" * i, count=i, image_size=None) for i in range(3000)
+    ]
+    words = describe_cameras(cameras)
+    assert len(words) < 1000
+    assert "and 2994 more" in words

@@ -1,0 +1,160 @@
+"""Files appear whole or not at all, nothing of the user's goes, and a full disk has words."""
+
+import errno
+import os
+import stat
+import subprocess
+from contextlib import contextmanager
+
+import pytest
+
+from wayside.pipeline import writing
+from wayside.pipeline.writing import PART, whole_file, write_file, write_json
+from wayside.schemas.errors import OutputError
+
+
+@contextmanager
+def small_disk(folder, kilobytes):
+    """A file system of its own; skips where none may be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder]
+    if os.name == "nt" or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", folder], check=True)
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_appears_when_its_block_ends(tmp_path):
+    path = tmp_path / "a.bin"
+    with whole_file(path) as stream:
+        stream.write(b"one")
+        assert not path.exists()
+    assert path.read_bytes() == b"one"
+    assert names_in(tmp_path) == ["a.bin"]
+    assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE(umasked(tmp_path))
+
+
+def umasked(folder):
+    plain = folder / "plain"
+    plain.touch()
+    mode = plain.stat().st_mode
+    plain.unlink()
+    return mode
+
+
+def test_an_error_in_the_block_leaves_what_stood_there(tmp_path):
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+
+    def write():
+        with whole_file(path, overwrite=True) as stream:
+            stream.write(b"new")
+            raise ValueError("no more")
+
+    with pytest.raises(ValueError, match="no more"):
+        write()
+    assert path.read_bytes() == b"old"
+    assert names_in(tmp_path) == ["a.bin"]
+
+
+def test_a_file_of_the_users_is_refused_and_kept(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_bytes(b"mine")
+    with pytest.raises(OutputError, match="--overwrite"):
+        write_file(path, b"other")
+    assert path.read_bytes() == b"mine"
+    assert names_in(tmp_path) == ["a.json"]
+    write_file(path, b"other", overwrite=True)
+    assert path.read_bytes() == b"other"
+
+
+def test_the_same_bytes_are_never_refused(tmp_path):
+    for _ in range(2):
+        write_file(tmp_path / "a.bin", b"same")
+
+
+@pytest.mark.parametrize(
+    ("earlier", "refused"),
+    [('{"wanted": 1, "more": 2}', False), ('{"more": 2}', True), ("[1]", True), ("{", True)],
+)
+def test_figures_replace_earlier_figures_and_nothing_else(tmp_path, earlier, refused):
+    path = tmp_path / "figures.json"
+    path.write_text(earlier)
+    if refused:
+        with pytest.raises(OutputError, match="another file of that name"):
+            write_json(path, {"wanted": 3}, ("wanted",))
+        assert path.read_text() == earlier
+    else:
+        write_json(path, {"wanted": 3}, ("wanted",))
+        assert '"wanted": 3' in path.read_text()
+
+
+def test_a_link_in_the_place_of_a_scratch_file_is_not_followed(tmp_path, monkeypatch):
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"precious")
+    monkeypatch.setattr(writing.secrets, "token_hex", lambda n: "00")
+    (tmp_path / f".a.bin.00{PART}").symlink_to(victim)
+    with pytest.raises(OutputError, match="File exists"):
+        write_file(tmp_path / "a.bin", b"other")
+    assert victim.read_bytes() == b"precious"
+
+
+def test_a_link_stays_and_what_it_points_to_is_replaced(tmp_path):
+    (tmp_path / "a.bin").write_bytes(b"old")
+    (tmp_path / "latest").symlink_to("a.bin")
+    write_file(tmp_path / "latest", b"new", overwrite=True)
+    assert (tmp_path / "latest").is_symlink()
+    assert (tmp_path / "a.bin").read_bytes() == b"new"
+
+
+def test_devices_are_written_as_they_are():
+    write_file(writing.Path("/dev/null"), b"gone")
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_is_not(tmp_path):
+    path = tmp_path / "a.bin"
+    (tmp_path / f".a.bin.dead{PART}").write_bytes(b"half")
+    with whole_file(path) as first:
+        first.write(b"first")
+        write_file(path, b"second")
+        assert len(names_in(tmp_path)) == 2
+        with pytest.raises(OutputError, match="another file"):
+            write_file(path, b"third")
+    assert path.read_bytes() == b"first"  # nothing stood there when it began
+    assert names_in(tmp_path) == ["a.bin"]
+
+
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [
+        (errno.ENOSPC, "free some space"),
+        (errno.EDQUOT, "quota"),
+        (errno.EIO, "the disk reports a fault"),
+        (errno.EACCES, "name another file"),
+    ],
+)
+def test_every_reason_has_its_advice(tmp_path, monkeypatch, number, advice):
+    def full(opened):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(writing.os, "fsync", full)
+    with pytest.raises(OutputError, match=advice) as caught:
+        write_file(tmp_path / "a.bin", b"some")
+    assert caught.value.exit_status == 5
+    assert names_in(tmp_path) == []
+
+
+def test_a_full_disk_leaves_the_file_of_before(tmp_path):
+    with small_disk(tmp_path / "disk", 64) as disk:
+        write_file(disk / "a.bin", bytes(20_000))
+        with pytest.raises(OutputError, match="free some space"):
+            write_file(disk / "a.bin", bytes(100_000), overwrite=True)
+        assert (disk / "a.bin").read_bytes() == bytes(20_000)
+        assert names_in(disk) == ["a.bin"]
