@@ -1,6 +1,6 @@
 """Fills disks of many sizes with the files of a run and of other commands, and says what each leaves.
 
-    sudo .venv/bin/python benchmarks/reliability_disk.py recordings/demo.mcap [--sizes 17] [--command .venv/bin/wayside]
+    sudo .venv/bin/python benchmarks/reliability_disk.py recordings/demo.mcap [--sizes 17] [--room 4]
 
 Each size is a tmpfs of its own (mounting one needs root) that holds an old result; a run of the same log with other
 settings is then written over it. Wanted: exit status 5 with words and without a traceback, the old result whole and no
@@ -24,8 +24,6 @@ from reliability_kills import OLD, state, tables_of
 NEW = ("--until", "2.5s", "--observations", "all")
 RECORDED = (*NEW, "--view", "file")
 PAGE_KB = 4
-MOST_ROOM = 4.0
-"""Free space of the largest disk over the size of the new result, whose observations wait uncompressed."""
 
 
 def main() -> int:
@@ -35,6 +33,12 @@ def main() -> int:
     )
     parser.add_argument("log", type=Path)
     parser.add_argument("--sizes", type=int, default=17)
+    parser.add_argument(
+        "--room",
+        type=float,
+        default=4.0,
+        help="free space of the largest disk over the size of the new result",
+    )
     parser.add_argument("--command", default=str(Path(sys.executable).with_name("wayside")))
     args = parser.parse_args()
     left: Counter[tuple[str, ...]] = Counter()
@@ -49,7 +53,7 @@ def main() -> int:
         for trial in range(args.sizes):
             for kind, options in (("tables", NEW), ("tables and recording", RECORDED)):
                 free = (
-                    round(trial * MOST_ROOM * size_kb(rooms[kind]) / (args.sizes - 1) / PAGE_KB)
+                    round(trial * args.room * size_kb(rooms[kind]) / (args.sizes - 1) / PAGE_KB)
                     * PAGE_KB
                 )
                 with disk(work / "disk", size_kb(work / "old") + free) as folder:
