@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 import wayside
+from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.schemas.errors import PARTS_LOST, UsageError, WaysideError
@@ -328,6 +329,7 @@ app.command(
     "`wayside evidence out --log /archive/drive.mcap`"
 )(viewer.evidence)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
+app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 
 
 def main() -> None:

@@ -85,7 +85,7 @@ def import_images(images: list[Path], calibration: Path, spacing_m: float, out: 
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(_image_files(images), key=_natural_key)
+    files = sorted(image_files(images), key=natural_key)
     if not files:
         raise UsageError(
             "wanted images to import, found none; give JPEG or PNG files or folders of them"
@@ -125,7 +125,8 @@ def count_images(files: list[Path]) -> list[int]:
     return [(n - numbers[0]) // step + 1 for n in numbers]
 
 
-def _image_files(paths: list[Path]) -> Iterator[Path]:
+def image_files(paths: list[Path]) -> Iterator[Path]:
+    """Files among `paths` as they are, and the JPEG and PNG files of folders; raises InputError for what is missing."""
     for path in paths:
         if path.is_dir():
             yield from (f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES)
@@ -135,7 +136,7 @@ def _image_files(paths: list[Path]) -> Iterator[Path]:
             raise InputError(f"{path}: wanted an image, found no such file; check the name")
 
 
-def _natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
+def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
     """Numbers in a name compare as numbers: image 2 stands before image 10."""
     pieces = re.split(r"(\d+)", path.name.lower())
     return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in pieces if p], str(path)

@@ -1,0 +1,55 @@
+"""What `wayside calibrate` does: boards where a board is named, else the log of a drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+
+from wayside.pipeline.calibration.board_report import format_boards, headline, parameter_lines
+from wayside.pipeline.calibration.boards import CalibratedImages, Watcher, calibrate_images
+from wayside.pipeline.calibration.coverage import coverage_of, draw_coverage
+from wayside.pipeline.calibration.files import require_free, write_whole
+from wayside.pipeline.reading.camera_file import format_camera
+from wayside.schemas.settings.calibration import BoardSettings
+from wayside.stages.calibration import Board
+
+
+def calibrate_by_boards(
+    paths: list[Path],
+    board: Board,
+    *,
+    model: str,
+    name: str,
+    out: Path | None,
+    coverage: Path | None,
+    overwrite: bool,
+    watch: Watcher = lambda done, total: None,
+) -> str:
+    """Calibrate by images of a board, write the camera and its coverage picture, and give the report.
+
+    The picture goes beside the camera file (`camera.coverage.png`) unless `coverage` names another place.
+
+    Raises
+    ------
+    UsageError, InputError, OutputError
+        As the options, the images and the files are.
+    """
+    settings = BoardSettings()
+    picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
+    files = [path for path in (out, picture) if path is not None]
+    require_free(files, overwrite=overwrite)
+    found = calibrate_images(paths, board, model, settings, watch)
+    if out is not None:
+        text = format_camera(found.calibration.camera, name, _comments(found))
+        write_whole(out, text.encode())
+    if picture is not None:
+        drawn = cv2.imencode(".png", draw_coverage(found, settings.cells))[1]
+        write_whole(picture, drawn.tobytes())
+    report = format_boards(found, coverage_of(found, settings.cells))
+    written = "".join(f"\nwritten: {path}" for path in files)
+    return report + written
+
+
+def _comments(found: CalibratedImages) -> list[str]:
+    return [f"wayside calibrate: {headline(found)}", *parameter_lines(found)]
