@@ -20,6 +20,7 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
+from wayside.stages.calibration import CalibrationWatch, watch_calibration
 from wayside.stages.detection import BoxClassifier, detect, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
@@ -46,6 +47,7 @@ class Flow:
     clock: StageClock
     observer: Observer | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
+    calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
@@ -105,7 +107,8 @@ class Flow:
             "motion",
             estimate_motion(detections, settings=s.motion, ties=s.ties, adjustment=s.adjustment),
         )
-        tracked = stage("track", self._tracked(posed))
+        watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
+        tracked = stage("track", self._tracked(watched))
         located = stage(
             "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
         )
@@ -118,6 +121,10 @@ class Flow:
         laid = georeference(points, settings=s.georeference, motion=s.motion, landmark=s.landmark)
         (path,) = self.drive_stage("georeference", laid)
         return path
+
+    def focal_error(self) -> float | None:
+        """After the last frame: how much too long the focal length is, where the drive says that it is wrong."""
+        return self.calibration.focal_error(self.settings.ties, self.settings.local_adjustment)
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""

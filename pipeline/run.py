@@ -188,6 +188,8 @@ def process_log(
             raise InputError(_no_image(log, statuses))
         path = flow.georeference()
         signs = tuple(flow.signs(path))
+        if (error := flow.focal_error()) is not None:
+            report.notes.append(_wrong_calibration(log, report, error))
     except BaseException:
         writer.discard()
         if observer is not None:
@@ -217,6 +219,14 @@ def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
     if first is not None:
         yield first
         yield from rest
+
+
+def _wrong_calibration(log: Path, report: ReadReport, error: float) -> str:
+    return (
+        f"the calibration ({report.calibration_source}) cannot be right: its focal length is about "
+        f"{100 * abs(error):.0f} % too {'long' if error > 0 else 'short'} for the motion in the images, and positions "
+        f"along the road with it; see `wayside calibrate {log}`"
+    )
 
 
 def _no_image(log: Path, statuses: Counter[str]) -> str:

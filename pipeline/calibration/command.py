@@ -9,9 +9,15 @@ import cv2
 from wayside.pipeline.calibration.board_report import format_boards, headline, parameter_lines
 from wayside.pipeline.calibration.boards import CalibratedImages, Watcher, calibrate_images
 from wayside.pipeline.calibration.coverage import coverage_of, draw_coverage
+from wayside.pipeline.calibration.drive_report import format_drive, not_determined
+from wayside.pipeline.calibration.drive_report import headline as drive_headline
+from wayside.pipeline.calibration.drive_report import parameter_lines as drive_lines
+from wayside.pipeline.calibration.drives import calibrate_log
 from wayside.pipeline.calibration.files import require_free, write_whole
 from wayside.pipeline.reading.camera_file import format_camera
-from wayside.schemas.settings.calibration import BoardSettings
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import Settings
+from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.stages.calibration import Board
 
 
@@ -49,6 +55,34 @@ def calibrate_by_boards(
     report = format_boards(found, coverage_of(found, settings.cells))
     written = "".join(f"\nwritten: {path}" for path in files)
     return report + written
+
+
+def calibrate_by_drive(
+    log: Path,
+    settings: Settings,
+    *,
+    name: str,
+    out: Path | None,
+    overwrite: bool,
+) -> str:
+    """Calibrate by a drive, write the camera, and give the report.
+
+    Raises
+    ------
+    UsageError, InputError, OutputError
+        As the log and the files are; InputError where the drive does not determine the focal length.
+    """
+    calibration = SelfCalibrationSettings()
+    require_free([] if out is None else [out], overwrite=overwrite)
+    found = calibrate_log(log, settings, calibration)
+    if refusal := not_determined(found, calibration):
+        raise InputError(refusal)
+    report = format_drive(found)
+    if out is None:
+        return report
+    comments = [f"wayside calibrate: {drive_headline(found)}", *drive_lines(found)]
+    write_whole(out, format_camera(found.calibration.camera, name, comments).encode())
+    return f"{report}\nwritten: {out}"
 
 
 def _comments(found: CalibratedImages) -> list[str]:

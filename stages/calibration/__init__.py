@@ -9,15 +9,28 @@ from wayside.stages.calibration.board_fit import (
     Parameter,
     calibrate_boards,
 )
+from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
+from wayside.stages.calibration.lens import LENS, changed_camera
+from wayside.stages.calibration.segment import Segment, cut_segments
+from wayside.stages.calibration.watch import CalibrationWatch, watch_calibration
 
 __all__ = [
+    "LENS",
     "LENS_MODELS",
     "Board",
     "BoardCalibration",
     "CalibrationError",
+    "CalibrationWatch",
+    "DriveCalibration",
     "FittedView",
     "FoundBoard",
     "Parameter",
+    "Segment",
     "calibrate_boards",
+    "calibrate_drive",
+    "changed_camera",
+    "cut_segments",
     "find_board",
+    "focal_correction",
+    "watch_calibration",
 ]
