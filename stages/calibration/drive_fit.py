@@ -36,6 +36,7 @@ _LARGEST_STEP = 0.1
 _GAIN = 0.5
 """Iterations end where the cost, twice a logarithm of likelihood, falls by less."""
 _FIRST_ROUNDS, _ROUNDS, _ITERATIONS = 10, 4, 15
+_REWEIGHTINGS, _SAME_FACTOR = 3, 0.95
 _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e3
 
 
@@ -87,7 +88,14 @@ def calibrate_drive(
         What is known of the lens beforehand.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
-    state = _minimise(state, problem)
+    for _ in range(_REWEIGHTINGS):
+        state = _minimise(state, problem)
+        factor = _error_factor(state, problem)
+        if factor > _SAME_FACTOR * problem.weights.factor:
+            break
+        # A wrong lens has larger residuals, which let its errors pass for those of ties.
+        problem = problem._replace(weights=problem.weights._replace(factor=factor))
+        state = _settled(state.segments, state.lens, problem, _ROUNDS)
     covariance, _ = _solve(state, problem, ties)
     count = sum(len(one.track) for one in segments)
     return DriveCalibration(
@@ -108,14 +116,14 @@ def focal_correction(
     ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
     settings: SelfCalibrationSettings,
-) -> tuple[float, float]:
-    """Logarithm of the factor by which the focal length should change, to first order, and its standard error.
+) -> float:
+    """Logarithm of the factor by which the focal length should change, to first order.
 
-    The first step of `calibrate_drive`, for a tenth of its time; the arguments are the same.
+    The first step of `calibrate_drive`, for a tenth of its time; the arguments are the same. It falls short of large
+    errors.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
-    covariance, step = _solve(state, problem, ties)
-    return float(step[0]), sqrt(float(covariance[0, 0]))
+    return float(_solve(state, problem, ties)[1][0])
 
 
 class _Problem(NamedTuple):
@@ -145,12 +153,17 @@ def _start(
     weights = Weights(1.0, adjustment.tie_scale, adjustment.anchor_sigma_px, s.length)
     problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2))
     state = _settled(segments, lens, problem, _FIRST_ROUNDS)
-    here = changed_camera(camera, lens)
-    lengths = [evaluate(one, here, weights)[1] for one in state.segments]
     # Compressed images have larger errors than stated.
-    factor = max(1.0, float(np.median(np.concatenate(lengths))) / _RAYLEIGH_MEDIAN)
-    problem = problem._replace(weights=weights._replace(factor=factor))
+    problem = problem._replace(weights=weights._replace(factor=_error_factor(state, problem)))
     return problem, _settled(state.segments, lens, problem, _FIRST_ROUNDS)
+
+
+def _error_factor(state: _State, problem: _Problem) -> float:
+    """Errors of ties over those stated, by the median residual; 1 at least."""
+    here = changed_camera(problem.camera, state.lens)
+    lengths = [evaluate(one, here, problem.weights)[1] for one in state.segments]
+    median = float(np.median(np.concatenate(lengths)))
+    return max(1.0, problem.weights.factor * median / _RAYLEIGH_MEDIAN)
 
 
 def _minimise(start: _State, problem: _Problem) -> _State:
@@ -229,11 +242,12 @@ def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, 
         result += correlated_covariance(
             segment.end, segment.frames[:, 1], effect, ties.correlation_reach_px
         )
+    step = np.asarray(inverse @ right, np.float64)
     count = len(linear)
     if count > 1:
-        rights = np.array([one.right for one in linear])
-        rights -= rights.mean(axis=0)
+        # What each segment would still change after the step.
+        rights = np.array([one.right - one.matrix @ step for one in linear])
         scatter = inverse @ (rights.T @ rights) @ inverse * count / (count - 1)
         ratio = np.sqrt(np.maximum(1.0, np.diag(scatter) / np.diag(result)))
         result *= np.outer(ratio, ratio)
-    return result, inverse @ right
+    return result, step

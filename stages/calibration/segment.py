@@ -181,8 +181,7 @@ def _ties_of(step: int, motion: Motion, ties: Ties, camera: Camera, sliding_px: 
     return _Ties(
         np.full(len(previous), step, np.int64),
         ties.rows[kept],
-        # Patches are taken around whole pixels.
-        np.rint(distort_points(camera, previous)),
+        distort_points(camera, previous),
         distort_points(camera, current),
         ties.warp[kept],
         0.5 * (camera.fx + camera.fy) * travel,

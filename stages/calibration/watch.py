@@ -82,9 +82,9 @@ class CalibrationWatch:
     ) -> float | None:
         s = self.settings
         sigma_px = s.principal_point * camera.width
-        correction, sigma = focal_correction(segments, camera, sigma_px, ties, adjustment, s)
-        # The first step falls short of a large error: half of both limits is enough to look closer.
-        if abs(correction) <= 0.5 * max(s.check_error, s.check_sigmas * sigma):
+        correction = focal_correction(segments, camera, sigma_px, ties, adjustment, s)
+        # The first step falls short of a large error: half of the limit is enough to look closer.
+        if abs(correction) <= 0.5 * s.check_error:
             return None
         found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
         error = -float(found.lens[0])

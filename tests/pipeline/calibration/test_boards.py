@@ -74,6 +74,7 @@ def test_images_that_are_not_used_are_named_with_the_reason(found):
     assert all(f"{name}" in report and words in report for name, words in why.items())
 
 
+@pytest.mark.slow
 def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
     names = [f"board{i}.png" for i in range(8)]
     for name in names:
