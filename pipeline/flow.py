@@ -20,7 +20,7 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.calibration import CalibrationWatch, watch_calibration
+from wayside.stages.calibration import CalibrationWatch, FocalCheck, watch_calibration
 from wayside.stages.detection import BoxClassifier, detect, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
@@ -122,9 +122,9 @@ class Flow:
         (path,) = self.drive_stage("georeference", laid)
         return path
 
-    def focal_error(self) -> float | None:
-        """After the last frame: how much too long the focal length is, where the drive says that it is wrong."""
-        return self.calibration.focal_error(self.settings.ties, self.settings.local_adjustment)
+    def check_calibration(self) -> FocalCheck:
+        """After the last frame: what the drive says of the focal length."""
+        return self.calibration.check(self.settings.ties, self.settings.local_adjustment)
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""

@@ -25,6 +25,7 @@ from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
+from wayside.stages.calibration import FocalCheck
 
 RECORDING = "drive.rrd"
 """The recording of every step, beside the tables where it is asked for."""
@@ -59,6 +60,7 @@ class RunResult:
     wall_seconds: float
     view_faults: tuple[str, ...] = ()
     view_images: str | None = None
+    focal: FocalCheck = field(default_factory=lambda: FocalCheck(None, None, None))
 
     @property
     def notes(self) -> list[str]:
@@ -188,8 +190,9 @@ def process_log(
             raise InputError(_no_image(log, statuses))
         path = flow.georeference()
         signs = tuple(flow.signs(path))
-        if (error := flow.focal_error()) is not None:
-            report.notes.append(_wrong_calibration(log, report, error))
+        focal = flow.check_calibration()
+        if focal.error is not None:
+            report.notes.append(_wrong_calibration(log, report, focal.error))
     except BaseException:
         writer.discard()
         if observer is not None:
@@ -211,6 +214,7 @@ def process_log(
         wall,
         tuple(faults),
         None if observer is None else observer.images,
+        focal,
     )
     _write_run(run.result, settings, models, arguments)
 
@@ -269,6 +273,7 @@ def _write_run(result: RunResult, settings: Settings, models: Models, arguments:
         "models": models.digests(),
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
+        "focal_length": {"correction": result.focal.correction, "sigma": result.focal.sigma},
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),

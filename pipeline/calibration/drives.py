@@ -13,7 +13,7 @@ from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.plan import check_settings, make_plan
-from wayside.pipeline.reading.survey import survey_log
+from wayside.pipeline.reading.survey import LogSurvey, survey_log
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
@@ -146,12 +146,17 @@ def _plan(
             f"{log}: wanted the size of the images on {plan.camera.name}, found none in their headers; "
             "give a calibration with --calibration camera.yaml"
         )
+    return settings, *_given(survey, settings), size
+
+
+def _given(survey: LogSurvey, settings: ReadSettings) -> tuple[Camera | None, str]:
+    """The camera that the user or the log names, and its source."""
     if settings.calibration:
-        return settings, read_camera_file(Path(settings.calibration)), settings.calibration, size
+        return read_camera_file(Path(settings.calibration)), settings.calibration
     try:
         plan = make_plan(survey, settings, None)
-    except InputError:
-        return settings, None, "", size
+    except InputError:  # a log without calibration
+        return None, ""
     content = None if plan.calibration is None else plan.calibration.first
     camera = content.camera if isinstance(content, CalibrationContent) else plan.camera_given
-    return settings, camera, plan.calibration_source, size
+    return camera, plan.calibration_source

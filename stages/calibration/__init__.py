@@ -12,7 +12,7 @@ from wayside.stages.calibration.board_fit import (
 from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment, cut_segments
-from wayside.stages.calibration.watch import CalibrationWatch, watch_calibration
+from wayside.stages.calibration.watch import CalibrationWatch, FocalCheck, watch_calibration
 
 __all__ = [
     "LENS",
@@ -23,6 +23,7 @@ __all__ = [
     "CalibrationWatch",
     "DriveCalibration",
     "FittedView",
+    "FocalCheck",
     "FoundBoard",
     "Parameter",
     "Segment",

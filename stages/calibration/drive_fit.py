@@ -116,14 +116,15 @@ def focal_correction(
     ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
     settings: SelfCalibrationSettings,
-) -> float:
-    """Logarithm of the factor by which the focal length should change, to first order.
+) -> tuple[float, float]:
+    """Logarithm of the factor by which the focal length should change, to first order, and its standard error.
 
     The first step of `calibrate_drive`, for a tenth of its time; the arguments are the same. It falls short of large
     errors.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
-    return float(_solve(state, problem, ties)[1][0])
+    covariance, step = _solve(state, problem, ties)
+    return float(step[0]), sqrt(float(covariance[0, 0]))
 
 
 class _Problem(NamedTuple):

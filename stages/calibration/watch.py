@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import acos, exp
+from math import acos, exp, isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,18 @@ def watch_calibration(
         if item.motion is not None and item.frame.camera is not None:
             watch.add(item.motion, item.frame.camera)
         yield item
+
+
+class FocalCheck(NamedTuple):
+    """What a drive says of the focal length it was processed with.
+
+    correction: relative change that it asks for, to first order, and its standard error sigma (None: it says nothing);
+    error: how much too long the focal length is, relatively, where it cannot be right, else None.
+    """
+
+    correction: float | None
+    sigma: float | None
+    error: float | None
 
 
 @dataclass(slots=True)
@@ -54,39 +67,44 @@ class CalibrationWatch:
         self.kept.sort(key=lambda one: -one[0])
         del self.kept[self.settings.check_segments :]
 
-    def focal_error(self, ties: TieSettings, adjustment: LocalAdjustmentSettings) -> float | None:
-        """How much longer, relatively, the given focal length is than the drive's; None where they agree or it is open.
+    def check(self, ties: TieSettings, adjustment: LocalAdjustmentSettings) -> FocalCheck:
+        """Compare the focal length with that of the segments kept.
 
-        They disagree where the adjustment exceeds both limits of the settings.
+        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits of the settings.
         """
-        if self.camera is None:
-            return None
-        s, camera = self.settings, self.camera
         parts = [motions for _, motions in self.kept] or [self.current]
+        camera, s = self.camera, self.settings
+        if camera is None:
+            return _NOTHING
         segments = [
             one for part in parts for one in cut_segments(part, camera, ties, adjustment, s)
         ]
         if not segments:
-            return None
+            return _NOTHING
         try:
-            return self._error_by(segments, camera, ties, adjustment)
+            return _check(segments, camera, ties, adjustment, s)
         except np.linalg.LinAlgError:  # ties that determine nothing
-            return None
+            return _NOTHING
 
-    def _error_by(
-        self,
-        segments: list[Segment],
-        camera: Camera,
-        ties: TieSettings,
-        adjustment: LocalAdjustmentSettings,
-    ) -> float | None:
-        s = self.settings
-        sigma_px = s.principal_point * camera.width
-        correction = focal_correction(segments, camera, sigma_px, ties, adjustment, s)
-        # The first step falls short of a large error: half of the limit is enough to look closer.
-        if abs(correction) <= 0.5 * s.check_error:
-            return None
-        found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
-        error = -float(found.lens[0])
-        limit = max(s.check_error, s.check_sigmas * found.focal_sigma)
-        return exp(error) - 1 if abs(error) > limit else None
+
+def _check(
+    segments: list[Segment],
+    camera: Camera,
+    ties: TieSettings,
+    adjustment: LocalAdjustmentSettings,
+    settings: SelfCalibrationSettings,
+) -> FocalCheck:
+    s, sigma_px = settings, settings.principal_point * camera.width
+    correction, sigma = focal_correction(segments, camera, sigma_px, ties, adjustment, s)
+    if not (isfinite(correction) and isfinite(sigma)):
+        return _NOTHING
+    # The first step falls short of a large error: half of the limit is enough to look closer.
+    if abs(correction) <= 0.5 * s.check_error:
+        return FocalCheck(correction, sigma, None)
+    found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
+    error = -float(found.lens[0])
+    limit = max(s.check_error, s.check_sigmas * found.focal_sigma)
+    return FocalCheck(correction, sigma, exp(error) - 1 if abs(error) > limit else None)
+
+
+_NOTHING = FocalCheck(None, None, None)

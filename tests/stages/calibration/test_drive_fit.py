@@ -83,7 +83,7 @@ def test_the_first_order_correction_points_to_the_truth(curve):
     for factor in (0.9, 1.1):
         camera = scaled(true, factor)
         segments = cut_segments([item.motion for item in items], camera, *ERRORS, CALIBRATION)
-        correction = focal_correction(segments, camera, 5.0, *ERRORS, CALIBRATION)
+        correction, _ = focal_correction(segments, camera, 5.0, *ERRORS, CALIBRATION)
         assert 0.03 < -np.sign(np.log(factor)) * correction < 0.2
 
 
@@ -106,7 +106,7 @@ def watched(items, factor):
         for item in items
     ]
     assert list(watch_calibration(iter(changed), watch)) == changed
-    return watch.focal_error(*ERRORS)
+    return watch.check(*ERRORS).error
 
 
 def test_a_run_notices_a_focal_length_that_cannot_be_right(curve):
@@ -116,7 +116,7 @@ def test_a_run_notices_a_focal_length_that_cannot_be_right(curve):
 def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, straight):
     assert watched(curve[0], 1.0) is None
     assert watched(straight[0], 1.0) is None
-    assert CalibrationWatch().focal_error(*ERRORS) is None
+    assert CalibrationWatch().check(*ERRORS) == (None, None, None)
     assert watched(curve[0][:1], 1.15) is None
 
 
