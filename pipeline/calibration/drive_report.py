@@ -9,8 +9,8 @@ from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration import LENS, changed_camera
 
 WHAT_DETERMINES = (
-    "straight driving says nothing of the focal length: take a drive with curves, of which one turns by 30 degrees or "
-    "more, with poses if there are any, or photograph a board (wayside calibrate IMAGES --board 9x6)"
+    "straight driving says nothing of the focal length: take a drive with curves, with poses if there are any, or "
+    "photograph a board (wayside calibrate IMAGES --board 9x6)"
 )
 
 
