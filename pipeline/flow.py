@@ -124,7 +124,10 @@ class Flow:
 
     def check_calibration(self) -> FocalCheck:
         """After the last frame: what the drive says of the focal length."""
-        return self.calibration.check(self.settings.ties, self.settings.local_adjustment)
+        ties, adjustment = self.settings.ties, self.settings.local_adjustment
+        checks = (watch.check(ties, adjustment) for watch in (self.calibration,))
+        (found,) = self.clock.timed_drive("calibration", checks)
+        return found
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""

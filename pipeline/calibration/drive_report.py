@@ -61,7 +61,7 @@ def not_determined(found: CalibratedDrive, settings: SelfCalibrationSettings) ->
         return ""
     return (
         f"{found.log}: wanted a drive that determines the focal length to {100 * settings.largest_sigma:g} %, "
-        f"found one whose standard error is {100 * sigma:.1f} % ({headline(found)}); {WHAT_DETERMINES}"
+        f"found one whose standard error is {100 * sigma:.2f} % ({headline(found)}); {WHAT_DETERMINES}"
     )
 
 

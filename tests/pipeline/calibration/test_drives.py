@@ -44,7 +44,7 @@ def test_a_drive_that_does_not_determine_the_focal_length_is_told_with_its_error
     settings = SelfCalibrationSettings()
     assert not not_determined(result(0.029), settings)
     words = not_determined(result(0.182), settings)
-    assert "standard error is 18.2 %" in words
+    assert "standard error is 18.20 %" in words
     assert "curves" in words
 
 
