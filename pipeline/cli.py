@@ -11,6 +11,7 @@ import typer
 
 import wayside
 from wayside.pipeline import cli_boxes as boxes
+from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import check_folders, exit_with, process
@@ -329,6 +330,7 @@ app.command(
     "`wayside evidence out --log /archive/drive.mcap`"
 )(viewer.evidence)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
+app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 
 
 def main() -> None:

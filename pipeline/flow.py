@@ -22,6 +22,7 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
+from wayside.stages.calibration import CalibrationWatch, FocalCheck, watch_calibration
 from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
@@ -56,6 +57,7 @@ class Flow:
     observer: Observer | None = None
     journal: Journal | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
+    calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
@@ -149,7 +151,8 @@ class Flow:
             "motion",
             estimate_motion(detections, settings=s.motion, ties=s.ties, adjustment=s.adjustment),
         )
-        tracked = stage("track", self._tracked(posed))
+        watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
+        tracked = stage("track", self._tracked(watched))
         by_report = s.candidates.judge == "report"
         refusing = m.location_classes if by_report else None  # else a term of the evidence
         located = stage("location", classify_location(tracked, model=refusing, settings=s.locate))
@@ -162,6 +165,13 @@ class Flow:
         laid = georeference(points, settings=s.georeference, motion=s.motion, landmark=s.landmark)
         (path,) = self.drive_stage("georeference", laid)
         return path
+
+    def check_calibration(self) -> FocalCheck:
+        """After the last frame: what the drive says of the focal length."""
+        ties, adjustment = self.settings.ties, self.settings.local_adjustment
+        checks = (watch.check(ties, adjustment) for watch in (self.calibration,))
+        (found,) = self.clock.timed_drive("calibration", checks)
+        return found
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""

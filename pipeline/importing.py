@@ -94,7 +94,7 @@ def import_images(
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(_image_files(images), key=natural_key)
+    files = sorted(image_files(images), key=natural_key)
     if not files:
         raise UsageError(
             "wanted images to import, found none; give JPEG or PNG files or folders of them"
@@ -123,7 +123,8 @@ def count_images(files: list[Path]) -> list[int]:
     return [(n - numbers[0]) // step + 1 for n in numbers]
 
 
-def _image_files(paths: list[Path]) -> Iterator[Path]:
+def image_files(paths: list[Path]) -> Iterator[Path]:
+    """Files among `paths` as they are, and the JPEG and PNG files of folders; raises InputError for what is missing."""
     for path in paths:
         if path.is_dir():
             yield from (f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES)

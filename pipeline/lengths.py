@@ -12,6 +12,7 @@ METRES_IN_FOOT = 0.3048
 _UNITS = {
     "m": 1.0,
     "cm": 0.01,
+    "mm": 0.001,
     "metre": 1.0,
     "metres": 1.0,
     "meter": 1.0,
@@ -28,7 +29,7 @@ _SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
 
 
 def parse_length(text: str) -> float:
-    """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'", "10cm", "30in".
+    """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'", "10cm", "25.4mm", "30in".
 
     Raises
     ------

@@ -34,6 +34,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
+from wayside.stages.calibration import FocalCheck
 
 Watcher = Callable[[TrackedFrame, ReadReport], None]
 
@@ -82,6 +83,7 @@ class RunResult:
     """Whether the recording of every step is whole; None where none was asked for."""
     replayed: int | None = None
     """Frames whose candidates came from the journal of a run before; None where none was kept."""
+    focal: FocalCheck = field(default_factory=lambda: FocalCheck(None, None, None))
 
     @property
     def notes(self) -> list[str]:
@@ -266,6 +268,9 @@ def _process(
         boxes = None if accounting is None else accounting.report()
         path = flow.georeference()
         signs = tuple(flow.signs(path))
+        focal = flow.check_calibration()
+        if focal.error is not None:
+            report.notes.append(_wrong_calibration(log, report, focal.error))
     except BaseException:
         writer.discard()
         if observer is not None:
@@ -295,6 +300,7 @@ def _process(
         boxes,
         recorded,
         None if journal is None else journal.replayed,
+        focal,
     )
 
 
@@ -302,6 +308,14 @@ def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
     if first is not None:
         yield first
         yield from rest
+
+
+def _wrong_calibration(log: Path, report: ReadReport, error: float) -> str:
+    return (
+        f"the calibration ({report.calibration_source}) cannot be right: its focal length is about "
+        f"{100 * abs(error):.0f} % too {'long' if error > 0 else 'short'} for the motion in the images, and positions "
+        f"along the road with it; see `wayside calibrate {log}`"
+    )
 
 
 def _no_image(log: Path, statuses: Counter[str]) -> str:
@@ -337,6 +351,7 @@ def _write_run(
         "detector": None if result.boxes is None else result.boxes.source,
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
+        "focal_length": {"correction": result.focal.correction, "sigma": result.focal.sigma},
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,34 @@ def parse_camera(text: str, name: str) -> Camera:
             f"{name}: wanted a camera calibration (ROS camera_info YAML), found {what}; "
             f"such a file has {_EXAMPLE}"
         ) from error
+
+
+def format_camera(camera: Camera, name: str, comments: Sequence[str] = ()) -> str:
+    """Text of a ROS camera_info YAML file of a camera, which `parse_camera` reads back to the same camera.
+
+    `comments` are lines at its head. The images are not rectified: the rectification is the identity, and the
+    projection that of the camera matrix.
+    """
+    c = camera
+    matrix = [c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]
+    projection = [c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    distortion = list(c.distortion or (0.0,) * 5)
+    content = {
+        "image_width": c.width,
+        "image_height": c.height,
+        "camera_name": name,
+        "camera_matrix": _matrix(3, 3, matrix),
+        "distortion_model": "plumb_bob" if len(distortion) <= 5 else "rational_polynomial",
+        "distortion_coefficients": _matrix(1, len(distortion), distortion),
+        "rectification_matrix": _matrix(3, 3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        "projection_matrix": _matrix(3, 4, projection),
+    }
+    head = "".join(f"# {line}\n" for line in comments)
+    return head + yaml.safe_dump(content, sort_keys=False, width=1000, default_flow_style=None)
+
+
+def _matrix(rows: int, columns: int, data: list[float]) -> dict[str, int | list[float]]:
+    return {"rows": rows, "cols": columns, "data": [float(value) for value in data]}
 
 
 def _numbers(entry: Any) -> tuple[float, ...]:

@@ -70,6 +70,8 @@ Content = ImageContent | CalibrationContent | PoseContent | FixContent
 
 _SUPPORTED_LENSES = {"", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"}
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+_ROUNDING = 1e-9
+"""Entries of a camera matrix smaller than this, relative to its focal length, are errors of rounding."""
 _LARGEST_IMAGE_PX = 200_000_000
 """The largest survey cameras have 150 million; each pixel takes some dozen bytes while its image is processed."""
 _NARROWEST_DEG, _WIDEST_DEG = 0.1, 170.0
@@ -90,7 +92,7 @@ def make_camera(
     Raises
     ------
     ContentError
-        The camera is not calibrated, or its lens is none that can be used.
+        The camera is not calibrated, its pixels are skewed, or its lens is none that can be used.
     """
     if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
         raise ContentError("it has no focal length (not calibrated)")
@@ -115,6 +117,13 @@ def make_camera(
         )
     if len(d) not in _COEFFICIENTS:
         raise ContentError(f"its lens has {len(d)} coefficients; 0, 4, 5 or 8 are understood")
+    if abs(k[1]) > _ROUNDING * k[0]:
+        raise ContentError(
+            f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "
+            "calibrate with skew fixed at 0"
+        )
+    if max(abs(k[3]), abs(k[6]), abs(k[7])) > _ROUNDING * k[0] or abs(k[8] - 1) > _ROUNDING:
+        raise ContentError("its camera matrix is not of the form fx 0 cx, 0 fy cy, 0 0 1")
     return Camera(size[0], size[1], k[0], k[4], k[2], k[5], d)
 
 

@@ -79,7 +79,9 @@ class _Waiting:
     image: ImageContent | None
 
 
-def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Iterator[Frame]:
+def read_frames(
+    path: Path, settings: ReadSettings, report: ReadReport, camera: Camera | None = None
+) -> Iterator[Frame]:
     """Frames of a log's chosen camera, every image message one, in file order.
 
     Images that do not take part come too, with their status and without data. Memory is bounded by one chunk and the
@@ -93,6 +95,8 @@ def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Itera
         Camera, calibration, part and thinning.
     report
         Filled while the frames are taken.
+    camera
+        Replaces the calibrations of the log and of the settings.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Itera
     InputError
         The log cannot be used; at once, or at the end where no image has the size of its calibration.
     """
-    plan = plan_reading(path, settings)
+    plan = plan_reading(path, settings, camera)
     report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
     report.camera_frame = plan.camera_frame
     report.motion_source = plan.motion_source

@@ -71,8 +71,8 @@ def check_settings(settings: ReadSettings) -> None:
             raise UsageError(f"{option}: wanted {want}, found {found:g}; change or leave it out")
 
 
-def plan_reading(path: Path, settings: ReadSettings) -> Plan:
-    """Survey a log as far as needed, and choose what is read of it.
+def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = None) -> Plan:
+    """Survey a log as far as needed, and choose what is read of it; `camera` replaces every calibration.
 
     Raises
     ------
@@ -82,7 +82,9 @@ def plan_reading(path: Path, settings: ReadSettings) -> Plan:
         The log has no images, no calibration, or nothing that tells how the camera moved.
     """
     check_settings(settings)
-    given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
+    given = camera
+    if given is None and settings.calibration:
+        given = read_camera_file(Path(settings.calibration))
     survey = survey_log(
         path,
         whole=False,

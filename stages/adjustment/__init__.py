@@ -12,6 +12,7 @@ from wayside.stages.adjustment.residuals import (
     constraint_jacobian,
     constraint_residuals,
 )
+from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks
 
 __all__ = [
     "QUADRATIC",
@@ -23,4 +24,6 @@ __all__ = [
     "constraint_residuals",
     "correlated_covariance",
     "correlated_sigma_px",
+    "link_tracks",
+    "select_tracks",
 ]

@@ -27,10 +27,11 @@ from wayside.stages.adjustment import (
     adjust_window,
     correlated_covariance,
     correlated_sigma_px,
+    link_tracks,
+    select_tracks,
 )
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
 from wayside.stages.mapping.window import WindowFrame
 
 

@@ -2,7 +2,7 @@
 
 from wayside.stages.odometry.coarse_pose import fit_coarse_motion
 from wayside.stages.odometry.epipolar import sampson_px
-from wayside.stages.odometry.features import extract_features
+from wayside.stages.odometry.features import extract_features, tie_corners
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import RelativePose, fit_relative_pose
@@ -21,4 +21,5 @@ __all__ = [
     "fit_coarse_motion",
     "fit_relative_pose",
     "sampson_px",
+    "tie_corners",
 ]

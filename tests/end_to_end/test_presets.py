@@ -54,6 +54,7 @@ def digest_of(result):
             name: dict(sorted(Counter(row[name] or "none" for row in result.observations).items()))
             for name in OBSERVED
         },
+        "focal_length": {k: round(v or 0.0, 4) for k, v in result.about["focal_length"].items()},
         "camera_height_m": round(result.about["camera_height_m"], 3),
         "stations_m": [round(row["station_m"], 3) for row in result.frames],
         "ties": sum(row["ties"] or 0 for row in result.frames),
@@ -113,6 +114,12 @@ def test_the_camera_moves_the_same_way(found, pinned):
     assert found["camera_height_m"] == pytest.approx(pinned["camera_height_m"], abs=PLACE_M)
     assert found["ties"] == pytest.approx(pinned["ties"], rel=0.01)
     assert found["adjusted"] == pinned["adjusted"]
+
+
+def test_the_focal_length_is_checked_and_found_right(found, pinned):
+    checked = found["focal_length"]
+    assert checked == pytest.approx(pinned["focal_length"], abs=0.002)
+    assert abs(checked["correction"]) < 2 * checked["sigma"] < 0.05
 
 
 def test_the_default_finds_every_panel_that_stands_there_and_no_other(default_demo, truth):

@@ -1,6 +1,10 @@
-import pytest
+from dataclasses import replace
 
-from wayside.pipeline.reading.camera_file import parse_camera, read_camera_file
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.pipeline.reading.camera_file import format_camera, parse_camera, read_camera_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
@@ -71,6 +75,8 @@ def test_a_matrix_as_rows_is_read():
             + ROS.replace("[438.78", "*b #"),
             "",
         ),
+        (ROS.replace("438.78, 0.,", "438.78, 0.3,"), "skew (0.3 px)"),
+        (ROS.replace("243.74, 0., 0., 1.]", "243.74, 0., 0.01, 1.]"), "not of the form"),
     ],
 )
 def test_what_is_no_calibration_says_why(text, found):
@@ -82,3 +88,32 @@ def test_what_is_no_calibration_says_why(text, found):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"camera.yaml.*check the name"):
         read_camera_file(tmp_path / "camera.yaml")
+
+
+def test_a_skew_of_rounding_is_none():
+    assert parse_camera(ROS.replace("438.78, 0.,", "438.78, 1e-12,"), "camera.yaml") == CAMERA
+
+
+finite = st.floats(-1e3, 1e3)
+cameras = st.integers(1, 9999).flatmap(
+    lambda side: st.builds(
+        Camera,
+        st.just(side),
+        st.just(side),
+        st.floats(0.5 * side, 100 * side),
+        st.floats(0.5 * side, 100 * side),
+        st.floats(0, side),
+        st.floats(0, side),
+        st.sampled_from((4, 5, 8)).flatmap(
+            lambda n: st.lists(finite, min_size=n, max_size=n).map(tuple)
+        ),
+    )
+)
+
+
+@given(camera=cameras, name=st.text(max_size=20))
+def test_a_written_camera_is_read_back_as_it_was(camera, name):
+    text = format_camera(camera, name, ["a line", "fx 3 +- 1: # [x]"])
+    assert parse_camera(text, "camera.yaml") == (
+        camera if any(camera.distortion) else replace(camera, distortion=())
+    )

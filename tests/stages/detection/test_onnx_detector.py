@@ -115,7 +115,7 @@ def test_the_corners_of_the_image_are_where_scale_and_border_say(width, height, 
     np.testing.assert_allclose(last, border + scale * [width, height], atol=1e-3)
     if not whole:
         assert (last - first == size[::-1]).any()
-        assert abs(scale[0] / scale[1] - 1) <= 0.5 / min(last - first) + 1e-6
+        assert abs(scale[0] / scale[1] - 1) <= 0.5 / (min(last - first) - 0.5) + 1e-6
 
 
 def test_of_boxes_on_one_face_the_best_stays_whatever_its_class():

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.stages.mapping.tie_tracks import link_tracks, select_tracks
+from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks
 
 
 def test_ties_that_end_and_start_at_the_same_corner_are_one_track():

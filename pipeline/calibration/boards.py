@@ -1,0 +1,177 @@
+"""Images of a chessboard to a camera: which images are used, and which not and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.importing import image_files, natural_key
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.settings.calibration import BoardSettings
+from wayside.stages.calibration import (
+    LENS_MODELS,
+    Board,
+    BoardCalibration,
+    CalibrationError,
+    FittedView,
+    calibrate_boards,
+    find_board,
+)
+from wayside.stages.kernels import Array
+
+Size = tuple[int, int]
+Watcher = Callable[[int, int], None]
+
+_AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+"""The calibration belongs to the pixels as the sensor gave them: a rotation noted in EXIF is not applied."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardImage:
+    """An image given: its size (None: it does not decode), corners (n, 2) or None, and why it has none."""
+
+    path: Path
+    size: Size | None
+    corners: Array | None
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedImages:
+    """A calibration with all images given, in natural order of their names; views count those with corners."""
+
+    board: Board
+    model: str
+    images: tuple[BoardImage, ...]
+    calibration: BoardCalibration
+
+    @property
+    def seen(self) -> list[tuple[BoardImage, FittedView]]:
+        """Images whose corners were found, each with its place in the fit."""
+        found = [image for image in self.images if image.corners is not None]
+        return [(found[view.index], view) for view in self.calibration.views]
+
+    @property
+    def failed(self) -> list[BoardImage]:
+        """Images without corners."""
+        return [image for image in self.images if image.corners is None]
+
+
+def parse_board(text: str, square_m: float) -> Board:
+    """The board of "9x6": inner corners along both sides. Raises UsageError."""
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
+        raise UsageError(
+            f"--board: wanted the inner corners along both sides, 3 or more each, found {text!r}; "
+            "a board of 10 x 7 squares is 9x6"
+        )
+    return Board(int(columns), int(rows), square_m)
+
+
+def calibrate_images(
+    paths: list[Path],
+    board: Board,
+    model: str,
+    settings: BoardSettings,
+    watch: Watcher = lambda done, total: None,
+) -> CalibratedImages:
+    """Calibrate a camera by images of a chessboard.
+
+    Images of another size than most are refused by name, as they are of another camera, or cut or scaled.
+
+    Parameters
+    ----------
+    paths
+        Image files, and folders of them.
+    board, model, settings
+        The board, a lens model and what decides about views.
+    watch
+        Told after each image how many of how many are done.
+
+    Raises
+    ------
+    UsageError
+        An unknown lens model, or no image among the paths.
+    InputError
+        The images do not determine a camera; the message names each image that was not used and why.
+    """
+    if model not in LENS_MODELS:
+        raise UsageError(
+            f"--model: wanted {' or '.join(LENS_MODELS)}, found {model}; "
+            "other lens models are not read by wayside"
+        )
+    files = sorted(image_files(paths), key=natural_key)
+    if not files:
+        raise UsageError("wanted images of a board, found none; give image files or a folder")
+    decoded = [_size_of(file) for file in files]
+    wanted = _common_size(files, decoded)
+    images = []
+    for file, size in zip(files, decoded, strict=True):
+        images.append(_look(file, size, wanted, board, settings))
+        watch(len(images), len(files))
+    views = [image.corners for image in images if image.corners is not None]
+    try:
+        calibration = calibrate_boards(views, board, wanted, model, settings)
+    except CalibrationError as error:
+        reasons = "".join(f"\n  {i.path}: {i.why}" for i in images if i.corners is None)
+        raise InputError(f"{error}{reasons}") from error
+    return CalibratedImages(board, model, tuple(images), calibration)
+
+
+def _common_size(files: list[Path], sizes: list[Size | None]) -> Size:
+    counts = Counter(size for size in sizes if size is not None)
+    if not counts:
+        raise InputError(
+            f"{files[0]}: wanted images of a board, found none that decodes among {len(files)} files; "
+            "give JPEG or PNG files"
+        )
+    size, count = counts.most_common(1)[0]
+    if 2 * count <= sum(counts.values()):
+        listed = "; ".join(
+            f"{w} x {h}: {', '.join(f.name for f, s in zip(files, sizes, strict=True) if s == (w, h))}"
+            for w, h in counts
+        )
+        raise InputError(
+            f"wanted images of one camera and size, found {len(counts)} sizes ({listed}); "
+            "calibrate each camera by itself"
+        )
+    return size
+
+
+def _size_of(file: Path) -> Size | None:
+    grey = _read(file)
+    return None if grey is None else (grey.shape[1], grey.shape[0])
+
+
+def _look(
+    file: Path, size: Size | None, wanted: Size, board: Board, settings: BoardSettings
+) -> BoardImage:
+    if size is None:
+        return BoardImage(file, None, None, "no image that can be decoded")
+    if size != wanted:
+        words = f"{size[0]} x {size[1]} pixels, while most have {wanted[0]} x {wanted[1]}"
+        return BoardImage(file, size, None, words)
+    grey = _read(file)
+    if grey is None or (grey.shape[1], grey.shape[0]) != size:
+        raise InputError(f"{file}: wanted the image read before, found another; do not change it")
+    found = find_board(grey, board, settings)
+    return BoardImage(file, size, found.corners, found.why)
+
+
+def _read(file: Path) -> NDArray[np.uint8] | None:
+    try:
+        data = np.frombuffer(file.read_bytes(), np.uint8)
+        decoded = cv2.imdecode(data, _AS_STORED) if len(data) else None
+    except OSError as error:
+        raise InputError(
+            f"{file}: wanted an image, found: {error.strerror or error}; check the file"
+        ) from error
+    except cv2.error:
+        return None
+    return None if decoded is None else np.asarray(decoded, np.uint8)

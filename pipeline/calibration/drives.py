@@ -1,0 +1,162 @@
+"""The log of a drive to a camera: images are matched as in a run, and the lens adjusted to their tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.contents import CalibrationContent
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.plan import check_settings, make_plan
+from wayside.pipeline.reading.survey import LogSurvey, survey_log
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
+from wayside.schemas.motion import Motion
+from wayside.schemas.settings import ReadSettings, Settings
+from wayside.schemas.settings.calibration import SelfCalibrationSettings
+from wayside.stages.calibration import DriveCalibration, calibrate_drive, cut_segments
+from wayside.stages.geometry import ideal_points
+from wayside.stages.imaging import decode
+from wayside.stages.odometry import KeypointImage, VisualOdometry, tie_corners
+
+_SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
+_FOCAL_GUESSES = (0.6, 0.9, 1.4)
+"""Focal lengths over the width of the image that are tried where nothing is known: 80, 58 and 39 degrees across."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedDrive:
+    """A calibration by a log; given: the camera that the log or the user names, with its source, or None.
+
+    images: those that were matched; start: of the last round of matching.
+    """
+
+    log: Path
+    given: Camera | None
+    source: str
+    images: int
+    calibration: DriveCalibration
+
+
+def calibrate_log(
+    log: Path, settings: Settings, calibration: SelfCalibrationSettings
+) -> CalibratedDrive:
+    """Estimate the lens of a log's camera from its images and its poses, where it has them.
+
+    Matching starts from the calibration that is given, or from several focal lengths where none is; it is repeated with
+    the result while that changes much.
+
+    Parameters
+    ----------
+    log
+        The MCAP file.
+    settings
+        Which images are read and how they are matched, as of a run.
+    calibration
+        What is known beforehand, and how many images are used.
+
+    Raises
+    ------
+    UsageError, InputError
+        The log cannot be read, or too few of its images could be matched.
+    """
+    read, given, source, size = _plan(log, settings.read)
+    settings = replace(settings, read=read)
+    width, height = size
+    if given is not None:
+        starts, scatter = [given], calibration.principal_point
+    else:
+        centre = (width - 1) / 2, (height - 1) / 2
+        focals = [guess * width for guess in _FOCAL_GUESSES]
+        starts = [Camera(width, height, f, f, *centre) for f in focals]
+        scatter = calibration.unknown_principal_point
+    tries = [_round(log, one, scatter * width, settings, calibration) for one in starts]
+    start, (images, found) = min(
+        zip(starts, tries, strict=True), key=lambda one: one[1][1].cost * one[1][1].residual ** 2
+    )
+    for _ in range(calibration.rounds - 1):
+        if abs(found.camera.fx / start.fx - 1) < calibration.settled:
+            break
+        # The distortion stays that of the start: what is known beforehand is known of it.
+        ratio = found.camera.fx / start.fx
+        start = replace(start, fx=start.fx * ratio, fy=start.fy * ratio)
+        images, found = _round(log, start, scatter * width, settings, calibration)
+    return CalibratedDrive(log, given, source, images, found)
+
+
+def _round(
+    log: Path,
+    camera: Camera,
+    principal_sigma_px: float,
+    settings: Settings,
+    calibration: SelfCalibrationSettings,
+) -> tuple[int, DriveCalibration]:
+    """Images used, and the calibration by ties that were matched with a camera."""
+    motions = list(islice(_motions(log, camera, settings), calibration.most_images))
+    ties, adjustment = settings.ties, settings.local_adjustment
+    segments = cut_segments(motions, camera, ties, adjustment, calibration)
+    if not segments:
+        raise InputError(
+            f"{log}: wanted images with common points to calibrate by, found none among {len(motions)} images used; "
+            "take a part of the drive with texture and light, with --from and --until"
+        )
+    try:
+        found = calibrate_drive(segments, camera, principal_sigma_px, ties, adjustment, calibration)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"{log}: wanted a drive that determines the focal length, found one whose tie points determine nothing; "
+            "take another part of it, with curves"
+        ) from error
+    return len(motions), found
+
+
+def _motions(log: Path, camera: Camera, settings: Settings) -> Iterator[Motion]:
+    odometry = VisualOdometry(settings.motion, settings.ties, settings.adjustment)
+    for image in decode(read_frames(log, settings.read, ReadReport(), camera)):
+        if image.frame.used and image.grey is not None:
+            corners, descriptors = tie_corners(image.grey, settings.features)
+            ideal = ideal_points(camera, corners)
+            points = KeypointImage(camera, image.grey, corners, descriptors, ideal)
+            yield odometry.advance(points, image.frame)
+
+
+def _plan(
+    log: Path, settings: ReadSettings
+) -> tuple[ReadSettings, Camera | None, str, tuple[int, int]]:
+    """Settings by which the log can be read, the camera given and its source, and the size of the images."""
+    check_settings(settings)
+    spaced = settings.spacing_m > 0
+    survey = survey_log(log, whole=False, camera=settings.camera, spaced=True)
+    try:
+        plan = make_plan(survey, settings, _SOME_CAMERA)
+    except InputError:
+        if spaced:
+            raise
+        # The lens does not depend on the lengths of steps: any will do.
+        settings = replace(settings, spacing_m=max(settings.thin_m, 1.0))
+        plan = make_plan(survey, settings, _SOME_CAMERA)
+    size = plan.camera.image_size
+    if size is None:
+        raise InputError(
+            f"{log}: wanted the size of the images on {plan.camera.name}, found none in their headers; "
+            "give a calibration with --calibration camera.yaml"
+        )
+    return settings, *_given(survey, settings), size
+
+
+def _given(survey: LogSurvey, settings: ReadSettings) -> tuple[Camera | None, str]:
+    """The camera that the user or the log names, and its source."""
+    if settings.calibration:
+        return read_camera_file(Path(settings.calibration)), settings.calibration
+    try:
+        plan = make_plan(survey, settings, None)
+    except InputError:  # a log without calibration
+        return None, ""
+    content = None if plan.calibration is None else plan.calibration.first
+    camera = content.camera if isinstance(content, CalibrationContent) else plan.camera_given
+    return camera, plan.calibration_source

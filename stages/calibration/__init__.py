@@ -1,0 +1,37 @@
+"""Calibration of a camera: by views of a chessboard, and by the point tracks of a drive."""
+
+from wayside.stages.calibration.board_corners import Board, FoundBoard, find_board
+from wayside.stages.calibration.board_fit import (
+    LENS_MODELS,
+    BoardCalibration,
+    CalibrationError,
+    FittedView,
+    Parameter,
+    calibrate_boards,
+)
+from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
+from wayside.stages.calibration.lens import LENS, changed_camera
+from wayside.stages.calibration.segment import Segment, cut_segments
+from wayside.stages.calibration.watch import CalibrationWatch, FocalCheck, watch_calibration
+
+__all__ = [
+    "LENS",
+    "LENS_MODELS",
+    "Board",
+    "BoardCalibration",
+    "CalibrationError",
+    "CalibrationWatch",
+    "DriveCalibration",
+    "FittedView",
+    "FocalCheck",
+    "FoundBoard",
+    "Parameter",
+    "Segment",
+    "calibrate_boards",
+    "calibrate_drive",
+    "changed_camera",
+    "cut_segments",
+    "find_board",
+    "focal_correction",
+    "watch_calibration",
+]

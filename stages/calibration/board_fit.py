@@ -1,0 +1,208 @@
+"""Camera matrix and distortion from views of a chessboard (Zhang 2000, by OpenCV), with their standard errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees, sqrt
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings.calibration import BoardSettings
+from wayside.stages.calibration.board_corners import Board
+from wayside.stages.geometry import rotation_from_vector
+from wayside.stages.kernels import Array
+
+LENS_MODELS = {"plumb_bob": 4, "plumb_bob_k3": 5, "rational": 8}
+"""Number of distortion coefficients that are fitted of each lens model.
+
+k3 is held at 0 in `plumb_bob`, as by the calibrator of ROS: few boards determine it, and then it makes the distortion
+near the border worse.
+"""
+
+_FLAGS = {
+    "plumb_bob": cv2.CALIB_FIX_K3,
+    "plumb_bob_k3": 0,
+    "rational": cv2.CALIB_RATIONAL_MODEL,
+}
+_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+
+
+class CalibrationError(ValueError):
+    """Views from which no camera can be calibrated; the words say why."""
+
+
+class Parameter(NamedTuple):
+    """A parameter of the camera.
+
+    sigma: standard error for independent errors of the corners; spread: standard error by leaving out one view at a
+    time (jackknife), which contains what the corners of a view have in common.
+    """
+
+    name: str
+    value: float
+    sigma: float
+    spread: float
+
+
+@dataclass(frozen=True, slots=True)
+class FittedView:
+    """A view in a calibration.
+
+    `index` counts the views given. residuals (n, 2) px; rms_px of their lengths; tilt_deg of the board against the
+    image plane; distance_squares of the centre of the board. `used` is False where the view was left out of the fit;
+    its residuals then are those of a pose fitted to it.
+    """
+
+    index: int
+    residuals: Array
+    rms_px: float
+    tilt_deg: float
+    distance_squares: float
+    used: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BoardCalibration:
+    """Camera of the used views; rms_px over all their corners; a parameter of each name in `parameters`."""
+
+    camera: Camera
+    parameters: tuple[Parameter, ...]
+    rms_px: float
+    views: tuple[FittedView, ...]
+
+
+class _Fit(NamedTuple):
+    rms_px: float
+    matrix: Array
+    distortion: Array
+    sigma: Array
+    view_rms_px: Array
+
+
+def calibrate_boards(
+    views: list[Array], board: Board, size: tuple[int, int], model: str, settings: BoardSettings
+) -> BoardCalibration:
+    """Calibrate a camera by views of a board.
+
+    The worst view is left out, and the rest fitted again, while its residual exceeds that of the median view by
+    `outlier_ratio`.
+
+    Parameters
+    ----------
+    views
+        Corners (n, 2) of each view, pixels, in the order of `board.points`.
+    board
+        The chessboard.
+    size
+        Width and height of the images.
+    model
+        A name of `LENS_MODELS`.
+    settings
+        Which views take part.
+
+    Raises
+    ------
+    CalibrationError
+        Too few views, or views that do not determine the focal length.
+    """
+    kept = list(range(len(views)))
+    _require_views(len(kept), settings)
+    fit = _fit([views[i] for i in kept], board, size, model)
+    while True:
+        worst = int(np.argmax(fit.view_rms_px))
+        if fit.view_rms_px[worst] <= settings.outlier_ratio * np.median(fit.view_rms_px):
+            break
+        del kept[worst]
+        _require_views(len(kept), settings)
+        fit = _fit([views[i] for i in kept], board, size, model)
+    spread = _jackknife([views[i] for i in kept], board, size, model)
+    placed = [_place(i, view, board, fit, used=i in set(kept)) for i, view in enumerate(views)]
+    count = 4 + LENS_MODELS[model]
+    values = np.concatenate([fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], fit.distortion])
+    parameters = tuple(
+        map(Parameter, _NAMES[:count], values.tolist(), fit.sigma.tolist(), spread.tolist())
+    )
+    _require_focal_length(parameters, placed, settings)
+    lens = values[4:].tolist() + [0.0] * (LENS_MODELS[model] == 4)
+    fx, fy, cx, cy = values[:4].tolist()
+    camera = Camera(size[0], size[1], fx, fy, cx, cy, tuple(lens))
+    return BoardCalibration(camera, parameters, fit.rms_px, tuple(placed))
+
+
+def _require_views(count: int, settings: BoardSettings) -> None:
+    if count < settings.fewest_views:
+        raise CalibrationError(
+            f"wanted {settings.fewest_views} views of the board or more, found {count}; "
+            "photograph it 15 to 20 times, tilted, all over the image"
+        )
+
+
+def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) -> _Fit:
+    try:
+        rms, matrix, distortion, _, _, sigma, _, each = cv2.calibrateCameraExtended(
+            [board.points] * len(views),
+            [view.astype(np.float32)[:, None] for view in views],
+            size,
+            np.zeros((3, 3)),
+            np.zeros(LENS_MODELS["rational"]),
+            flags=_FLAGS[model],
+            criteria=_STOP,
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            f"wanted views that determine a camera, found {len(views)} that OpenCV cannot fit "
+            f"({error.err}); photograph the board tilted and all over the image"
+        ) from error
+    count = LENS_MODELS[model]
+    return _Fit(
+        float(rms),
+        np.asarray(matrix, np.float64),
+        np.ravel(distortion)[:count].astype(np.float64),
+        np.ravel(sigma)[: 4 + count].astype(np.float64),
+        np.ravel(each).astype(np.float64),
+    )
+
+
+def _jackknife(views: list[Array], board: Board, size: tuple[int, int], model: str) -> Array:
+    """Standard errors (4 + coefficients,) by leaving out one view at a time; nan where a fit fails."""
+    rows = []
+    for i in range(len(views)):
+        try:
+            fit = _fit(views[:i] + views[i + 1 :], board, size, model)
+        except CalibrationError:
+            return np.full(4 + LENS_MODELS[model], np.nan)
+        rows.append(np.concatenate([fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], fit.distortion]))
+    found = np.array(rows)
+    squares: Array = ((found - found.mean(axis=0)) ** 2).sum(axis=0)
+    return np.sqrt(squares * (len(views) - 1) / len(views))
+
+
+def _place(index: int, view: Array, board: Board, fit: _Fit, *, used: bool) -> FittedView:
+    points = board.points.astype(np.float64)
+    _, turn, shift = cv2.solvePnP(points, view, fit.matrix, fit.distortion)
+    projected, _ = cv2.projectPoints(points, turn, shift, fit.matrix, fit.distortion)
+    residuals = view - projected.reshape(-1, 2)
+    rotation = rotation_from_vector(np.asarray(turn, np.float64).ravel())
+    centre = rotation @ points.mean(axis=0) + shift.ravel()
+    tilt = degrees(np.arccos(min(1.0, abs(float(rotation[2, 2])))))
+    rms = sqrt(float((residuals**2).sum(axis=1).mean()))
+    return FittedView(index, residuals, rms, tilt, float(np.linalg.norm(centre)), used)
+
+
+def _require_focal_length(
+    parameters: tuple[Parameter, ...], views: list[FittedView], settings: BoardSettings
+) -> None:
+    for one in parameters[:2]:
+        error = max(one.sigma, one.spread) / abs(one.value)
+        if not error <= settings.largest_sigma:
+            tilt = max(view.tilt_deg for view in views if view.used)
+            raise CalibrationError(
+                f"wanted views that determine the focal length, found {one.name} = {one.value:.0f} px with a "
+                f"standard error of {100 * error:.1f} % from {sum(v.used for v in views)} boards tilted by "
+                f"{tilt:.0f} degrees at most; photograph the board tilted by 30 to 45 degrees to both sides, "
+                "upwards and downwards, near and large"
+            )

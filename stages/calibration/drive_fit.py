@@ -1,0 +1,254 @@
+"""Focal length and radial distortion by the point tracks of a drive (self-calibration).
+
+Where the camera only moves straight ahead, a longer focal length and farther points give the same images: the focal
+length is known by rotation alone, by curves and by pitching. The standard error tells. Besides the errors of single
+ties it contains those that neighbouring ties share, and is no smaller than the scatter between segments says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
+from wayside.schemas.settings.calibration import SelfCalibrationSettings
+from wayside.stages.adjustment import correlated_covariance
+from wayside.stages.calibration.lens import LENS, changed_camera
+from wayside.stages.calibration.segment import Segment
+from wayside.stages.calibration.segment_equations import (
+    Linear,
+    Weights,
+    evaluate,
+    linearise,
+    updated,
+)
+from wayside.stages.kernels import Array
+
+_RAYLEIGH_MEDIAN = sqrt(2 * np.log(2))
+"""Median length of a residual of two normal coordinates, in their sigmas."""
+
+_LARGEST_STEP = 0.1
+_GAIN = 0.5
+"""Iterations end where the cost, twice a logarithm of likelihood, falls by less."""
+_FIRST_ROUNDS, _ROUNDS, _ITERATIONS = 10, 4, 15
+_REWEIGHTINGS, _SAME_FACTOR = 3, 0.95
+_SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class DriveCalibration:
+    """Camera by a drive.
+
+    covariance (5, 5) of the changes in `LENS`; residual: median residual over that of the errors of ties as stated;
+    cost: per tie; segments, ties: numbers of them.
+    """
+
+    camera: Camera
+    lens: Array
+    covariance: Array
+    residual: float
+    cost: float
+    segments: int
+    ties: int
+
+    @property
+    def focal_sigma(self) -> float:
+        """Relative standard error of the focal length."""
+        return sqrt(float(self.covariance[0, 0]))
+
+
+def calibrate_drive(
+    segments: Sequence[Segment],
+    camera: Camera,
+    principal_sigma_px: float,
+    ties: TieSettings,
+    adjustment: LocalAdjustmentSettings,
+    settings: SelfCalibrationSettings,
+) -> DriveCalibration:
+    """Estimate the lens of a camera from the segments of a drive.
+
+    Gauss-Newton on the lens; poses and points are settled after each step, so that the cost is that of the lens alone.
+
+    Parameters
+    ----------
+    segments
+        One or more.
+    camera
+        Where the estimate starts; the ratio of both focal lengths and the coefficients but k1 and k2 are held.
+    principal_sigma_px
+        How far off its principal point may be.
+    ties, adjustment
+        Errors of ties.
+    settings
+        What is known of the lens beforehand.
+    """
+    problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
+    for _ in range(_REWEIGHTINGS):
+        state = _minimise(state, problem)
+        factor = _error_factor(state, problem)
+        if factor > _SAME_FACTOR * problem.weights.factor:
+            break
+        # A wrong lens has larger residuals, which let its errors pass for those of ties.
+        problem = problem._replace(weights=problem.weights._replace(factor=factor))
+        state = _settled(state.segments, state.lens, problem, _ROUNDS)
+    covariance, _ = _solve(state, problem, ties)
+    count = sum(len(one.track) for one in segments)
+    return DriveCalibration(
+        changed_camera(camera, state.lens),
+        state.lens,
+        covariance,
+        problem.weights.factor,
+        state.cost / count,
+        len(segments),
+        count,
+    )
+
+
+def focal_correction(
+    segments: Sequence[Segment],
+    camera: Camera,
+    principal_sigma_px: float,
+    ties: TieSettings,
+    adjustment: LocalAdjustmentSettings,
+    settings: SelfCalibrationSettings,
+) -> tuple[float, float]:
+    """Logarithm of the factor by which the focal length should change, to first order, and its standard error.
+
+    The first step of `calibrate_drive`, for a tenth of its time; the arguments are the same. It falls short of large
+    errors.
+    """
+    problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
+    covariance, step = _solve(state, problem, ties)
+    return float(step[0]), sqrt(float(covariance[0, 0]))
+
+
+class _Problem(NamedTuple):
+    """The camera of the start, weights, and the inverse covariance (5, 5) of the lens beforehand."""
+
+    camera: Camera
+    weights: Weights
+    known: Array
+
+
+class _State(NamedTuple):
+    lens: Array
+    segments: list[Segment]
+    cost: float
+
+
+def _start(
+    segments: Sequence[Segment],
+    camera: Camera,
+    principal_sigma_px: float,
+    adjustment: LocalAdjustmentSettings,
+    settings: SelfCalibrationSettings,
+) -> tuple[_Problem, _State]:
+    """Poses and points for the lens as given, with the errors of ties as large as their residuals say."""
+    s, lens = settings, np.zeros(len(LENS))
+    scatter = [np.inf, principal_sigma_px, principal_sigma_px, s.distortion, s.distortion]
+    weights = Weights(1.0, adjustment.tie_scale, adjustment.anchor_sigma_px, s.length)
+    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2))
+    state = _settled(segments, lens, problem, _FIRST_ROUNDS)
+    # Compressed images have larger errors than stated.
+    problem = problem._replace(weights=weights._replace(factor=_error_factor(state, problem)))
+    return problem, _settled(state.segments, lens, problem, _FIRST_ROUNDS)
+
+
+def _error_factor(state: _State, problem: _Problem) -> float:
+    """Errors of ties over those stated, by the median residual; 1 at least."""
+    here = changed_camera(problem.camera, state.lens)
+    lengths = [evaluate(one, here, problem.weights)[1] for one in state.segments]
+    median = float(np.median(np.concatenate(lengths)))
+    return max(1.0, problem.weights.factor * median / _RAYLEIGH_MEDIAN)
+
+
+def _minimise(start: _State, problem: _Problem) -> _State:
+    best, damping = start, 0.0
+    for _ in range(_ITERATIONS):
+        linear = _linearised(best, problem, _SMALLEST_DAMPING)
+        matrix, right = _equations(best, linear, problem)
+        damped = matrix + damping * np.diag(np.diag(matrix))
+        step: Array = np.asarray(np.linalg.solve(damped, right), np.float64)
+        shortened = min(1.0, _LARGEST_STEP / max(abs(float(step[0])), 1e-12))
+        step *= shortened
+        moved = [updated(a, b, step) for a, b in zip(best.segments, linear, strict=True)]
+        trial = _settled(moved, best.lens + step, problem, _ROUNDS)
+        if trial.cost < best.cost:
+            gain, best = best.cost - trial.cost, trial
+            damping = damping / 10 if damping > 1e-6 else 0.0
+            if gain < _GAIN:
+                break
+        else:
+            damping = max(10 * damping, 1e-3)
+            if damping > _LARGEST_DAMPING:
+                break
+    return best
+
+
+def _linearised(state: _State, problem: _Problem, damping: float) -> list[Linear]:
+    here = changed_camera(problem.camera, state.lens)
+    return [linearise(one, here, problem.weights, damping) for one in state.segments]
+
+
+def _equations(state: _State, linear: Sequence[Linear], problem: _Problem) -> tuple[Array, Array]:
+    """Normal equations of the lens: matrix (5, 5) and right side (5,)."""
+    matrix, right = problem.known.copy(), -problem.known @ state.lens
+    for one in linear:
+        matrix += one.matrix
+        right += one.right
+    return matrix, right
+
+
+def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds: int) -> _State:
+    """Poses and points for a lens, and the cost of it."""
+    here = changed_camera(problem.camera, lens)
+    settled = [_settle(one, here, problem.weights, rounds) for one in segments]
+    cost = sum(evaluate(one, here, problem.weights)[0] for one in settled)
+    return _State(lens, settled, cost + float(lens @ problem.known @ lens))
+
+
+def _settle(segment: Segment, camera: Camera, weights: Weights, rounds: int) -> Segment:
+    cost, damping = evaluate(segment, camera, weights)[0], 1e-6
+    for _ in range(rounds):
+        linear = linearise(segment, camera, weights, damping)
+        trial = updated(segment, linear, np.zeros(len(LENS)))
+        trial_cost = evaluate(trial, camera, weights)[0]
+        if trial_cost < cost:
+            gain, segment, cost = cost - trial_cost, trial, trial_cost
+            damping = max(damping / 10, _SMALLEST_DAMPING)
+            if gain < _GAIN:
+                break
+        else:
+            damping = max(30 * damping, 1e-4)
+    return segment
+
+
+def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, Array]:
+    """Covariance (5, 5) of the lens and the Gauss-Newton step (5,) from here.
+
+    Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
+    """
+    linear = _linearised(state, problem, 0.0)
+    matrix, right = _equations(state, linear, problem)
+    inverse = np.asarray(np.linalg.inv(matrix), np.float64)
+    result = inverse.copy()
+    for segment, one in zip(state.segments, linear, strict=True):
+        shared_px = problem.weights.factor * segment.shared_px
+        effect = (one.gain @ inverse) * shared_px[:, None, None]
+        result += correlated_covariance(
+            segment.end, segment.frames[:, 1], effect, ties.correlation_reach_px
+        )
+    step = np.asarray(inverse @ right, np.float64)
+    count = len(linear)
+    if count > 1:
+        # What each segment would still change after the step.
+        rights = np.array([one.right - one.matrix @ step for one in linear])
+        scatter = inverse @ (rights.T @ rights) @ inverse * count / (count - 1)
+        ratio = np.sqrt(np.maximum(1.0, np.diag(scatter) / np.diag(result)))
+        result *= np.outer(ratio, ratio)
+    return result, step

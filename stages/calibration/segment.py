@@ -1,0 +1,200 @@
+"""A part of a drive for self-calibration: its images with their motion, ties linked to tracks, and points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.motion import Motion, Ties
+from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
+from wayside.schemas.settings.calibration import SelfCalibrationSettings
+from wayside.stages.adjustment import correlated_sigma_px, link_tracks
+from wayside.stages.geometry import (
+    distort_points,
+    ideal_points,
+    rays_of_ideal,
+    tangent_basis,
+)
+from wayside.stages.kernels import Array
+
+KNOWN_TURNS = ("poses", "odometry")
+"""Sources of motion that know how the camera turned."""
+
+_SHORTEST_M = 1e-3
+
+
+class Segment(NamedTuple):
+    """Images of a part of a drive, the first at the origin, and the tracks in them.
+
+    rotations (m, 3, 3), centres (m, 3): world from camera, world that of the first camera. turns (m - 1, 3, 3): of each
+    image in the one before, as the log has them, with turn_sigma (m - 1,) rad (inf: unknown); lengths (m - 1,) m.
+
+    Of each tie, those of a track together and in order: frames (n, 2) that it joins; track (n,); start, end (n, 2):
+    recorded pixels; warp (n, 3): map of the surroundings of `start` to those of `end`; sigma_px (n,) of a coordinate;
+    shared_px (n,): sigma of the error common to neighbouring ties. head (p,): first tie of each track.
+
+    A point is origin + (ray + offset @ basis) / w, with origin, ray (p, 3) and basis (p, 2, 3) constant; points (p, 3)
+    are offset and w, the inverse distance.
+    """
+
+    rotations: Array
+    centres: Array
+    turns: Array
+    turn_sigma: Array
+    lengths: Array
+    frames: NDArray[np.int64]
+    track: NDArray[np.int64]
+    start: Array
+    end: Array
+    warp: Array
+    sigma_px: Array
+    shared_px: Array
+    head: NDArray[np.int64]
+    origin: Array
+    ray: Array
+    basis: Array
+    points: Array
+
+
+def cut_segments(
+    motions: Sequence[Motion],
+    camera: Camera,
+    ties: TieSettings,
+    adjustment: LocalAdjustmentSettings,
+    settings: SelfCalibrationSettings,
+) -> list[Segment]:
+    """Segments of `images` images, each beginning with the last of the one before; those with few tracks left out."""
+    found = []
+    for first in range(0, len(motions) - 2, settings.images - 1):
+        part = motions[first : first + settings.images]
+        segment = make_segment(part, camera, ties, adjustment)
+        if segment is not None and len(segment.head) >= settings.fewest_tracks:
+            found.append(segment)
+    return found
+
+
+class _Ties(NamedTuple):
+    """Ties of all steps of a segment, as in `Segment`; corners (n, 2) they join; place (n, 3): in the later camera."""
+
+    step: NDArray[np.int64]
+    corners: NDArray[np.int64]
+    start: Array
+    end: Array
+    warp: Array
+    displacement_px: Array
+    place: Array
+
+
+def make_segment(
+    motions: Sequence[Motion],
+    camera: Camera,
+    ties: TieSettings,
+    settings: LocalAdjustmentSettings,
+) -> Segment | None:
+    """Link the ties of a part of a drive to tracks and place their points.
+
+    Parameters
+    ----------
+    motions
+        Of its images in order; what led to the first one is ignored.
+    camera
+        The camera that the ties were undistorted with.
+    ties, settings
+        Errors of ties, and which are left out.
+
+    Returns
+    -------
+    None without a track over three images.
+    """
+    found = [
+        _ties_of(k, m, m.ties, camera, settings.sliding_px)
+        for k, m in enumerate(motions[1:])
+        if m.ties is not None and m.step is not None
+    ]
+    if not found:
+        return None
+    all_ties = _Ties._make(np.concatenate(column) for column in zip(*found, strict=True))
+    linked = link_tracks(all_ties.step, all_ties.corners)
+    long = np.bincount(linked, minlength=1)[linked] >= 2
+    if not long.any():
+        return None
+    order = np.flatnonzero(long)[np.lexsort((all_ties.step[long], linked[long]))]
+    tied = _Ties._make(column[order] for column in all_ties)
+    _, head, track = np.unique(linked[order], return_index=True, return_inverse=True)
+    poses = [m.pose.relative_to(motions[0].pose) for m in motions]
+    rotations = np.array([pose.rotation for pose in poses])
+    centres = np.array([pose.centre for pose in poses])
+    early, late = tied.step[head], tied.step[head] + 1
+    rays = rays_of_ideal(camera, ideal_points(camera, tied.start[head]))
+    ray = np.einsum("nij,nj->ni", rotations[early], np.column_stack([rays, np.ones(len(rays))]))
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    place = np.einsum("nij,nj->ni", rotations[late], tied.place[head]) + centres[late]
+    distance = np.einsum("ni,ni->n", place - centres[early], ray)
+    known = np.isfinite(distance) & (distance > settings.nearest_m)
+    inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / settings.farthest_m)
+    turns, sigma = _turns(motions)
+    gaps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    return Segment(
+        rotations=rotations,
+        centres=centres,
+        turns=turns,
+        turn_sigma=sigma,
+        lengths=np.maximum(gaps, _SHORTEST_M),
+        frames=np.stack([tied.step, tied.step + 1], axis=1),
+        track=np.asarray(track, np.int64),
+        start=tied.start,
+        end=tied.end,
+        warp=tied.warp,
+        sigma_px=np.hypot(ties.sigma_px, settings.displacement_sigma * tied.displacement_px),
+        shared_px=correlated_sigma_px(tied.displacement_px, ties),
+        head=np.asarray(head, np.int64),
+        origin=centres[early],
+        ray=ray,
+        basis=np.array([tangent_basis(np.ascontiguousarray(one)) for one in ray]),
+        points=np.column_stack([np.zeros((len(head), 2)), inverse]),
+    )
+
+
+def _ties_of(step: int, motion: Motion, ties: Ties, camera: Camera, sliding_px: float) -> _Ties:
+    """Ties of a step that join corners and do not slide; without what tracks need, none."""
+    if ties.rows is None or ties.warp is None or ties.sigma_px is None or motion.step is None:
+        return _Ties(
+            np.zeros(0, np.int64),
+            np.zeros((0, 2), np.int64),
+            np.zeros((0, 2)),
+            np.zeros((0, 2)),
+            np.zeros((0, 3)),
+            np.zeros(0),
+            np.zeros((0, 3)),
+        )
+    kept = (ties.sigma_px < sliding_px) & (ties.rows[:, 0] >= 0) & (ties.rows[:, 1] >= 0)
+    previous, current = ties.previous[kept], ties.current[kept]
+    rays = rays_of_ideal(camera, previous)
+    turned = np.column_stack([rays, np.ones(len(rays))]) @ motion.step.rotation
+    far = turned[:, :2] / np.maximum(turned[:, 2:], 1e-6)
+    travel = np.linalg.norm(far - rays_of_ideal(camera, current), axis=1)
+    return _Ties(
+        np.full(len(previous), step, np.int64),
+        ties.rows[kept],
+        distort_points(camera, previous),
+        distort_points(camera, current),
+        ties.warp[kept],
+        0.5 * (camera.fx + camera.fy) * travel,
+        ties.point[kept],
+    )
+
+
+def _turns(motions: Sequence[Motion]) -> tuple[Array, Array]:
+    """Rotations (m - 1, 3, 3) of the steps by the log, and their sigmas (m - 1,), inf where it has none."""
+    turns, sigmas = [], []
+    for motion in motions[1:]:
+        prior = motion.prior
+        known = prior is not None and motion.source in KNOWN_TURNS
+        turns.append(prior.rotation if known and prior is not None else np.eye(3))
+        sigmas.append(prior.sigma_rotation if known and prior is not None else inf)
+    return np.array(turns), np.array(sigmas)

@@ -1,0 +1,220 @@
+"""Bundle adjustment of a segment with the lens among its unknowns.
+
+Poses and points are eliminated (Schur complement), which leaves normal equations of the lens; those of all segments
+are added. The residual of a tie is the projection of its point into the later image minus the mapped projection into
+the earlier one, as in the adjustment of landmarks, so that errors along a track stay independent. The pose of the first
+image is held: it is the gauge.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera
+from wayside.stages.calibration.lens import LENS, Projection, project
+from wayside.stages.calibration.segment import Segment
+from wayside.stages.geometry import cross_matrices
+from wayside.stages.kernels import Array
+
+_FLOOR = 1e-9
+
+
+class Weights(NamedTuple):
+    """Weights of residuals.
+
+    factor: on the sigmas of ties; scale: where their robust cost (Cauchy) flattens, in sigmas; anchor_px: sigma of the
+    pixel that defines a point in its first image; length: relative sigma of the lengths of the steps.
+    """
+
+    factor: float
+    scale: float
+    anchor_px: float
+    length: float
+
+
+class Linear(NamedTuple):
+    """Normal equations of the lens, matrix (5, 5) and right (5,), and what the other unknowns follow from.
+
+    gain (n, 2, 5): part of the right side by each pixel of the residual of each tie. poses: their change by the lens
+    (6 m - 6, 5) and alone (6 m - 6,). points: inverse blocks (p, 3, 3), cross terms (p, 6 m + 5, 3), right sides
+    (p, 3).
+    """
+
+    matrix: Array
+    right: Array
+    gain: Array
+    poses: tuple[Array, Array]
+    points: tuple[Array, Array, Array]
+
+
+class _View(NamedTuple):
+    """Points in an image each: pixels and Jacobians, these also by the pose (n, 2, 6) and by the point (n, 2, 3)."""
+
+    projection: Projection
+    by_pose: Array
+    by_point: Array
+
+
+def evaluate(segment: Segment, camera: Camera, weights: Weights) -> tuple[float, Array]:
+    """Cost, and lengths (n,) of the residuals of the ties in their sigmas."""
+    residual, _, _ = _tie_residuals(segment, camera)
+    lengths = np.linalg.norm(residual, axis=1) / (weights.factor * segment.sigma_px)
+    anchors = _anchor_residuals(segment, camera)[0] / weights.anchor_px
+    turns, steps = _prior_residuals(segment, weights)
+    cost = weights.scale**2 * np.log1p((lengths / weights.scale) ** 2).sum()
+    return float(cost + (anchors**2).sum() + (turns**2).sum() + (steps**2).sum()), lengths
+
+
+def linearise(segment: Segment, camera: Camera, weights: Weights, damping: float) -> Linear:
+    """Eliminate poses and points, with `damping` added, relative, to the diagonals of their equations."""
+    s, count, tracks = segment, len(segment.rotations), len(segment.head)
+    size = 6 * count + len(LENS)
+    residual, early, late = _tie_residuals(s, camera)
+    sigma = weights.factor * s.sigma_px
+    lengths = np.linalg.norm(residual, axis=1) / sigma
+    weight = 1 / (sigma * np.sqrt(1 + (lengths / weights.scale) ** 2))
+    warp = _warps(s.warp)
+    by_all = np.zeros((len(residual), 2, size))
+    _put(by_all, s.frames[:, 1], late.by_pose)
+    _put(by_all, s.frames[:, 0], -warp @ early.by_pose)
+    by_all[:, :, 6 * count :] = late.projection.by_lens - warp @ early.projection.by_lens
+    by_point = late.by_point - warp @ early.by_point
+    anchor, first = _anchor_residuals(s, camera)
+    anchor_all = np.zeros((tracks, 2, size))
+    _put(anchor_all, s.frames[s.head, 0], first.by_pose)
+    anchor_all[:, :, 6 * count :] = first.projection.by_lens
+    jacobian = np.concatenate([anchor_all / weights.anchor_px, by_all * weight[:, None, None]])
+    points = np.concatenate([first.by_point / weights.anchor_px, by_point * weight[:, None, None]])
+    errors = np.concatenate([anchor / weights.anchor_px, residual * weight[:, None]])
+    track = np.concatenate([np.arange(tracks), s.track])
+    order = np.argsort(track, kind="stable")  # sums over the rows of each track
+    jacobian, points, errors = jacobian[order], points[order], errors[order]
+    heads = np.searchsorted(track[order], np.arange(tracks))
+    flat = jacobian.reshape(-1, size)
+    matrix, right = flat.T @ flat, -flat.T @ errors.ravel()
+    turned = points.transpose(0, 2, 1)
+    block = np.add.reduceat(turned @ points, heads)
+    cross = np.add.reduceat(jacobian.transpose(0, 2, 1) @ points, heads)
+    point_right = -np.add.reduceat((turned @ errors[:, :, None])[:, :, 0], heads)
+    block[:, range(3), range(3)] *= 1 + damping
+    block[:, range(3), range(3)] += _FLOOR
+    inverse = np.linalg.inv(block)
+    wide = cross @ inverse
+    matrix -= np.tensordot(wide, cross, axes=((0, 2), (0, 2)))
+    right -= np.tensordot(wide, point_right, axes=((0, 2), (0, 1)))
+    _add_priors(s, weights, matrix, right)
+    free, lens = slice(6, 6 * count), slice(6 * count, size)
+    poses = matrix[free, free] + damping * np.diag(np.diag(matrix[free, free]))
+    poses += _FLOOR * np.eye(len(poses))
+    solved = np.linalg.solve(poses, np.column_stack([matrix[free, lens], right[free]]))
+    by_lens, alone = solved[:, :-1], solved[:, -1]
+    response = np.concatenate([np.zeros((6, len(LENS))), -by_lens, np.eye(len(LENS))])
+    moved = -inverse @ (cross.transpose(0, 2, 1) @ response)
+    gain = (by_all @ response + by_point @ moved[s.track]) * (weight**2)[:, None, None]
+    return Linear(
+        matrix[lens, lens] - matrix[lens, free] @ by_lens,
+        right[lens] - matrix[lens, free] @ alone,
+        gain,
+        (by_lens, alone),
+        (inverse, cross, point_right),
+    )
+
+
+def updated(segment: Segment, linear: Linear, lens: Array) -> Segment:
+    """The segment after a step of the lens by `lens` (5,)."""
+    by_lens, alone = linear.poses
+    poses = np.concatenate([np.zeros(6), alone - by_lens @ lens])
+    inverse, cross, right = linear.points
+    rest = right - cross.transpose(0, 2, 1) @ np.concatenate([poses, lens])
+    moves = poses.reshape(-1, 6)
+    turned = [
+        rotation @ cv2.Rodrigues(move[:3])[0]
+        for rotation, move in zip(segment.rotations, moves, strict=True)
+    ]
+    return segment._replace(
+        rotations=np.array(turned),
+        centres=segment.centres + moves[:, 3:],
+        points=segment.points + (inverse @ rest[:, :, None])[:, :, 0],
+    )
+
+
+def _put(jacobian: Array, frame: NDArray[np.int64], by_pose: Array) -> None:
+    """Fill the columns of each row's image."""
+    rows = np.arange(len(frame))[:, None, None]
+    columns = 6 * frame[:, None] + np.arange(6)
+    jacobian[rows, np.arange(2)[None, :, None], columns[:, None, :]] = by_pose
+
+
+def _view(
+    segment: Segment, camera: Camera, frame: NDArray[np.int64], track: NDArray[np.int64]
+) -> _View:
+    s = segment
+    rotation, basis, inverse = s.rotations[frame], s.basis[track], s.points[track, 2]
+    arm = s.origin[track] - s.centres[frame]
+    offset = (s.points[track, None, :2] @ basis)[:, 0]
+    world = s.ray[track] + offset + inverse[:, None] * arm
+    local = (world[:, None] @ rotation)[:, 0]
+    projection = project(camera, local)
+    in_world = projection.by_ray @ rotation.transpose(0, 2, 1)
+    by_turn = projection.by_ray @ cross_matrices(local)
+    by_pose = np.concatenate([by_turn, -inverse[:, None, None] * in_world], axis=2)
+    by_offset = in_world @ basis.transpose(0, 2, 1)
+    return _View(
+        projection, by_pose, np.concatenate([by_offset, in_world @ arm[:, :, None]], axis=2)
+    )
+
+
+def _warps(warp: Array) -> Array:
+    """Matrices (n, 2, 2) of warps (n, 3)."""
+    matrices = np.zeros((len(warp), 2, 2))
+    matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1] = warp.T
+    return matrices
+
+
+def _tie_residuals(segment: Segment, camera: Camera) -> tuple[Array, _View, _View]:
+    """Residuals (n, 2) of ties, px, and their points in the earlier and in the later image."""
+    s = segment
+    early = _view(s, camera, s.frames[:, 0], s.track)
+    late = _view(s, camera, s.frames[:, 1], s.track)
+    offset = early.projection.pixels - s.start
+    mapped = s.end + (_warps(s.warp) @ offset[:, :, None])[:, :, 0]
+    return late.projection.pixels - mapped, early, late
+
+
+def _anchor_residuals(segment: Segment, camera: Camera) -> tuple[Array, _View]:
+    """Residuals (p, 2) of points in the first image of their track, px."""
+    s = segment
+    view = _view(s, camera, s.frames[s.head, 0], np.arange(len(s.head)))
+    return view.projection.pixels - s.start[s.head], view
+
+
+def _prior_residuals(segment: Segment, weights: Weights) -> tuple[Array, Array]:
+    """Of the turns (m - 1, 3) and of the lengths (m - 1,) of the steps, in their sigmas."""
+    s = segment
+    turns = np.zeros((len(s.lengths), 3))
+    for k in np.flatnonzero(np.isfinite(s.turn_sigma)):
+        gap = s.turns[k].T @ s.rotations[k].T @ s.rotations[k + 1]
+        turns[k] = cv2.Rodrigues(gap)[0].ravel() / s.turn_sigma[k]
+    found = np.linalg.norm(np.diff(s.centres, axis=0), axis=1)
+    return turns, (found / s.lengths - 1) / weights.length
+
+
+def _add_priors(segment: Segment, weights: Weights, matrix: Array, right: Array) -> None:
+    s = segment
+    turns, steps = _prior_residuals(s, weights)
+    gaps = np.diff(s.centres, axis=0)
+    for k in range(len(s.lengths)):
+        rows = np.zeros((4, len(right)))
+        if np.isfinite(s.turn_sigma[k]):
+            rows[:3, 6 * k : 6 * k + 3] = -(s.rotations[k + 1].T @ s.rotations[k])
+            rows[:3, 6 * k + 6 : 6 * k + 9] = np.eye(3)
+            rows[:3] /= s.turn_sigma[k]
+        length = max(float(np.linalg.norm(gaps[k])), _FLOOR)
+        rows[3, 6 * k + 9 : 6 * k + 12] = gaps[k] / (length * s.lengths[k] * weights.length)
+        rows[3, 6 * k + 3 : 6 * k + 6] = -rows[3, 6 * k + 9 : 6 * k + 12]
+        matrix += rows.T @ rows
+        right -= rows.T @ np.append(turns[k], steps[k])

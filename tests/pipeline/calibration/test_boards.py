@@ -1,0 +1,166 @@
+"""`wayside calibrate` with images of a chessboard."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from wayside.pipeline.calibration.board_report import format_boards
+from wayside.pipeline.calibration.boards import calibrate_images, parse_board
+from wayside.pipeline.calibration.command import calibrate_by_boards
+from wayside.pipeline.calibration.coverage import coverage_of
+from wayside.pipeline.cli import app
+from wayside.pipeline.importing import import_images
+from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.schemas.settings import ReadSettings
+from wayside.schemas.settings.calibration import BoardSettings
+from wayside.stages.calibration import Board
+
+REAL = Path(__file__).parents[4] / "shared" / "data" / "real" / "checkerboard_9x6"
+BOARD = Board(9, 6, 0.0254)
+
+
+@pytest.fixture(scope="module")
+def boards(renderer, poses, tmp_path_factory):
+    """Nine rendered views of a board, and what else lies in such a folder."""
+    folder = tmp_path_factory.mktemp("boards")
+    for i, (rotation, shift) in enumerate(poses(9, 32.0)):
+        cv2.imwrite(str(folder / f"board{i}.png"), renderer(rotation, shift, i))
+    cut = cv2.imread(str(folder / "board0.png"), cv2.IMREAD_GRAYSCALE)
+    corners = cv2.findChessboardCornersSB(cut, (9, 6))[1].reshape(-1, 2)
+    cut[:, int(np.median(corners[:, 0])) :] = 200
+    cv2.imwrite(str(folder / "cut.png"), cut)
+    cv2.imwrite(str(folder / "empty.png"), np.full((360, 480), 128, np.uint8))
+    cv2.imwrite(str(folder / "small.png"), np.full((240, 320), 128, np.uint8))
+    (folder / "broken.jpg").write_bytes(b"\xff\xd8\xff no image")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(boards):
+    return calibrate_images([boards], BOARD, "plumb_bob", BoardSettings())
+
+
+def test_the_known_camera_of_rendered_boards_is_recovered(found, renderer):
+    camera, true = found.calibration.camera, renderer.camera
+    assert camera.fx == pytest.approx(true.fx, rel=0.003)
+    assert camera.fy == pytest.approx(true.fy, rel=0.003)
+    assert (camera.cx, camera.cy) == pytest.approx((true.cx, true.cy), abs=0.6)
+    assert camera.distortion[:2] == pytest.approx(true.distortion[:2], abs=0.005)
+    assert camera.distortion[4] == 0.0
+    assert found.calibration.rms_px < 0.08
+
+
+def test_standard_errors_cover_the_truth(found, renderer):
+    camera = renderer.camera
+    truth = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
+    for one, true in zip(found.calibration.parameters, truth, strict=False):
+        assert 0 < one.sigma
+        assert abs(one.value - true) < 4 * max(one.sigma, one.spread), one.name
+
+
+def test_images_that_are_not_used_are_named_with_the_reason(found):
+    why = {image.path.name: image.why for image in found.failed}
+    assert sorted(why) == ["broken.jpg", "cut.png", "empty.png", "small.png"]
+    assert "decoded" in why["broken.jpg"]
+    assert "cut off" in why["cut.png"]
+    assert "no board of 9 x 6" in why["empty.png"]
+    assert "320 x 240 pixels, while most have 480 x 360" in why["small.png"]
+    report = format_boards(found, coverage_of(found, 16))
+    assert all(f"{name}" in report and words in report for name, words in why.items())
+
+
+@pytest.mark.slow
+def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
+    names = [f"board{i}.png" for i in range(8)]
+    for name in names:
+        (tmp_path / name).write_bytes((boards / name).read_bytes())
+    bent = cv2.imread(str(boards / "board3.png"), cv2.IMREAD_GRAYSCALE)
+    v, u = np.mgrid[:360, :480].astype(np.float32)
+    bent = cv2.remap(bent, u, v + 6 * np.sin(u / 40), cv2.INTER_LINEAR)  # the board is not flat
+    cv2.imwrite(str(tmp_path / "board3.png"), bent)
+    found = calibrate_images([tmp_path], BOARD, "plumb_bob", BoardSettings())
+    assert [image.path.name for image, view in found.seen if not view.used] == ["board3.png"]
+    assert found.calibration.camera.fx == pytest.approx(renderer.camera.fx, rel=0.005)
+    assert "left out" in format_boards(found, coverage_of(found, 16))
+
+
+def test_boards_parallel_to_the_image_are_refused(renderer, poses, tmp_path):
+    for i, (rotation, shift) in enumerate(poses(4, 0.0)):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), renderer(rotation, shift, i))
+    with pytest.raises(InputError, match=r"focal length.*standard error.*tilted by"):
+        calibrate_images([tmp_path], BOARD, "plumb_bob", BoardSettings())
+
+
+def test_too_few_boards_are_refused_with_every_reason(boards):
+    files = [boards / name for name in ("board0.png", "board1.png", "empty.png")]
+    with pytest.raises(InputError, match=r"4 views.*found 2(.|\n)*empty.png: no board"):
+        calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
+
+
+def test_images_of_two_cameras_are_refused_with_their_names(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640), np.uint8))
+    cv2.imwrite(str(tmp_path / "b.png"), np.zeros((240, 320), np.uint8))
+    with pytest.raises(InputError, match=r"640 x 480: a.png; 320 x 240: b.png"):
+        calibrate_images([tmp_path], BOARD, "plumb_bob", BoardSettings())
+
+
+def test_the_camera_file_serves_import_and_run(renderer, boards, tmp_path):
+    out, images = tmp_path / "camera.yaml", [boards / f"board{i}.png" for i in range(5)]
+    out.write_text("of before")
+    command = ["calibrate", *map(str, images), "--board", "9x6", "-o", str(out), "--overwrite"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    for words in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "distance squares", str(out)):
+        assert words in result.output
+    camera = read_camera_file(out)
+    assert camera.fx == pytest.approx(renderer.camera.fx, rel=0.005)
+    assert cv2.imread(str(tmp_path / "camera.coverage.png")).shape[1] == 1200
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.coverage.png", "camera.yaml"]
+    import_images(images[:2], out, 8.0, tmp_path / "drive.mcap")
+    for settings in (ReadSettings(), ReadSettings(calibration=str(out))):
+        frames = list(read_frames(tmp_path / "drive.mcap", settings, ReadReport()))
+        assert {frame.camera for frame in frames} == {camera}
+
+
+def test_existing_files_and_missing_folders_are_refused_before_any_work(tmp_path):
+    out = tmp_path / "camera.yaml"
+    out.write_text("mine")
+
+    def call(path):
+        calibrate_by_boards(
+            [], BOARD, model="plumb_bob", name="a", out=path, coverage=None, overwrite=False
+        )
+
+    with pytest.raises(OutputError, match=r"camera.yaml.*--overwrite"):
+        call(out)
+    assert out.read_text() == "mine"
+    with pytest.raises(OutputError, match="make it first"):
+        call(tmp_path / "none" / "camera.yaml")
+
+
+@pytest.mark.parametrize("text", ["9", "9x", "2x6", "x", "9x6x3", "-9x6"])
+def test_a_board_that_is_none_is_refused(text):
+    with pytest.raises(UsageError, match="inner corners"):
+        parse_board(text, 1.0)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real boards are not there")
+@pytest.mark.slow
+def test_real_boards_are_calibrated():
+    found = calibrate_images([REAL], BOARD, "plumb_bob", BoardSettings())
+    camera = found.calibration.camera
+    sigma = {one.name: max(one.sigma, one.spread) for one in found.calibration.parameters}
+    # A published fit to the same boards: fx 1154.2, fy 1148.2, cx 671.6, cy 386.0.
+    assert abs(camera.fx - 1154.2) < 2 * sigma["fx"]
+    assert abs(camera.fy - 1148.2) < 2 * sigma["fy"]
+    assert abs(camera.cx - 671.6) < 2 * sigma["cx"]
+    assert abs(camera.cy - 386.0) < 2 * sigma["cy"]
+    failed = {image.path.stem: image.why for image in found.failed}
+    assert sorted(failed) == ["calibration1", "calibration15", "calibration5", "calibration7"]
+    assert "1281 x 721" in failed["calibration7"]
+    assert "cut off" in failed["calibration1"]

@@ -1,0 +1,96 @@
+"""`wayside calibrate` with the log of a drive."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from wayside.pipeline.calibration.drive_report import format_drive, not_determined
+from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log
+from wayside.pipeline.cli import app
+from wayside.pipeline.importing import import_images
+from wayside.pipeline.reading.camera_file import format_camera, read_camera_file
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings import Settings
+from wayside.schemas.settings.calibration import SelfCalibrationSettings
+from wayside.stages.calibration import DriveCalibration
+
+DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+TRUE = Camera(1600, 1200, 1398.0, 1398.0, 796.0, 602.5, (-0.105, 0.048, 0.0003, 0.0002, -0.008))
+WRONG = replace(TRUE, fx=1.1 * TRUE.fx, fy=1.1 * TRUE.fy)
+
+
+def result(sigma, given=WRONG):
+    covariance = np.diag([sigma**2, 4.0, 9.0, 1e-4, 1e-4])
+    found = DriveCalibration(TRUE, np.zeros(5), covariance, 1.0, 1.0, 2, 900)
+    return CalibratedDrive(Path("drive.mcap"), given, "/camera/info", 24, found)
+
+
+def test_the_report_compares_with_the_calibration_given():
+    words = format_drive(result(0.01))
+    assert "10.0 % longer, 10.0 standard errors: it does not agree" in words
+    assert "1398" in words
+    assert "1537.8" in words
+    assert "14" in words.split("fx", 1)[1].splitlines()[0].split()  # 1 % of 1398 px
+    assert "it agrees" in format_drive(result(0.06))
+    assert "no calibration was given" in format_drive(result(0.01, given=None))
+
+
+def test_a_drive_that_does_not_determine_the_focal_length_is_told_with_its_error():
+    settings = SelfCalibrationSettings()
+    assert not not_determined(result(0.029), settings)
+    words = not_determined(result(0.182), settings)
+    assert "standard error is 18.20 %" in words
+    assert "curves" in words
+
+
+def test_images_without_common_points_are_refused(tmp_path):
+    camera = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)
+    (tmp_path / "camera.yaml").write_text(format_camera(camera, "camera"))
+    rng = np.random.default_rng(1)
+    for i in range(4):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), rng.integers(0, 255, (48, 64), np.uint8))
+    log = tmp_path / "drive.mcap"
+    import_images([tmp_path / f"{i}.png" for i in range(4)], tmp_path / "camera.yaml", 8.0, log)
+    with pytest.raises(InputError, match=r"common points.*4 images"):
+        calibrate_log(log, Settings(), SelfCalibrationSettings())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["drive.mcap", "--square", "25mm"], "--board 9x6"),
+        (["boards", "--board", "9x6", "--spacing", "8m"], "options of a log"),
+        (["a.mcap", "b.mcap"], "one log"),
+        (["boards", "--board", "9x6", "--model", "fisheye"], "plumb_bob"),
+    ],
+)
+def test_options_of_boards_and_of_logs_are_not_mixed(arguments, words):
+    outcome = CliRunner().invoke(app, ["calibrate", *arguments])
+    assert isinstance(outcome.exception, UsageError)
+    assert words in str(outcome.exception)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [WRONG, None])
+def test_the_demo_drive_corrects_a_focal_length_that_is_off_by_a_tenth(
+    tmp_path, given, monkeypatch
+):
+    if given is None:  # as if the log had no calibration
+        from wayside.pipeline.calibration import drives
+
+        monkeypatch.setattr(drives, "_given", lambda *_: (None, ""))
+        found = calibrate_log(DEMO, Settings(), SelfCalibrationSettings()).calibration
+        assert abs(np.log(found.camera.fx / TRUE.fx)) < 2 * found.focal_sigma < 0.1
+        return
+    start, out = tmp_path / "wrong.yaml", tmp_path / "camera.yaml"
+    start.write_text(format_camera(given, "camera"))
+    command = ["calibrate", str(DEMO), "--calibration", str(start), "-o", str(out)]
+    outcome = CliRunner().invoke(app, command)
+    assert outcome.exit_code == 0, outcome.output
+    assert "it does not agree" in outcome.output
+    assert read_camera_file(out).fx == pytest.approx(TRUE.fx, rel=0.022)

@@ -1,0 +1,152 @@
+"""Self-calibration on simulated drives, whose camera is known exactly."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings import Settings
+from wayside.schemas.settings.calibration import SelfCalibrationSettings
+from wayside.stages.calibration import (
+    LENS,
+    CalibrationWatch,
+    calibrate_drive,
+    changed_camera,
+    cut_segments,
+    focal_correction,
+    watch_calibration,
+)
+from wayside.stages.calibration.lens import project
+
+SETTINGS, CALIBRATION = Settings(), SelfCalibrationSettings(images=9)
+ERRORS = SETTINGS.ties, SETTINGS.local_adjustment
+
+
+def drive(images=17, **survey):
+    """Images of a simulated drive with their motion, and the true camera."""
+    simulated = SimulatedDrive(Survey(ties=120, signs=1, **survey))
+    posed = simulated.posed(SETTINGS.motion, SETTINGS.ties, SETTINGS.adjustment)
+    return [item for item, _ in zip(posed, range(images), strict=False)], simulated.camera
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return drive(curve_radius_m=80.0, jitter_deg=0.3, spacing_m=4.0)
+
+
+@pytest.fixture(scope="module")
+def straight():
+    return drive(jitter_deg=0.0, trigger_m=0.0)
+
+
+def scaled(camera, factor):
+    return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor)
+
+
+def calibrated(items, camera):
+    segments = cut_segments([item.motion for item in items], camera, *ERRORS, CALIBRATION)
+    return calibrate_drive(segments, camera, 5.0, *ERRORS, CALIBRATION)
+
+
+@pytest.mark.parametrize("factor", [pytest.param(0.9, marks=pytest.mark.slow), 1.1])
+def test_a_curve_recovers_a_focal_length_that_is_off_by_a_tenth(curve, factor):
+    items, camera = curve
+    found = calibrated(items, scaled(camera, factor))
+    assert found.focal_sigma < 0.04
+    assert abs(np.log(found.camera.fx / camera.fx)) < 2 * found.focal_sigma
+    assert found.camera.fy / found.camera.fx == pytest.approx(1.0)
+    assert abs(found.camera.distortion[0]) < 3 * np.sqrt(found.covariance[3, 3])
+
+
+def test_straight_ahead_the_focal_length_is_open(straight, curve):
+    items, camera = straight
+    on_curve = calibrated(*curve).focal_sigma
+    assert calibrated(items, camera).focal_sigma > max(0.03, 4 * on_curve)
+
+
+@pytest.mark.slow
+def test_poses_that_turn_make_the_focal_length_surer():
+    items, camera = drive(
+        curve_radius_m=80.0, jitter_deg=0.3, spacing_m=4.0, pose_m=0.02, pose_deg=0.02
+    )
+    without = [replace(item, motion=replace(item.motion, source="straight")) for item in items]
+    found = calibrated(items, scaled(camera, 1.1))
+    assert abs(np.log(found.camera.fx / camera.fx)) < 2 * found.focal_sigma
+    assert found.focal_sigma < 0.9 * calibrated(without, camera).focal_sigma
+
+
+def test_the_first_order_correction_points_to_the_truth(curve):
+    items, true = curve
+    for factor in (0.9, 1.1):
+        camera = scaled(true, factor)
+        segments = cut_segments([item.motion for item in items], camera, *ERRORS, CALIBRATION)
+        correction, _ = focal_correction(segments, camera, 5.0, *ERRORS, CALIBRATION)
+        assert 0.03 < -np.sign(np.log(factor)) * correction < 0.2
+
+
+def watched(items, factor):
+    watch = CalibrationWatch(CALIBRATION)
+    changed = [
+        replace(
+            item,
+            detections=replace(
+                item.detections,
+                segmentation=replace(
+                    item.detections.segmentation,
+                    image=replace(
+                        item.detections.image,
+                        frame=replace(item.frame, camera=scaled(item.frame.camera, factor)),
+                    ),
+                ),
+            ),
+        )
+        for item in items
+    ]
+    assert list(watch_calibration(iter(changed), watch)) == changed
+    return watch.check(*ERRORS).error
+
+
+def test_a_run_notices_a_focal_length_that_cannot_be_right(curve):
+    assert watched(curve[0], 1.15) == pytest.approx(0.15, abs=0.04)
+
+
+def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, straight):
+    assert watched(curve[0], 1.0) is None
+    assert watched(straight[0], 1.0) is None
+    assert CalibrationWatch().check(*ERRORS) == (None, None, None)
+    assert watched(curve[0][:1], 1.15) is None
+
+
+def test_a_watch_keeps_a_bounded_number_of_segments(curve):
+    settings = replace(CALIBRATION, check_segments=1)
+    watch = CalibrationWatch(settings)
+    for item in curve[0]:
+        watch.add(item.motion, item.frame.camera)
+    ((angle, motions),) = watch.kept
+    assert len(motions) == settings.images
+    assert angle == pytest.approx(8 * 4.0 / 80.0, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "distortion", [(), (-0.3, 0.1, 0.001, -0.002, 0.01), (-0.3, 0.1, 0.0, 0.0, 0.01, 0.1, 0.0, 0.0)]
+)
+def test_derivatives_of_a_projection_are_its_differences(distortion):
+    camera = changed_camera(Camera(640, 480, 500.0, 510.0, 320.0, 240.0, distortion), np.zeros(5))
+    rays = np.random.default_rng(1).uniform([-2, -2, 4], [2, 2, 8], (20, 3))
+    seen = project(camera, rays)
+    pixels = cv2.projectPoints(
+        rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
+    )[0].reshape(-1, 2)
+    np.testing.assert_allclose(seen.pixels, pixels, atol=1e-9)
+    for i in range(3):
+        step = 1e-5 * np.eye(3)[i]
+        slope = (project(camera, rays + step).pixels - project(camera, rays - step).pixels) / 2e-5
+        np.testing.assert_allclose(seen.by_ray[:, :, i], slope, rtol=1e-3, atol=1e-2)
+    for i in range(len(LENS)):
+        step = 1e-5 * np.eye(5)[i]
+        up, down = changed_camera(camera, step), changed_camera(camera, -step)
+        slope = (project(up, rays).pixels - project(down, rays).pixels) / 2e-5
+        np.testing.assert_allclose(seen.by_lens[:, :, i], slope, rtol=1e-3, atol=1e-2)
