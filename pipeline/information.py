@@ -63,7 +63,7 @@ def describe_log(path: Path, settings: ReadSettings | None = None) -> LogInforma
     """
     settings = settings or ReadSettings()
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
-    survey = survey_log(path, whole=True)
+    survey = survey_log(path)
     cameras = survey.cameras
     hindrance = ""
     ways = []

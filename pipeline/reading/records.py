@@ -136,6 +136,34 @@ def scan(path: Path, report: ScanReport) -> Iterator[Message | Metadata | Attach
             ) from error
 
 
+class RecordReader:
+    """Reads single records anew, for messages that stand in the file in another order than they are wanted.
+
+    Parameters
+    ----------
+    path
+        The log, read to its end once before.
+    channels
+        Its channels by id.
+    """
+
+    def __init__(self, path: Path, channels: dict[int, Channel]) -> None:
+        self.path, self.channels = path, channels
+
+    def messages_at(self, offset: int) -> list[Message]:
+        """Messages of the message or chunk record at an offset; raises InputError where the file cannot be read."""
+        try:
+            with self.path.open("rb") as stream:
+                scanner = _Scanner(self.path, stream, ScanReport())
+                scanner.channels.update(self.channels)
+                return scanner.messages_at(offset)
+        except OSError as error:
+            raise InputError(
+                f"{self.path}: reading stopped at byte {offset}: {error.strerror or error}; "
+                "check the disk or copy the file anew"
+            ) from error
+
+
 class _Scanner:
     """One pass over one file."""
 
@@ -176,6 +204,14 @@ class _Scanner:
                 self.position, "the log ends without its end mark: the recording was cut off"
             )
         self.report.bytes_read = self.size
+
+    def messages_at(self, offset: int) -> list[Message]:
+        """Messages of one record."""
+        self.stream.seek(offset)
+        self.position = offset
+        opcode, length = RECORD_HEAD.unpack(self._take(RECORD_HEAD.size))
+        found = self._record(opcode, length, offset)
+        return [one for one in found if isinstance(one, Message)]
 
     def _check_magic(self) -> None:
         found = self._take(min(len(MAGIC), self.size))
