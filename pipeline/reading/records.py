@@ -136,32 +136,19 @@ def scan(path: Path, report: ScanReport) -> Iterator[Message | Metadata | Attach
             ) from error
 
 
-class RecordReader:
-    """Reads single records anew, for messages that stand in the file in another order than they are wanted.
-
-    Parameters
-    ----------
-    path
-        The log, read to its end once before.
-    channels
-        Its channels by id.
-    """
-
-    def __init__(self, path: Path, channels: dict[int, Channel]) -> None:
-        self.path, self.channels = path, channels
-
-    def messages_at(self, offset: int) -> list[Message]:
-        """Messages of the message or chunk record at an offset; raises InputError where the file cannot be read."""
-        try:
-            with self.path.open("rb") as stream:
-                scanner = _Scanner(self.path, stream, ScanReport())
-                scanner.channels.update(self.channels)
-                return scanner.messages_at(offset)
-        except OSError as error:
-            raise InputError(
-                f"{self.path}: reading stopped at byte {offset}: {error.strerror or error}; "
-                "check the disk or copy the file anew"
-            ) from error
+def messages_at(path: Path, offset: int, channels: dict[int, Channel]) -> list[Message]:
+    """Messages of the one record at an offset of a log scanned before; `channels` by id. Raises as `scan`."""
+    try:
+        with path.open("rb") as stream:
+            scanner = _Scanner(path, stream, ScanReport())
+            scanner.channels.update(channels)
+            scanner.schemas.update({c.schema_id: c.schema for c in channels.values() if c.schema})
+            return scanner.messages_at(offset)
+    except OSError as error:
+        raise InputError(
+            f"{path}: reading stopped at byte {offset}: {error.strerror or error}; "
+            "check the disk or copy the file anew"
+        ) from error
 
 
 class _Scanner:

@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from wayside.pipeline.reading.records import Message, RecordReader, ScanReport, scan
+from wayside.pipeline.reading.records import Message, ScanReport, messages_at, scan
 from wayside.pipeline.reading.stamps import Integers
 from wayside.pipeline.reading.survey import LogSurvey
 
@@ -52,7 +52,7 @@ class _Records:
     """Records of a log by their offset, the latest ones kept."""
 
     def __init__(self, survey: LogSurvey) -> None:
-        self.survey, self.reader = survey, RecordReader(survey.path, survey.channels)
+        self.survey = survey
         self.kept: OrderedDict[int, list[Message]] = OrderedDict()
         self.sizes: dict[int, int] = {}
         self.bytes = 0
@@ -61,7 +61,7 @@ class _Records:
         if offset in self.kept:
             self.kept.move_to_end(offset)
             return self.kept[offset]
-        found = self.reader.messages_at(offset)
+        found = messages_at(self.survey.path, offset, self.survey.channels)
         messages = [m for m in found if self.survey.is_stamped(m.channel)]
         self.kept[offset] = messages
         # A message of a chunk keeps all of the chunk.
