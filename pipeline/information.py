@@ -8,6 +8,7 @@ from pathlib import Path
 
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
+from wayside.pipeline.reading.inspection import inspect_log
 from wayside.pipeline.reading.plan import Plan, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import WaysideError
@@ -21,7 +22,10 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One camera of the log and how to use it: what is missing, and the command that gives it (empty: none)."""
+    """One camera of the log and how to use it: what is missing, and the command that gives it (empty: none).
+
+    notes: what clocks, order and positions of the log lack, and what is done about it.
+    """
 
     camera: Topic
     command: str
@@ -29,6 +33,7 @@ class Way:
     calibration: Camera | None = None
     calibration_source: str = ""
     motion: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +113,13 @@ def _way(
         command += ["--calibration", "camera.yaml"]
     motion = _motion_words(plan)
     return Way(
-        camera, shlex.join(command), tuple(hindrances), calibration, plan.calibration_source, motion
+        camera,
+        shlex.join(command),
+        tuple(hindrances),
+        calibration,
+        plan.calibration_source,
+        motion,
+        (*plan.notes, *inspect_log(plan, settings).notes),
     )
 
 
@@ -184,6 +195,7 @@ def _camera(way: Way) -> list[str]:
         )
     if way.motion:
         lines.append(f"  motion from {way.motion}")
+    lines += [f"  note: {note}" for note in way.notes]
     if way.hindrances:
         lines += [f"  not as it is: {hindrance}" for hindrance in way.hindrances]
         return [*lines, f"  with what is missing: {way.command}"] if way.command else lines

@@ -132,9 +132,8 @@ def _fits_by_time(runs: list[_Run], window_ns: int) -> bool:
     """Whether runs sorted by time overlap nowhere and leave fewer breaks than there are in the file."""
     ordered = sorted(runs, key=lambda run: run.first_ns)
     gaps = [b.first_ns - a.last_ns for a, b in pairwise(ordered)]
-    return all(gap >= -window_ns for gap in gaps) and (
-        sum(gap > window_ns for gap in gaps) < len(runs) - 1
-    )
+    breaks = sum(abs(b.first_ns - a.last_ns) > window_ns for a, b in pairwise(runs))
+    return all(gap >= -window_ns for gap in gaps) and sum(g > window_ns for g in gaps) < breaks
 
 
 def _stray_runs(runs: list[_Run], window_ns: int, far_ns: int) -> set[_Run]:
@@ -189,7 +188,10 @@ def _across(
 def _place_strays(
     time_ns: Integers, strays: Flags, runs: list[_Run], images: Integers, usual_ns: int
 ) -> None:
-    """Give each run of stray messages times by its place in the file, its image the usual time from the next one."""
+    """Give each run of stray messages times by its place in the file.
+
+    Its first image has the usual time from the next one, as far as its neighbours in the file allow.
+    """
     is_image = np.zeros(len(time_ns), np.bool_)
     is_image[images] = True
     for run in runs:
@@ -204,6 +206,12 @@ def _place_strays(
             placed = int(time_ns[sound[k - 1]] + time_ns[sound[k]]) // 2
         else:
             placed = int(time_ns[sound[0]]) - step if k == 0 else int(time_ns[sound[-1]]) + step
+        others = np.flatnonzero(~strays)
+        k = int(np.searchsorted(others, anchor))
+        if k > 0:
+            placed = max(placed, int(time_ns[others[k - 1]]))
+        if k < len(others):
+            placed = min(placed, int(time_ns[others[k]]))
         time_ns[rows] += placed - int(time_ns[anchor])
 
 

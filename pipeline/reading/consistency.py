@@ -137,7 +137,7 @@ def _spikes(series: Series, rows: Integers, settings: ReadSettings) -> Flags:
 def _spikes_of(
     series: Series, rows: Integers, length: int, scale: float, settings: ReadSettings
 ) -> Flags:
-    """Spikes of a given length, each between two positions before and two after it that agree."""
+    """Spikes of a given length, each between two positions before and two after it that agree; the clearest first."""
     starts = np.arange(2, len(rows) - length - 1)
     a2, a1, b1, b2 = (rows[starts + k] for k in (-2, -1, length, length + 1))
     t, p = series.time_s, series.position
@@ -147,8 +147,10 @@ def _spikes_of(
         before = (p[a1] - p[a2]) / (t[a1] - t[a2])[:, None]
         after = (p[b2] - p[b1]) / (t[b2] - t[b1])[:, None]
         change = np.linalg.norm(across - (before + after) / 2, axis=1)
-        goes_on = change * span <= settings.hardest_mps2 * span**2 + 6 * scale
-        aside = np.ones(len(starts), np.bool_)
+        gap = change * span
+        # A steady acceleration leaves no gap at all; half of the hardest may come or go meanwhile.
+        goes_on = gap <= settings.hardest_mps2 * span**2 / 4 + 6 * scale
+        aside, nearest = np.ones(len(starts), np.bool_), np.full(len(starts), np.inf)
         turned = np.ones(len(starts), np.bool_)
         for k in range(length):
             row = rows[starts + k]
@@ -156,10 +158,12 @@ def _spikes_of(
             off = np.linalg.norm(p[row] - p[a1] - (p[b1] - p[a1]) * part[:, None], axis=1)
             bow = settings.hardest_mps2 * (t[row] - t[a1]) * (t[b1] - t[row]) / 2
             aside &= off > settings.spike_m + bow + 6 * scale
+            nearest = np.minimum(nearest, off)
             turned &= _turned(series, a1, row, b1, settings)
     found = np.zeros(len(rows), np.bool_)
-    for start in starts[goes_on & (aside | turned)].tolist():
-        if not found[start - 2 : start].any():
+    chosen = goes_on & (aside | turned)
+    for start in starts[chosen][np.argsort(gap[chosen] - nearest[chosen], kind="stable")].tolist():
+        if not found[start - 2 : start + length + 2].any():
             found[start : start + length] = True
     return found
 

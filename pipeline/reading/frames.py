@@ -113,6 +113,7 @@ def read_frames(path: Path, settings: ReadSettings, report: ReadReport) -> Itera
     report.fix_topic = "" if plan.fixes is None else plan.fixes.name
     report.spacing_m = plan.spacing_m
     inspection = inspect_log(plan, settings)
+    plan.survey.stamps.forget_entries()
     report.notes += [*plan.notes, *inspection.notes]
     return _Reader(plan, inspection, settings, report).frames()
 

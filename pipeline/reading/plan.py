@@ -102,9 +102,10 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
     fixes = next((t for t in survey.of_kind(Kind.FIX) if t.first is not None), None)
     spacing_m = settings.spacing_m or survey.spacing_m
     if not motion_source and fixes is None and not spacing_m:
+        found = "; ".join([_listing(survey), *_without_value(survey)])
         raise InputError(
             f"{survey.path}: wanted poses, odometry, satellite fixes or a known spacing to place signs, "
-            f"found {_listing(survey)}; give the distance between images, as in --spacing 26.4ft"
+            f"found {found}; give the distance between images, as in --spacing 26.4ft"
         )
     return Plan(
         survey,

@@ -72,6 +72,12 @@ class Stamps:
         self.usable.append(usable)
         self.value.extend(value)
 
+    def forget_entries(self) -> None:
+        """Keep the messages only, once all is decided that their entries tell."""
+        for column in (self.log_ns, self.first, self.message, self.stream, self.header_ns):
+            del column[:]
+        del self.usable[:], self.value[:]
+
     def of_topic(self, topic: tuple[str, str]) -> list[int]:
         """Numbers of the streams of a topic."""
         return [number for stream, number in self.streams.items() if stream[:2] == topic]
