@@ -351,6 +351,10 @@ ATTACKS: dict[str, tuple[Edit, tuple[str, ...]]] = {
         no_poses(partial(changed, covariance(1e16), topic=GPS)),
         (),
     ),
+    "covariance 9e5 of all fixes, fixes only": (
+        no_poses(partial(changed, covariance(9e5), topic=GPS)),
+        (),
+    ),
     "calibration NaN from the third on": (
         partial(changed, no_focal, topic=CALIBRATION, since=2),
         (),

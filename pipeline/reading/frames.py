@@ -276,6 +276,10 @@ class _Reader:
                 f"{report.statuses[NO_POSITION]} images and none of them near; give the distance between images "
                 "(--spacing 26.4ft)"
             )
+        if report.statuses[NO_POSITION]:
+            report.notes.append(
+                f"{report.statuses[NO_POSITION]} images before the first pose or fix are left out; --spacing uses them"
+            )
         if report.statuses[WRONG_SIZE] and not report.statuses[USED]:
             size, camera = self.plan.camera.image_size, self.selection.last_camera
             found = "other sizes" if size is None else f"{size[0]} x {size[1]}"

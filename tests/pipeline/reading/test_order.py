@@ -211,8 +211,10 @@ def test_an_image_without_pose_and_poses_for_a_part_only_lose_no_image_behind_th
     rows = messages(("/gps",))
     for keep, unused in ((range(8, COUNT), 8), (range(16), 0), (set(range(COUNT)) - {9}, 0)):
         some = [row for row in rows if row[0] != "/pose" or row[1] in keep]
-        frames, _ = read(write(new_log, some, name=f"{unused}.mcap"))
+        frames, report = read(write(new_log, some, name=f"{unused}.mcap"))
         assert [f.status for f in frames] == ["no_position"] * unused + ["used"] * (COUNT - unused)
+        told = [n for n in report.notes if "before the first pose or fix are left out" in n]
+        assert [n.split()[0] for n in told] == [str(unused)] * (unused > 0)
         frames, _ = read(write(new_log, some, name=f"{unused}.mcap"), spacing_m=8.0)
         assert {f.status for f in frames} == {"used"}
         assert all(f.spacing_m == 8.0 for f in frames[1:])
