@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import re
 import subprocess
 import sys
 import tempfile
@@ -34,6 +35,12 @@ ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "recordings" / "demo.mcap"
 PAGE = ROOT / "benchmarks" / "reliability.md"
 SECTION = "## Clocks, order, outliers"
+WORDS = """`.venv/bin/python benchmarks/reliability_clocks.py --page` writes each fault into the demo drive (24 images, 10
+rows) with the stock MCAP writer and runs `wayside run` on it; `--only NAME` measures single rows anew. `of 10, within`: rows
+of the sound log that are found again, and the largest distance from their place along, beside and above the path, one
+common shift along the path removed. `said`: notes, and what was lost, or the error. [docs/input.md](../docs/input.md)
+states the rules.
+"""
 SECOND, HOUR, YEAR = 10**9, 3600 * 10**9, 365 * 86400 * 10**9
 IMAGE, POSE, GPS, CALIBRATION = "/camera/image", "/pose", "/gps", "/camera/calibration"
 TYPES: dict[str, Callable[[], Any]] = {
@@ -452,29 +459,28 @@ def main() -> int:
             lines.append(_line(name, found))
             print(lines[-1], flush=True)
     if chosen.page:
-        _write_section("\n".join(lines))
+        _write_section(lines)
     return 0
 
 
 def _line(name: str, found: Outcome) -> str:
     said = "; ".join(found.said).replace("|", "/").replace("\n", " ")
+    said = re.sub(r"\S*/demo\d*\.mcap", "drive.mcap", said)
     place = f"{found.matched}, {found.worst_m:.2f} m" if found.matched else ""
     images = f"{found.used} of {found.images}" if found.images else "none"
     return f"| {name} | {found.status} | {images} | {found.rows} | {place} | {said} |"
 
 
-def _write_section(table: str) -> None:
-    """Put the table into its section of the page, in place of the table that is there."""
+def _write_section(lines: list[str]) -> None:
+    """Put rows into the table of their section of the page, each in place of the one of the same attack."""
     text = PAGE.read_text() if PAGE.is_file() else "# Reliability\n"
     head, _, rest = text.partition(SECTION)
-    _, mark, others = rest.partition("\n## ")
-    words = (
-        "`.venv/bin/python benchmarks/reliability_clocks.py --page` writes each fault into the demo drive (24 images, "
-        "10 signs) with the stock MCAP writer\nand runs `wayside run` on it. `of 10, within`: signs of the sound log "
-        "that are found again, and the largest distance from their place\nalong, beside and above the path, one common "
-        "shift along the path removed.\n"
-    )
-    PAGE.write_text(f"{head.rstrip()}\n\n{SECTION}\n\n{words}\n{table}\n{mark}{others}")
+    own, mark, others = rest.partition("\n## ")
+    rows = {line.split(" | ")[0]: line for line in own.splitlines() if line.startswith("| ")}
+    rows |= {line.split(" | ")[0]: line for line in lines}
+    known = ["| attack", "| ---", *(f"| {name}" for name in ATTACKS)]
+    table = "\n".join(rows[name] for name in known if name in rows)
+    PAGE.write_text(f"{head.rstrip()}\n\n{SECTION}\n\n{WORDS}\n{table}\n{mark}{others}")
 
 
 if __name__ == "__main__":

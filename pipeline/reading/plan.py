@@ -215,10 +215,13 @@ def _without_value(survey: LogSurvey) -> Iterator[str]:
     """Notes on topics that could tell motion or place, and of which messages say nothing."""
     for topic in survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX):
         if topic.first is None:
-            reason = topic.fault or "no position"
+            reason = topic.fault or "no position, or one known to a kilometre at best"
             yield f"none of the {topic.count} messages of {topic.name} can be used: {reason}"
         elif silent := topic.count - topic.usable - topic.failed:
-            yield f"{silent} of {topic.count} messages of {topic.name} hold no position"
+            yield (
+                f"{silent} of {topic.count} messages of {topic.name} hold no position, or one known to a "
+                "kilometre at best"
+            )
 
 
 def _listing(survey: LogSurvey) -> str:

@@ -86,7 +86,12 @@ class ReadSettings:
         low=1,
     )
     spike_deg: float = setting(
-        3.0, "deg", "poses are turned by so much more at least", expert=True, low=0
+        3.0,
+        "deg",
+        "poses are turned by so much more at least",
+        origin="jolts of the road turn a car by less",
+        expert=True,
+        low=0,
     )
 
 
