@@ -35,11 +35,11 @@ ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "recordings" / "demo.mcap"
 PAGE = ROOT / "benchmarks" / "reliability.md"
 SECTION = "## Clocks, order, outliers"
-WORDS = """`.venv/bin/python benchmarks/reliability_clocks.py --page` writes each fault into the demo drive (24 images, 10
-rows) with the stock MCAP writer and runs `wayside run` on it; `--only NAME` measures single rows anew. `of 10, within`: rows
-of the sound log that are found again, and the largest distance from their place along, beside and above the path, one
-common shift along the path removed. `said`: notes, and what was lost, or the error. [docs/input.md](../docs/input.md)
-states the rules.
+WORDS = """`.venv/bin/python benchmarks/reliability_clocks.py --page` writes each fault into the demo drive (24 images,
+10 rows) with the stock MCAP writer and runs `wayside run` on it; `--only NAME` measures single rows anew. `of 10,
+within`: rows of the sound log that are found again, and the largest distance from their place along, beside and above
+the path, one common shift along the path removed. `said`: notes, and what was lost, or the error.
+[docs/input.md](../docs/input.md) states the rules.
 """
 SECOND, HOUR, YEAR = 10**9, 3600 * 10**9, 365 * 86400 * 10**9
 IMAGE, POSE, GPS, CALIBRATION = "/camera/image", "/pose", "/gps", "/camera/calibration"

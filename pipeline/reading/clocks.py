@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 
 import numpy as np
 
 from wayside.pipeline.reading.stamps import Flags, Integers
 
+_PAUSES = 60
+"""Times as far as this, first and last messages in order are no start or end of the recording but stray."""
 _MOST_STRAY = 0.1
 """Larger parts of a log are no stray messages."""
 
@@ -137,24 +140,18 @@ def _fits_by_time(runs: list[_Run], window_ns: int) -> bool:
 
 
 def _stray_runs(runs: list[_Run], window_ns: int, far_ns: int) -> set[_Run]:
-    """Short runs far from all others, which stand out of order or at an end of the file; few of all messages."""
+    """Short runs far from all others which stand out of order, or still further at an end of the file; few messages."""
     if len(runs) < 2:
         return set()
     total = runs[-1].end
     ordered = sorted(runs, key=lambda run: run.first_ns)
     place = {run: k for k, run in enumerate(ordered)}
+    gaps = [inf, *(b.first_ns - a.last_ns for a, b in pairwise(ordered)), inf]
     stray = set()
     for k, run in enumerate(runs):
         at = place[run]
-        earlier = run.first_ns - ordered[at - 1].last_ns if at else far_ns + 1
-        later = ordered[at + 1].first_ns - run.last_ns if at + 1 < len(runs) else far_ns + 1
-        at_end = k in (0, len(runs) - 1)
-        ordered_here = place[run] == k
-        if (
-            run.last_ns - run.first_ns <= window_ns
-            and min(earlier, later) > far_ns
-            and (at_end or not ordered_here)
-        ):
+        furthest = far_ns if at != k else _PAUSES * far_ns if k in (0, len(runs) - 1) else inf
+        if run.last_ns - run.first_ns <= window_ns and min(gaps[at], gaps[at + 1]) > furthest:
             stray.add(run)
     few = sum(run.end - run.begin for run in stray) <= _MOST_STRAY * total
     return stray if few else set()

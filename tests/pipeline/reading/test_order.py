@@ -260,3 +260,14 @@ def test_information_tells_of_clocks_before_anything_is_run(new_log):
     text = format_information(describe_log(path))
     assert "note: the clock of the log is set once, furthest 60 minutes back at image 20" in text
     assert "can be used: wayside run" in text
+
+
+@pytest.mark.parametrize("pause", [2 * 60 * SECOND, 45 * 60 * SECOND])
+def test_a_message_long_before_or_after_all_others_in_order_is_no_fault(new_log, pause):
+    rows = messages()
+    early = [(*rows[0][:2], rows[0][2] - pause, rows[0][3] - pause), *rows[1:]]
+    late = [*rows[:-1], (*rows[-1][:2], rows[-1][2] + pause, rows[-1][3] + pause)]
+    for k, attacked in enumerate((early, late)):
+        frames, report = read(write(new_log, attacked, name=f"{k}.mcap"))
+        assert report.notes == []
+        assert all(f.time_ns == f.header_time_ns for f in frames)
