@@ -271,3 +271,12 @@ def test_a_message_long_before_or_after_all_others_in_order_is_no_fault(new_log,
         frames, report = read(write(new_log, attacked, name=f"{k}.mcap"))
         assert report.notes == []
         assert all(f.time_ns == f.header_time_ns for f in frames)
+
+
+def test_an_image_just_before_the_first_pose_waits_for_the_second_one(new_log):
+    rows = [
+        (t, i, h - 6_000_000 if t == "/camera/image" else h, at)
+        for t, i, h, at in messages(("/gps",))
+    ]
+    frames, _ = read(write(new_log, rows))
+    assert frames[0].pose.pose.centre[0] == pytest.approx(-0.192, abs=1e-6)
