@@ -22,7 +22,12 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.calibration import CalibrationWatch, FocalCheck, watch_calibration
+from wayside.stages.calibration import (
+    CalibrationWatch,
+    FocalCheck,
+    check_calibration,
+    watch_calibration,
+)
 from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
@@ -168,9 +173,9 @@ class Flow:
 
     def check_calibration(self) -> FocalCheck:
         """After the last frame: what the drive says of the focal length."""
-        ties, adjustment = self.settings.ties, self.settings.local_adjustment
-        checks = (watch.check(ties, adjustment) for watch in (self.calibration,))
-        (found,) = self.clock.timed_drive("calibration", checks)
+        s, watches = self.settings, iter((self.calibration,))
+        checked = check_calibration(watches, ties=s.ties, adjustment=s.local_adjustment)
+        (found,) = self.drive_stage("focal length", checked)
         return found
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
+from wayside.pipeline.reading.inspection import inspect_log
 from wayside.pipeline.reading.plan import Plan, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import WaysideError
@@ -22,7 +23,10 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One camera of the log and how to use it: what is missing, and the command that gives it (empty: none)."""
+    """One camera of the log and how to use it: what is missing, and the command that gives it (empty: none).
+
+    notes: what clocks, order and positions of the log lack, and what is done about it.
+    """
 
     camera: Topic
     command: str
@@ -30,6 +34,7 @@ class Way:
     calibration: Camera | None = None
     calibration_source: str = ""
     motion: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +69,7 @@ def describe_log(path: Path, settings: ReadSettings | None = None) -> LogInforma
     """
     settings = settings or ReadSettings()
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
-    survey = survey_log(path, whole=True, allowance=allowance_of(settings))
+    survey = survey_log(path, allowance=allowance_of(settings))
     cameras = survey.cameras
     hindrance = ""
     ways = []
@@ -109,7 +114,13 @@ def _way(
         command += ["--calibration", "camera.yaml"]
     motion = _motion_words(plan)
     return Way(
-        camera, shlex.join(command), tuple(hindrances), calibration, plan.calibration_source, motion
+        camera,
+        shlex.join(command),
+        tuple(hindrances),
+        calibration,
+        plan.calibration_source,
+        motion,
+        (*plan.notes, *inspect_log(plan, settings).notes),
     )
 
 
@@ -185,6 +196,7 @@ def _camera(way: Way) -> list[str]:
         )
     if way.motion:
         lines.append(f"  motion from {way.motion}")
+    lines += [f"  note: {note}" for note in way.notes]
     if way.hindrances:
         lines += [f"  not as it is: {hindrance}" for hindrance in way.hindrances]
         return [*lines, f"  with what is missing: {way.command}"] if way.command else lines

@@ -106,11 +106,12 @@ class Fix:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image message of the chosen camera; `index` counts all of them in file order, from 0.
+    """An image message of the chosen camera; `index` counts all of them in the order they were taken in, from 0.
 
     `data` holds the bytes as recorded: a compressed image (`encoding` "jpeg", "png", ...) or rows of
     `step` bytes in a raw `encoding` ("bgr8", "rgb8", "mono8", ...). Where `status` is not `used`, `data` may be empty.
-    `spacing_m` is the nominal distance from the previous used frame (None: unknown).
+    `spacing_m` is the nominal distance from the previous used frame (None: unknown). `settled_time_ns` is the capture
+    time where clocks were set or wrong, so that neither header nor log time tell it (None: they do).
     """
 
     index: int
@@ -126,6 +127,7 @@ class Frame:
     pose: PosePrior | None = None
     fix: Fix | None = None
     spacing_m: float | None = None
+    settled_time_ns: int | None = None
 
     @property
     def frame(self) -> Frame:
@@ -139,7 +141,9 @@ class Frame:
 
     @property
     def time_ns(self) -> int:
-        """Capture time: the header's where set, else the log's."""
+        """Capture time: the header's where set, else the log's; where both are wrong, that found in their place."""
+        if self.settled_time_ns is not None:
+            return self.settled_time_ns
         return self.log_time_ns if self.header_time_ns is None else self.header_time_ns
 
 

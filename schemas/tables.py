@@ -233,7 +233,7 @@ OBSERVATIONS = Table(
 
 FRAMES = Table(
     "frames",
-    "One row per image message of the chosen camera, used or not, in file order.",
+    "One row per image message of the chosen camera, used or not, in the order they were taken in.",
     (
         Column("frame", _WHOLE, "", "index of the frame in the log, from 0", _SURE),
         Column("log_time_ns", _LONG, "ns", "time at which it was logged", _SURE),

@@ -37,6 +37,7 @@ from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.signs import Sign
+from wayside.stages.calibration import CalibrationWatch, FocalCheck
 from wayside.stages.georeference import DrivePath, PathPoint
 from wayside.stages.segmentation import unsegmented
 
@@ -102,6 +103,7 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (Detections, PosedDetections): lambda found: PosedDetections(found, None),
     (PosedDetections, TrackedFrame): _undecided,
     (Landmark, Sign): _unplaced,
+    (CalibrationWatch, FocalCheck): lambda watch: FocalCheck(None, None, None),
 }
 """What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
 DO_NOTHING_WITH_ALL: dict[tuple[type, type], Callable[[list[Any]], Any]] = {

@@ -5,7 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from wayside.pipeline.reading.layout import LATEST_NS
 from wayside.schemas.frame import Camera, Fix
+
+FURTHEST_M = 1e8
+"""Largest coordinate of a pose: sixteen times the earth's radius, which coordinates about its centre have."""
+LOWEST_M, HIGHEST_M = -1e3, 1e4
+"""Heights of fixes: no road is lower or higher."""
+VAGUEST_M = 1e3
+"""Standard deviation from which a position tells nothing; ROS drivers state 1e6 m^2 where they know nothing."""
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
@@ -54,6 +62,8 @@ class PoseContent:
         """Refuse what is no rigid motion."""
         if not all(map(math.isfinite, (*self.rotation, *self.translation))):
             raise ContentError("a pose that is not finite")
+        if not max(map(abs, self.translation)) < FURTHEST_M:
+            raise ContentError(f"a pose more than {FURTHEST_M / 1e3:.0f} km from its origin")
         if not 0.5 < math.hypot(*self.rotation) < 2.0:
             raise ContentError("a pose whose quaternion has no direction")
 
@@ -79,9 +89,9 @@ _NARROWEST_DEG, _WIDEST_DEG = 0.1, 170.0
 
 
 def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
-    """Nanoseconds of a time stamp; None where it is not set (0), or no table can hold it (64 bits)."""
+    """Nanoseconds of a time stamp; None where it is not set (0), or not before `LATEST_NS`."""
     stamp = int(seconds) * 10**9 + int(nanoseconds)
-    return stamp if stamp and -(1 << 63) <= stamp < 1 << 63 else None
+    return stamp if stamp and abs(stamp) < LATEST_NS else None
 
 
 def make_camera(
@@ -132,7 +142,13 @@ def make_fix(
 ) -> Fix | None:
     """A fix with the standard deviations east, north, up of its row-major 3x3 covariance.
 
-    None where latitude or longitude is not finite or out of range: receivers write that while they have no fix.
+    None where latitude or longitude is not finite or out of range, or known to `VAGUEST_M` at best: receivers write
+    that while they have no fix. A height that is not finite is taken as 0.
+
+    Raises
+    ------
+    ContentError
+        The height is none of a road.
     """
     if not (abs(latitude) <= 90 and abs(longitude) <= 180):
         return None
@@ -141,5 +157,9 @@ def make_fix(
         east, north, up = covariance[0], covariance[4], covariance[8]
         if min(east, north, up) > 0 and math.isfinite(east + north + up):
             sigma = (math.sqrt(east), math.sqrt(north), math.sqrt(up))
+            if max(sigma) >= VAGUEST_M:
+                return None
     height = altitude if math.isfinite(altitude) else 0.0
+    if not LOWEST_M < height < HIGHEST_M:
+        raise ContentError(f"a fix at a height of {height:.3g} m")
     return Fix(latitude, longitude, height, sigma)

@@ -35,6 +35,13 @@ class Definitions:
         self._summary, self._lost, self._remark = summary, lost, remark
         self._summary_asked = False
 
+    def know(self, channels: Iterable[Channel]) -> None:
+        """Take channels and their schemas as an earlier scan of the same log found them."""
+        for channel in channels:
+            self.channels[channel.id] = channel
+            if channel.schema is not None:
+                self._schemas[channel.schema_id] = channel.schema
+
     def add(self, opcode: int, content: memoryview, start: int) -> None:
         """Take a schema or channel record that stands soundly at `start`."""
         try:

@@ -14,10 +14,12 @@ from wayside.pipeline.reading.contents import (
     ImageContent,
 )
 from wayside.pipeline.reading.image_headers import format_word, read_image_header
+from wayside.pipeline.reading.inspection import Inspection, inspect_log
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
-from wayside.pipeline.reading.plan import Plan, plan_reading
+from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.poses import CameraPoses
-from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.records import Message
+from wayside.pipeline.reading.replay import messages_of
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.series import TimeSeries, blend_fixes
 from wayside.pipeline.reading.survey import topic_key
@@ -39,8 +41,6 @@ from wayside.schemas.frame import (
 )
 from wayside.schemas.settings import ReadSettings
 
-LOOK_AHEAD_NS = 1_500_000_000
-"""An image waits at most this long for what belongs to it: fixes that come once a second are paired."""
 MOST_WAITING, MOST_WAITING_BYTES = 64, 1 << 26
 _OFTEN_NS = 10**9
 _MUCH_SMALLER = 8
@@ -70,22 +70,28 @@ class ReadReport(ScanReport):
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    """An image message that waits for its pose; `image` is None where it could not be decoded."""
+    """An image message that waits for its pose; `image` is None where it could not be decoded.
+
+    arrival_ns: when it came, time_ns: when it was taken, both on continuous clocks; settled_ns: as in `Frame`.
+    """
 
     index: int
     number: int
     log_time_ns: int
+    arrival_ns: int
     time_ns: int
+    settled_ns: int | None
     image: ImageContent | None
 
 
 def read_frames(
     path: Path, settings: ReadSettings, report: ReadReport, camera: Camera | None = None
 ) -> Iterator[Frame]:
-    """Frames of a log's chosen camera, every image message one, in file order.
+    """Frames of a log's chosen camera, every image message one, in the order they were taken in.
 
-    Images that do not take part come too, with their status and without data. Memory is bounded by one chunk and the
-    images of `LOOK_AHEAD_NS`. Images are not copied where the encoding allows it.
+    The log is read twice: first for what it holds, its clocks, order and faulty positions, then for the frames. Images
+    that do not take part come too, with their status and without data. Memory is bounded by one chunk, the images of
+    `late_s`, and a hundred bytes a message. Images are not copied where the encoding allows it.
 
     Parameters
     ----------
@@ -112,21 +118,23 @@ def read_frames(
     report.motion_topic = "" if plan.motion is None else plan.motion.name
     report.fix_topic = "" if plan.fixes is None else plan.fixes.name
     report.spacing_m = plan.spacing_m
-    if plan.by_log_time:
-        report.notes.append("header times are of different clocks: log times pair poses and images")
-    return _Reader(plan, settings, report).frames()
+    inspection = inspect_log(plan, settings)
+    plan.survey.stamps.forget_entries()
+    report.notes += [*plan.notes, *inspection.notes]
+    return _Reader(plan, inspection, settings, report).frames()
 
 
 class _Reader:
     """One reading of one log."""
 
-    def __init__(self, plan: Plan, settings: ReadSettings, report: ReadReport) -> None:
-        self.plan, self.report, self.settings = plan, report, settings
+    def __init__(
+        self, plan: Plan, inspection: Inspection, settings: ReadSettings, report: ReadReport
+    ) -> None:
+        self.plan, self.inspection, self.report = plan, inspection, report
+        self.allowance = allowance_of(settings)
+        self.window_ns = round(settings.late_s * 1e9)
         self.selection = _Selection(plan, settings)
         self.decoders = Decoders()
-        self.faulty: dict[
-            str, list[int]
-        ] = {}  # topic: messages that could not be decoded, offset of the first
         self.waiting: deque[_Waiting] = deque()
         self.waiting_bytes = 0
         self.calibrations: TimeSeries[Camera] = TimeSeries()
@@ -146,13 +154,13 @@ class _Reader:
         wanted = {(t.name, t.schema) for t in topics if t is not None}
         camera = plan.camera.name, plan.camera.schema
         transforms = self.poses is not None
-        for record in scan(plan.survey.path, self.report, allowance_of(self.settings)):
-            if not isinstance(record, Message):
-                continue
+        messages = messages_of(plan.survey, self.inspection.order, self.report, self.allowance)
+        for number, record in messages:
             key = topic_key(record.channel)
             if key in wanted or (transforms and kind_of(record.channel) is Kind.TRANSFORM):
-                self._take(record, is_image=key == camera)
-            while self.waiting and self._is_ready(record.log_time_ns):
+                self._take(record, number, is_image=key == camera)
+            now_ns = int(self.inspection.arrival_ns[number])
+            while self.waiting and self._is_ready(now_ns):
                 yield self._next_frame()
         while self.waiting:
             yield self._next_frame()
@@ -162,38 +170,38 @@ class _Reader:
         """The first calibration serves the images before it, too."""
         topic = self.plan.calibration
         if topic is not None and isinstance(topic.first, CalibrationContent) and topic.first.camera:
-            time_ns = self._time_ns(topic.first.time_ns, topic.first_log_ns)
-            self.calibrations.add(time_ns, topic.first.camera)
+            self.calibrations.add(-(1 << 62), topic.first.camera)
 
-    def _time_ns(self, header_ns: int | None, log_ns: int) -> int:
-        return log_ns if header_ns is None or self.plan.by_log_time else header_ns
-
-    def _take(self, message: Message, *, is_image: bool) -> None:
-        channel = message.channel
+    def _take(self, message: Message, number: int, *, is_image: bool) -> None:
+        channel, entry = message.channel, int(self.inspection.first[number])
         try:
             contents = self.decoders.decode(channel, message.data)
         except MessageError:
             if is_image:
-                self._wait(message, None)
-            else:
-                self.faulty.setdefault(channel.topic, [0, message.offset])[0] += 1
+                self._wait(message, number, None)
             return
         for content in contents:
-            time_ns = self._time_ns(content.time_ns, message.log_time_ns)
+            time_ns = int(self.inspection.time_ns[entry])
             if isinstance(content, ImageContent):
-                self._wait(message, content)
+                self._wait(message, number, content)
+            elif self.inspection.wrong[entry]:
+                pass
             elif isinstance(content, CalibrationContent):
                 if content.camera is not None:
                     self.calibrations.add(time_ns, content.camera)
             elif isinstance(content, FixContent):
                 self.fixes.add(time_ns, content.fix)
-            elif self.poses is not None and kind_of(channel) is Kind.TRANSFORM:
-                self.poses.tree.add(time_ns, content)
             elif self.poses is not None:
-                self.poses.add(time_ns, content)
+                moved = self.inspection.moved(entry, content)
+                if kind_of(channel) is Kind.TRANSFORM:
+                    self.poses.tree.add(time_ns, moved)
+                else:
+                    self.poses.add(time_ns, moved)
+            entry += 1
 
-    def _wait(self, message: Message, image: ImageContent | None) -> None:
-        report = self.report
+    def _wait(self, message: Message, number: int, image: ImageContent | None) -> None:
+        report, inspection = self.report, self.inspection
+        entry = int(inspection.first[number])
         index = report.images
         if (
             image is not None
@@ -201,16 +209,27 @@ class _Reader:
         ):
             image = replace(image, data=memoryview(bytes(image.data)))
         report.images += 1
-        time_ns = self._time_ns(None if image is None else image.time_ns, message.log_time_ns)
-        number = message.sequence if self.plan.by_number else index
-        self.waiting.append(_Waiting(index, number, message.log_time_ns, time_ns, image))
+        taken = message.sequence if self.plan.by_number else index
+        header_ns = None if image is None else image.time_ns
+        capture_ns = int(inspection.capture_ns[entry])
+        self.waiting.append(
+            _Waiting(
+                index,
+                taken,
+                message.log_time_ns,
+                int(inspection.arrival_ns[number]),
+                int(inspection.time_ns[entry]),
+                None if capture_ns == (header_ns or message.log_time_ns) else capture_ns,
+                image,
+            )
+        )
         self.waiting_bytes += 0 if image is None else len(image.data)
 
     def _is_ready(self, now_ns: int) -> bool:
         """Whether the oldest waiting image has all that belongs to it, or has waited long enough."""
         oldest = self.waiting[0]
         if (
-            now_ns - oldest.log_time_ns > LOOK_AHEAD_NS
+            now_ns - oldest.arrival_ns > self.window_ns
             or len(self.waiting) > MOST_WAITING
             or self.waiting_bytes > MOST_WAITING_BYTES
         ):
@@ -246,8 +265,12 @@ class _Reader:
 
     def _finish(self) -> None:
         report = self.report
-        for topic, (count, offset) in sorted(self.faulty.items()):
-            report.add_problem(offset, f"{count} messages of {topic} lost: they cannot be decoded")
+        for topic in self.plan.failed:
+            report.add_problem(
+                topic.failed_offset,
+                f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
+                f"({topic.fault})",
+            )
         report.notes += [*map(str, report.remarks), *report.unchecked]
         if self.poses is not None and self.poses.assumed_mount:
             report.notes.append(
@@ -262,6 +285,10 @@ class _Reader:
                 f"{self.plan.survey.path}: wanted poses or fixes at the times of images, found "
                 f"{report.statuses[NO_POSITION]} images and none of them near; give the distance between images "
                 "(--spacing 26.4ft)"
+            )
+        if report.statuses[NO_POSITION]:
+            report.notes.append(
+                f"{report.statuses[NO_POSITION]} images before the first pose or fix are left out; --spacing uses them"
             )
         if report.statuses[WRONG_SIZE] and not report.statuses[USED]:
             size, camera = self.plan.camera.image_size, self.selection.last_camera
@@ -301,7 +328,7 @@ class _Selection:
         used = status == USED and image is not None
         spacing_m = None
         if used:
-            if pose is None and self.spacing_m and self.last_used is not None:
+            if self.spacing_m and self.last_used is not None:
                 spacing_m = self.spacing_m * (one.number - self.last_used)
             self.last_used = one.number
         return Frame(
@@ -318,6 +345,7 @@ class _Selection:
             pose=pose,
             fix=fix,
             spacing_m=spacing_m,
+            settled_time_ns=one.settled_ns,
         )
 
     def _status(

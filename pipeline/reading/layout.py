@@ -23,6 +23,9 @@ ONLY_IN_DATA = (MESSAGE, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA)
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
+LATEST_NS = 1 << 62
+"""Times from here on (year 2116) are no times: sums and differences of two others fit 64 bits."""
+
 LARGEST_RECORD = 1 << 29
 """Longer records and larger chunks are taken for damage: half a gigabyte is far beyond any recorder's chunks."""
 

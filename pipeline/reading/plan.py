@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 
-_CLOCKS_DIFFER_NS = 60 * 10**9
 _MOST_LISTED, _LONGEST_SHOWN = 6, 120
 
 
@@ -24,8 +24,8 @@ class Plan:
     """What is read from a log.
 
     calibration: topic, or None where `camera_given` (from `calibration_source`) is used; motion_source:
-    "transforms", "poses", "odometry" or "" (none); by_log_time: header times are on different clocks and cannot
-    be compared; by_number: message sequence numbers count the images taken, gaps included.
+    "transforms", "poses", "odometry" or "" (none); by_number: message sequence numbers count the images taken, gaps
+    included; notes: on streams that tell nothing of motion and place, wholly or in part.
     """
 
     survey: LogSurvey
@@ -38,7 +38,17 @@ class Plan:
     fixes: Topic | None
     spacing_m: float
     by_number: bool
-    by_log_time: bool
+    notes: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> list[Topic]:
+        """Topics besides the images of which messages are lost though they should be of use, by name."""
+        read = (self.calibration, self.motion, self.fixes)
+        motion = self.survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX)
+        transforms = self.survey.of_kind(Kind.TRANSFORM) if self.motion_source else []
+        wanted = [t for t in read if t is not None] + [t for t in motion if t.first is None]
+        topics = {(t.name, t.schema): t for t in (*wanted, *transforms) if t.failed}
+        return [topics[key] for key in sorted(topics)]
 
     @property
     def camera_frame(self) -> str:
@@ -72,7 +82,7 @@ def check_settings(settings: ReadSettings) -> None:
 
 
 def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = None) -> Plan:
-    """Survey a log as far as needed, and choose what is read of it; `camera` replaces every calibration.
+    """Survey a log and choose what is read of it; `camera` replaces every calibration.
 
     Raises
     ------
@@ -87,17 +97,10 @@ def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = Non
         given = read_camera_file(Path(settings.calibration))
     survey = survey_log(
         path,
-        whole=False,
-        camera=settings.camera,
+        settings.camera,
         calibrated=given is not None,
-        spaced=settings.spacing_m > 0,
         allowance=allowance_of(settings),
     )
-    names = {t.name for t in survey.cameras}
-    if len(names) > 1 and not settings.camera:
-        survey = survey_log(
-            path, whole=True, allowance=allowance_of(settings)
-        )  # the question states how much there is of each
     return make_plan(survey, settings, given)
 
 
@@ -109,9 +112,10 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
     fixes = next((t for t in survey.of_kind(Kind.FIX) if t.first is not None), None)
     spacing_m = settings.spacing_m or survey.spacing_m
     if not motion_source and fixes is None and not spacing_m:
+        found = "; ".join([_listing(survey), *_without_value(survey)])
         raise InputError(
             f"{survey.path}: wanted poses, odometry, satellite fixes or a known spacing to place signs, "
-            f"found {_listing(survey)}; give the distance between images, as in --spacing 26.4ft"
+            f"found {found}; give the distance between images, as in --spacing 26.4ft"
         )
     return Plan(
         survey,
@@ -124,7 +128,7 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
         fixes,
         spacing_m,
         survey.by_number and not settings.spacing_m,
-        _clocks_differ(camera, motion, fixes),
+        tuple(_without_value(survey)),
     )
 
 
@@ -219,19 +223,21 @@ def _choose_motion(survey: LogSurvey, camera: Topic) -> tuple[str, Topic | None]
     for source, kind in (("poses", Kind.POSE), ("odometry", Kind.ODOMETRY)):
         topics = [t for t in survey.of_kind(kind) if isinstance(t.first, PoseContent)]
         if topics:
-            return source, max(topics, key=lambda t: t.count)
+            return source, max(topics, key=lambda t: t.usable)
     return "", None
 
 
-def _clocks_differ(camera: Topic, *others: Topic | None) -> bool:
-    """Whether header times cannot be compared, since one side's clock is not that of the log."""
-    offset = camera.header_offset_ns
-    offsets = [t.header_offset_ns for t in others if t is not None]
-    return any(
-        (offset or 0) - (other or 0) > _CLOCKS_DIFFER_NS
-        or (other or 0) - (offset or 0) > _CLOCKS_DIFFER_NS
-        for other in offsets
-    )
+def _without_value(survey: LogSurvey) -> Iterator[str]:
+    """Notes on topics that could tell motion or place, and of which messages say nothing."""
+    for topic in survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX):
+        if topic.first is None:
+            reason = topic.fault or "no position, or one known to a kilometre at best"
+            yield f"none of the {topic.count} messages of {shortened(topic.name)} can be used: {reason}"
+        elif silent := topic.count - topic.usable - topic.failed:
+            yield (
+                f"{silent} of {topic.count} messages of {shortened(topic.name)} hold no position, or one known to a "
+                "kilometre at best"
+            )
 
 
 def _listing(survey: LogSurvey) -> str:

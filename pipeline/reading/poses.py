@@ -65,6 +65,11 @@ class TransformTree:
             self.edges[child] = Edge(content)
         self.edges[child].add(time_ns, content)
 
+    def forget_samples(self) -> None:
+        """Keep what is fixed and which frames move, not where they were at which time."""
+        for edge in self.edges.values():
+            edge.series = TimeSeries()
+
     def chain(self, frame: str, until: str | None = None) -> list[Edge]:
         """Edges from a frame up to the root, or up to `until` (empty where that is not on the way)."""
         chain: list[Edge] = []

@@ -7,7 +7,7 @@ Layout and opcodes: MCAP specification, https://mcap.dev/spec. Neither footer no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import Allowance
@@ -51,13 +51,27 @@ def scan(
             ) from error
 
 
-def messages_at(path: Path, offset: int, channels: dict[int, Channel]) -> list[Message]:
-    """Messages of the one record at an offset of a log scanned before; `channels` by id. Raises as `scan`."""
+def messages_at(
+    path: Path, offset: int, channels: Iterable[Channel], allowance: Allowance | None = None
+) -> list[Message]:
+    """Messages of the one record at an offset of a log scanned before, of the channels known there.
+
+    Raises
+    ------
+    InputError
+        As `scan`, and where the record can no longer be read as it was, or only beyond the allowance.
+    """
     try:
         with path.open("rb") as stream:
-            scanner = Scanner(path, stream, ScanReport(), Allowance())
-            scanner.definitions.channels.update(channels)
-            return scanner.messages_at(offset)
+            scanner = Scanner(path, stream, ScanReport(), allowance or Allowance())
+            scanner.definitions.know(channels)
+            found = scanner.messages_at(offset)
+            if scanner.report.lost_chunks:
+                raise InputError(
+                    f"{path}: wanted the messages once more, in the order of their times, found "
+                    f"{scanner.report.problems[0]}; sort the log by time first (mcap sort)"
+                )
+            return found
     except OSError as error:
         raise InputError(
             f"{path}: reading stopped at byte {offset}: {error.strerror or error}; "

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from wayside.pipeline.reading.contents import (
+    VAGUEST_M,
     CalibrationContent,
     ContentError,
     FixContent,
@@ -94,9 +95,9 @@ def nav_sat_fix(message: Any, _: memoryview) -> list[FixContent]:
 
 
 def _sigma(covariance: Any, diagonal: tuple[int, int, int]) -> float | None:
-    """Root of the mean variance; None where it is unknown (zero, negative or infinite)."""
+    """Root of the mean variance; None where it is unknown (zero, negative, infinite, or `VAGUEST_M` and more)."""
     variances = [float(covariance[i]) for i in diagonal] if len(covariance) == 36 else [0.0]
-    if min(variances) <= 0 or not math.isfinite(sum(variances)):
+    if min(variances) <= 0 or not sum(variances) / 3 < VAGUEST_M**2:
         return None
     return math.sqrt(sum(variances) / 3)
 

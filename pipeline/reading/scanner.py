@@ -28,6 +28,7 @@ from wayside.pipeline.reading.layout import (
     FOOTER,
     HEADER,
     LAST_KNOWN,
+    LATEST_NS,
     MAGIC,
     MESSAGE,
     MESSAGE_HEAD,
@@ -63,10 +64,6 @@ class Message(NamedTuple):
     log_time_ns: int
     data: memoryview
     offset: int
-
-
-_LATEST_NS = (1 << 63) - 1
-"""The latest time that tables can hold; MCAP has one bit more."""
 
 
 class Scanner:
@@ -296,9 +293,9 @@ class Scanner:
         if channel is None:
             return None
         report = self.report
-        if log_time_ns > _LATEST_NS:
+        if log_time_ns >= LATEST_NS:
             report.add_problem(
-                start, f"a message of {channel.topic} lost: its time is after the year 2262"
+                start, f"a message of {channel.topic} lost: its time is after the year 2116"
             )
             return None
         report.messages += 1

@@ -42,8 +42,9 @@ class TimeSeries(Generic[V]):
             del self.times[:MOST_SAMPLES], self.values[:MOST_SAMPLES]
 
     def reaches(self, time_ns: int) -> bool:
-        """Whether a sample at or after this time has come."""
-        return bool(self.times) and self.times[-1] >= time_ns
+        """Whether all has come that tells the value at this time: a sample at it or one behind it, of two at least."""
+        times = self.times
+        return bool(times) and (times[-1] == time_ns or (times[-1] > time_ns and len(times) > 1))
 
     def latest(self, time_ns: int) -> V | None:
         """The sample at or before this time, else the first one held."""

@@ -1,7 +1,9 @@
-"""What a log holds: its topics, with the first message of each that matters, as far as needed to plan the reading."""
+"""What a log holds: its topics with the first message of each that matters, times and positions of all messages."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,27 +21,29 @@ from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind
 from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.reading.summary import read_summary
+from wayside.pipeline.reading.stamps import Stamps
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
 METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
 """Metadata record by which `wayside import` tells the distance between images."""
 
-_LONG_ENOUGH_NS = 2 * 10**9
 _MOST_ATTACHMENTS = 16
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
 
 
 @dataclass(slots=True)
 class Topic:
-    """One topic: how much there is of it, and its first message."""
+    """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack."""
 
     name: str
     schema: str
     encoding: str
     kind: Kind | None
     count: int = 0
+    usable: int = 0
+    failed: int = 0
+    failed_offset: int = 0
     size: int = 0
     first_log_ns: int = 0
     last_log_ns: int = 0
@@ -71,21 +75,21 @@ class Topic:
         image = self.first
         return format_word(image.encoding) if isinstance(image, ImageContent) else "unknown"
 
-    @property
-    def header_offset_ns(self) -> int | None:
-        """Header time less log time of the first message; None where it has no header time."""
-        if self.first is None or self.first.time_ns is None:
-            return None
-        return self.first.time_ns - self.first_log_ns
-
 
 @dataclass(slots=True)
 class LogSurvey:
-    """What was found in a log, in the whole of it or at its beginning."""
+    """What was found in a log.
+
+    stamps: times and positions of its messages, images of `camera` only (empty: all); channels: by id, each with the
+    offset of its first message, in file order.
+    """
 
     path: Path
+    camera: str = ""
     scan: ScanReport = field(default_factory=ScanReport)
     topics: dict[tuple[str, str], Topic] = field(default_factory=dict)
+    stamps: Stamps = field(default_factory=Stamps)
+    channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
     attached_camera: Camera | None = None
     attachment_name: str = ""
@@ -102,30 +106,32 @@ class LogSurvey:
         """Topics of camera images, by name."""
         return [t for t in self.of_kind(Kind.IMAGE) if t.is_camera]
 
+    def is_stamped(self, channel: Channel) -> bool:
+        """Whether messages of a channel have a row in `stamps`."""
+        kind = kind_of(channel)
+        return kind is not None and (kind is not Kind.IMAGE or self.camera in ("", channel.topic))
+
+    def channels_at(self, offset: int) -> list[Channel]:
+        """The channels of messages up to the record at an offset."""
+        known = (
+            seen[bisect_right(seen, offset, key=_place) - 1] for seen in self.channels.values()
+        )
+        return [channel for place, channel in known if place <= offset]
+
 
 def survey_log(
-    path: Path,
-    *,
-    whole: bool,
-    camera: str = "",
-    calibrated: bool = False,
-    spaced: bool = False,
-    allowance: Allowance | None = None,
+    path: Path, camera: str = "", *, calibrated: bool = False, allowance: Allowance | None = None
 ) -> LogSurvey:
-    """Look into a log.
+    """Read all of a log, in memory that holds no images, and tell what is in it.
 
     Parameters
     ----------
     path
         The MCAP file.
-    whole
-        Read all of it and count. Otherwise stop once the log is known to be usable and two seconds of it have passed,
-        or before, where its summary tells that every topic was seen: a usable log costs little, an unusable one is
-        read to its end.
     camera
         The image topic that is wanted; empty: any.
-    calibrated, spaced
-        Whether calibration or spacing come from elsewhere, and need not be found.
+    calibrated
+        Whether the calibration comes from elsewhere, and none need be looked for among attachments.
     allowance
         How far the log may unpack; None: as the default settings say.
 
@@ -134,8 +140,7 @@ def survey_log(
     InputError
         The file is no MCAP log or cannot be read.
     """
-    survey = LogSurvey(path)
-    expected = set() if whole else _expected_topics(path)
+    survey = LogSurvey(path, camera)
     decoders = Decoders()
     for record in scan(path, survey.scan, allowance):
         if isinstance(record, Metadata):
@@ -144,16 +149,13 @@ def survey_log(
             if not calibrated:
                 _take_attachment(survey, record)
         else:
-            news = _take_message(survey, record, decoders)
-            passed = record.log_time_ns - (survey.scan.first_log_ns or 0)
-            if (
-                not whole
-                and (news or passed > _LONG_ENOUGH_NS)
-                and _is_usable(survey, camera, calibrated, spaced)
-                and (passed > _LONG_ENOUGH_NS or _has_all(survey, expected))
-            ):
-                break
+            _take_message(survey, record, decoders)
+    survey.tree.forget_samples()
     return survey
+
+
+def _place(seen: tuple[int, Channel]) -> int:
+    return seen[0]
 
 
 def topic_key(channel: Channel) -> tuple[str, str]:
@@ -161,31 +163,12 @@ def topic_key(channel: Channel) -> tuple[str, str]:
     return channel.topic, channel.schema_name
 
 
-def _expected_topics(path: Path) -> set[tuple[str, str]]:
-    try:
-        with path.open("rb") as stream:
-            summary = read_summary(stream)
-    except OSError:
-        return set()  # the scan says it better
-    if summary is None:
-        return set()
-    return {
-        topic_key(channel)
-        for channel in summary.channels.values()
-        if kind_of(channel) is not None and summary.message_counts.get(channel.id, 1)
-    }
-
-
-def _has_all(survey: LogSurvey, expected: set[tuple[str, str]]) -> bool:
-    """Whether each expected topic was seen, once being enough; of transforms, many come on one topic."""
-    if not expected or survey.of_kind(Kind.TRANSFORM):
-        return False
-    return expected <= survey.topics.keys()
-
-
-def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> bool:
-    """Count a message; True where it tells something new."""
+def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> None:
+    """Count a message, decode it, and note its times and positions."""
     channel = message.channel
+    seen = survey.channels.setdefault(channel.id, [])
+    if not seen or seen[-1][1] is not channel:
+        seen.append((message.offset, channel))
     key = topic_key(channel)
     topic = survey.topics.get(key)
     if topic is None:
@@ -195,22 +178,31 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> bo
     topic.count += 1
     topic.size += len(message.data)
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
-    if topic.kind is None or (topic.first is not None and topic.kind is not Kind.TRANSFORM):
-        return False
+    stamped = survey.is_stamped(channel)
+    if topic.kind is None or (topic.first is not None and not stamped):
+        return
+    contents: Sequence[Content] = ()
     try:
         contents = decoders.decode(channel, message.data)
     except MessageError as error:
-        topic.fault = topic.fault or str(error)
-        return False
+        _fail(topic, message.offset, str(error))
+    if stamped:
+        survey.stamps.add(key, message.offset, message.log_time_ns, contents)
     for content in contents:
         if isinstance(content, CalibrationContent) and content.camera is None:
-            topic.fault = topic.fault or content.why
+            _fail(topic, message.offset, content.why)
             continue
+        topic.usable += 1
         if isinstance(content, PoseContent) and topic.kind is Kind.TRANSFORM:
             survey.tree.add(content.time_ns or message.log_time_ns, content)
         if topic.first is None:
             topic.first, topic.first_log_ns = content, message.log_time_ns
-    return True
+
+
+def _fail(topic: Topic, offset: int, why: str) -> None:
+    topic.failed += 1
+    if topic.failed == 1:
+        topic.fault, topic.failed_offset = why, offset
 
 
 def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
@@ -239,21 +231,3 @@ def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
         survey.attachment_name = record.name
     except (UnicodeDecodeError, InputError):
         return  # some other YAML file
-
-
-def _is_usable(survey: LogSurvey, camera: str, calibrated: bool, spaced: bool) -> bool:
-    images = [
-        t.first
-        for t in survey.cameras
-        if isinstance(t.first, ImageContent) and camera in ("", t.name)
-    ]
-    if not images:
-        return False
-    calibrated = calibrated or survey.attached_camera is not None
-    if not (calibrated or any(t.first is not None for t in survey.of_kind(Kind.CALIBRATION))):
-        return False
-    if spaced or survey.spacing_m:
-        return True
-    if any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX)):
-        return True
-    return any(survey.tree.moves(image.frame_id) for image in images)

@@ -44,6 +44,71 @@ class ReadSettings:
         low=0,
         expert=True,
     )
+    # Order and faults of what is read
+    late_s: float = setting(
+        1.5,
+        "s",
+        "a message is at most so late; times that differ by more tell that a clock was set",
+        origin="satellite fixes come once a second",
+        expert=True,
+        low=0.1,
+    )
+    far_s: float = setting(
+        60.0,
+        "s",
+        "messages so far from all others have a wrong time; sources that differ by more have clocks of their own",
+        origin="clocks of one vehicle that are synchronised at all differ by less",
+        expert=True,
+        low=1,
+    )
+    fastest_mps: float = setting(
+        150.0,
+        "m/s",
+        "poses and fixes that imply a higher speed are wrong",
+        origin="no vehicle on a road is faster",
+        expert=True,
+        low=1,
+    )
+    position_slack_m: float = setting(
+        10.0,
+        "m",
+        "distance that implies no speed",
+        origin="satellite fixes scatter by metres within a tenth of a second",
+        expert=True,
+        low=0,
+    )
+    hardest_mps2: float = setting(
+        15.0,
+        "m/s^2",
+        "poses aside of a path that implies a higher acceleration are wrong",
+        origin="emergency braking reaches 10",
+        expert=True,
+        low=1,
+    )
+    spike_m: float = setting(
+        0.5,
+        "m",
+        "poses are so far aside of that path at least",
+        origin="smaller errors are weighted down when the path is smoothed",
+        expert=True,
+        low=0,
+    )
+    fastest_turn_dps: float = setting(
+        120.0,
+        "deg/s",
+        "poses that imply a faster rotation there and back are wrong",
+        origin="a car on its smallest circle turns by 60",
+        expert=True,
+        low=1,
+    )
+    spike_deg: float = setting(
+        3.0,
+        "deg",
+        "poses are turned by so much more at least",
+        origin="jolts of the road turn a car by less",
+        expert=True,
+        low=0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

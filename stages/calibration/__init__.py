@@ -12,7 +12,12 @@ from wayside.stages.calibration.board_fit import (
 from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment, cut_segments
-from wayside.stages.calibration.watch import CalibrationWatch, FocalCheck, watch_calibration
+from wayside.stages.calibration.watch import (
+    CalibrationWatch,
+    FocalCheck,
+    check_calibration,
+    watch_calibration,
+)
 
 __all__ = [
     "LENS",
@@ -30,6 +35,7 @@ __all__ = [
     "calibrate_boards",
     "calibrate_drive",
     "changed_camera",
+    "check_calibration",
     "cut_segments",
     "find_board",
     "focal_correction",

@@ -27,6 +27,14 @@ def watch_calibration(
         yield item
 
 
+def check_calibration(
+    watches: Iterator[CalibrationWatch], *, ties: TieSettings, adjustment: LocalAdjustmentSettings
+) -> Iterator[FocalCheck]:
+    """What each watched drive says of its focal length, after its last image."""
+    for watch in watches:
+        yield watch.check(ties, adjustment)
+
+
 class FocalCheck(NamedTuple):
     """What a drive says of the focal length it was processed with.
 

@@ -52,6 +52,8 @@ def predict_motion(
 ) -> MotionPrior:
     """Expected step between two frames by the best source: poses, then spacing, then fixes, then the last speed.
 
+    Poses that stand still give way to a known spacing.
+
     Parameters
     ----------
     before, now
@@ -72,7 +74,8 @@ def predict_motion(
     """
     if before.pose is not None and now.pose is not None:
         step = now.pose.pose.relative_to(before.pose.pose)
-        if float(np.linalg.norm(step.centre)) > settings.shortest_m:
+        stands = float(np.linalg.norm(step.centre)) <= settings.shortest_m
+        if not (stands and now.spacing_m is not None):
             return _by_poses(before.pose, now.pose, step, travel, settings)
     if now.spacing_m is not None:
         baseline, sigma, source = now.spacing_m, settings.spacing_sigma_m, "straight"
@@ -113,8 +116,10 @@ def _by_poses(
     sigma_rad = sqrt(2.0) * max(
         _or(first.sigma_rad, default_rad), _or(second.sigma_rad, default_rad)
     )
-    baseline = float(np.linalg.norm(step.centre))
-    direction = step.centre / baseline
+    length = float(np.linalg.norm(step.centre))
+    baseline = max(length, settings.shortest_m)
+    # Poses of a vehicle that stands tell no direction.
+    direction = step.centre / length if length > settings.shortest_m else travel.direction
     # The direction between two noisy positions is no more accurate than the mount's: weighted mean of both.
     given, mounted = (sigma_m / baseline) ** -2, travel.sigma**-2
     expected = halfway_direction(np.ascontiguousarray(step.rotation), travel.direction)

@@ -39,6 +39,12 @@ def test_where_the_location_model_has_no_sign_is_evidence_against_one(run_with):
     assert sum(row["confidence"] for row in far) < sum(row["confidence"] for row in usual)
 
 
+def test_a_panel_larger_than_the_settings_allow_is_none(run_demo):
+    result = run_demo("--until", SHORT_S, "--set", "locate.largest_side_m=1.2")
+    assert max(row["panel_width_m"] for row in result.signs) <= 1.2
+    assert result.verdicts["panel_size"] > 0
+
+
 def name_everything(name):
     """A change of a network that makes it sure of one class."""
 

@@ -1,0 +1,85 @@
+"""The demo drive with wrong clocks, order and positions, run as a user runs it."""
+
+import hashlib
+
+import pytest
+
+SOUND = 10
+"""Rows that the demo drive gives."""
+
+
+@pytest.fixture(scope="module")
+def attacks(load):
+    return load("reliability_clocks")
+
+
+@pytest.fixture(scope="module")
+def reference(attacks, tmp_path_factory):
+    out = tmp_path_factory.mktemp("reference") / "out"
+    assert attacks.run_attack(attacks.DEMO, out, ()).status == 0
+    return out
+
+
+def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, tmp_path):
+    messages = attacks.read_log(attacks.DEMO)
+    attacks.write_log(tmp_path / "again.mcap", messages)
+    again = attacks.read_log(tmp_path / "again.mcap")
+    assert [(m.topic, m.log_ns, m.number) for m in again] == [
+        (m.topic, m.log_ns, m.number) for m in messages
+    ]
+    assert all(a.data == b.data for a, b in zip(again, messages, strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "status", "used", "words"),
+    [
+        ("all clocks back an hour from image 12", 0, 24, "60 minutes back at image 12"),
+        ("the same, fixes only", 0, 24, "60 minutes back at image 12"),
+        ("headers back an hour, log clock sound", 0, 24, "12 of 24 header times"),
+        ("first image a year ahead", 0, 24, "1 messages are logged at a time far"),
+        ("two chunks swapped", 0, 24, "another order"),
+        ("messages reversed, fixes only", 0, 24, "another order"),
+        ("two image messages swapped", 0, 24, ""),
+        ("poses until image 16, no fixes", 0, 24, ""),
+        ("one pose off by 5 km", 0, 24, "1 of 24 poses of /pose are where no vehicle can be"),
+        ("one pose off by 20 m", 0, 24, "1 of 24 poses of /pose are where no vehicle can be"),
+        ("poses jump by 5 km and stay", 0, 24, "the origin of the poses of /pose moves once"),
+        ("one pose at 1e308", 4, 24, "1 messages of /pose lost"),
+        ("all poses NaN", 4, 24, "24 messages of /pose lost"),
+        ("all altitudes 1e15", 4, 24, "24 messages of /gps lost"),
+        ("covariance 1e16 of all fixes", 0, 24, "none of the 24 messages of /gps can be used"),
+        ("calibration NaN from the third on", 4, 24, "22 messages of /camera/calibration lost"),
+    ],
+)
+def test_an_attack_is_told_and_costs_no_sign(
+    attacks, reference, tmp_path, name, status, used, words
+):
+    edit, options = attacks.ATTACKS[name]
+    log = tmp_path / "demo.mcap"
+    attacks.write_log(log, edit(attacks.read_log(attacks.DEMO)))
+    found = attacks.run_attack(log, tmp_path / "out", options)
+    assert (found.status, found.used, found.rows) == (status, used, SOUND), found
+    assert words in "; ".join(found.said)
+    matched, worst_m = attacks.compare(tmp_path / "out", reference)
+    assert matched == SOUND
+    assert worst_m < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["messages up to 1 s late", "messages reversed", "two chunks swapped"]
+)
+def test_the_order_in_the_file_changes_no_byte_of_the_tables(attacks, tmp_path, name):
+    messages = attacks.read_log(attacks.DEMO)
+    digests = []
+    for folder, edit in (("sound", list), ("attacked", attacks.ATTACKS[name][0])):
+        log = tmp_path / folder / "demo.mcap"
+        log.parent.mkdir()
+        attacks.write_log(log, edit(messages))
+        out = tmp_path / folder / "out"
+        attacks.run_attack(log, out, ())
+        tables = sorted(out.glob("*.parquet"))
+        assert len(tables) == 3
+        digests.append([hashlib.sha256(table.read_bytes()).hexdigest() for table in tables])
+    assert digests[0] == digests[1]
