@@ -111,11 +111,12 @@ def column(chunks, path, name):
 def stream_types():
     """Every type that a stage takes or gives on a frame's way, from the annotations of the stages themselves.
 
-    What `georeference` makes after the last frame is shown all at once, by `closing`.
+    What `georeference` makes after the last frame is shown all at once, by `closing`; the check of the calibration is a
+    note of the run.
     """
     found = set()
     for module in pkgutil.walk_packages(wayside.stages.__path__, "wayside.stages."):
-        if module.name.startswith("wayside.stages.georeference"):
+        if module.name.startswith(("wayside.stages.georeference", "wayside.stages.calibration")):
             continue
         loaded = importlib.import_module(module.name)
         for name, function in inspect.getmembers(loaded, inspect.isgeneratorfunction):
