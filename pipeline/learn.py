@@ -30,8 +30,6 @@ from wayside.pipeline.learning.gaussians import color_model, location_model, sha
 from wayside.pipeline.learning.landmarks import (
     ACCEPT,
     ACCEPT_BACK,
-    FALSE_ALARM,
-    FALSE_ALARM_BACK,
     LandmarkSamples,
     PosedDrive,
     gather_landmarks,
@@ -83,7 +81,7 @@ SCENE_COPIES = 3
 REPORT_IMAGE = (1600, 1200)
 """Width and height of the images of the report, in pixels."""
 
-LENIENT = (0.0, 1.0, 2.0)
+LENIENT = (0.0, 1.0)
 """Log odds by which the threshold of the box classifier is lowered for the landmark classifier: else few landmarks are
 no signs."""
 
@@ -205,14 +203,9 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
         notify(f"outline.json not written, the model that ships is used: {error}")
     digests = {name: _write(out / name, model, notify) for name, model in models.items()}
     places = _places(logs, detector, backs, out)
-    for name, back, threshold, false_alarm in (
-        ("place", False, ACCEPT, FALSE_ALARM),
-        ("back_place", True, ACCEPT_BACK, FALSE_ALARM_BACK),
-    ):
+    for name, back, threshold in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
         try:
-            place = learn_landmark_classifier(
-                places.side(back=back), origin, threshold, false_alarm
-            )
+            place = learn_landmark_classifier(places.side(back=back), origin, threshold)
         except InputError as error:
             notify(
                 f"{name}.json not written, such landmarks are classified by their fit alone: {error}"
@@ -265,9 +258,7 @@ def _tracked(
         moved = estimate_motion(
             flow.detect(frames), settings.motion, settings.ties, settings.adjustment
         )
-        yield PosedDrive(
-            moved, classifier, back, truth, flow.panel_method(), models.location_classes
-        )
+        yield PosedDrive(moved, classifier, back, truth, flow.panel_method())
 
 
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Regions
 from wayside.schemas.frame import Camera
-from wayside.stages.mapping.landmark_evidence import LandmarkClassifier
+from wayside.schemas.models import TreeModel
 
 
 class ViewClassifier(Protocol):
@@ -28,7 +28,10 @@ class ViewClassifier(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SideClassifiers:
-    """Classifiers of panels seen from one side: of a `view` in one image (None: none is predicted), of a `landmark`."""
+    """Classifiers of panels seen from one side: of a `view` in one image, of a `landmark` over all its views.
+
+    None: nothing classifies them.
+    """
 
     view: ViewClassifier | None = None
-    landmark: LandmarkClassifier = field(default_factory=LandmarkClassifier)
+    landmark: TreeModel | None = None
