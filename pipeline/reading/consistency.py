@@ -32,7 +32,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class PositionCheck:
     """What of a series is kept.
 
     wrong (n,): positions to be left out. origin (n,): number of the coordinate frame that each is given in, 0 for the
@@ -54,7 +54,9 @@ def fix_positions(degrees: Floats) -> Floats:
     return np.stack([east, north, degrees[:, 2]], axis=1)
 
 
-def judge(series: Series, settings: ReadSettings, *, origin_may_move: bool) -> Judgement:
+def check_positions(
+    series: Series, settings: ReadSettings, *, origin_may_move: bool
+) -> PositionCheck:
     """Positions that are wrong, and those that another origin explains.
 
     Parameters
@@ -83,7 +85,7 @@ def judge(series: Series, settings: ReadSettings, *, origin_may_move: bool) -> J
         for number in np.unique(origin[~wrong]):
             rows = np.flatnonzero(~wrong & (origin == number))
             wrong[rows[_spikes(series, rows, settings)]] = True
-    return Judgement(wrong, origin)
+    return PositionCheck(wrong, origin)
 
 
 def _possible(series: Series, a: Integers, b: Integers, settings: ReadSettings) -> Flags:
@@ -156,8 +158,8 @@ def _spikes_of(
             row = rows[starts + k]
             part = (t[row] - t[a1]) / span
             off = np.linalg.norm(p[row] - p[a1] - (p[b1] - p[a1]) * part[:, None], axis=1)
-            bow = settings.hardest_mps2 * (t[row] - t[a1]) * (t[b1] - t[row]) / 2
-            aside &= off > settings.spike_m + bow + 6 * scale
+            sagitta = settings.hardest_mps2 * (t[row] - t[a1]) * (t[b1] - t[row]) / 2
+            aside &= off > settings.spike_m + sagitta + 6 * scale
             nearest = np.minimum(nearest, off)
             turned &= _turned(series, a1, row, b1, settings)
     found = np.zeros(len(rows), np.bool_)
@@ -203,14 +205,14 @@ def _scatter(series: Series, rows: Integers) -> float:
     return 1.48 * float(np.median(off))
 
 
-def joined(series: Series, judgement: Judgement) -> dict[int, tuple[Floats, Floats]]:
+def joined(series: Series, checked: PositionCheck) -> dict[int, tuple[Floats, Floats]]:
     """Rotation (3, 3) and shift (3,) that bring the positions of each other origin into the frame of origin 0.
 
     Where the origin moves, the vehicle keeps the speed and rate of turn that it had before; origin 0 is the log's.
     """
     moves: dict[int, tuple[Floats, Floats]] = {0: (np.eye(3), np.zeros(3))}
-    kept = np.flatnonzero(~judgement.wrong)
-    origin = judgement.origin[kept]
+    kept = np.flatnonzero(~checked.wrong)
+    origin = checked.origin[kept]
     order = [int(number) for number in dict.fromkeys(origin.tolist())]
     zero = order.index(0)
     for side in (range(zero + 1, len(order)), range(zero - 1, -1, -1)):

@@ -9,7 +9,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.clocks import LogClock, settle_headers, settle_log
-from wayside.pipeline.reading.consistency import Judgement, Series, fix_positions, joined, judge
+from wayside.pipeline.reading.consistency import (
+    PositionCheck,
+    Series,
+    check_positions,
+    fix_positions,
+    joined,
+)
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.plan import Plan, shortened
 from wayside.pipeline.reading.poses import bare
@@ -202,19 +208,19 @@ class _Inspector:
         position = fix_positions(given[:, POSITION]) if earth else given[:, POSITION]
         time_s = (result.time_ns[rows] - result.time_ns[rows[0]]) / SECOND_NS
         series = Series(time_s, position, None if earth else given[:, ROTATION])
-        judgement = judge(series, self.settings, origin_may_move=not earth)
-        result.wrong[rows[judgement.wrong]] = True
-        result.notes += _words(series, judgement, what)
-        if judgement.origin.any():
-            moves = joined(series, judgement)
-            for k in np.flatnonzero(judgement.origin * ~judgement.wrong).tolist():
-                result.moves[int(rows[k])] = moves[int(judgement.origin[k])]
+        checked = check_positions(series, self.settings, origin_may_move=not earth)
+        result.wrong[rows[checked.wrong]] = True
+        result.notes += _words(series, checked, what)
+        if checked.origin.any():
+            moves = joined(series, checked)
+            for k in np.flatnonzero(checked.origin * ~checked.wrong).tolist():
+                result.moves[int(rows[k])] = moves[int(checked.origin[k])]
 
 
-def _words(series: Series, judgement: Judgement, what: str) -> Iterator[str]:
-    wrong = np.flatnonzero(judgement.wrong)
+def _words(series: Series, checked: PositionCheck, what: str) -> Iterator[str]:
+    wrong = np.flatnonzero(checked.wrong)
     if len(wrong):
-        kept = np.flatnonzero(~judgement.wrong)
+        kept = np.flatnonzero(~checked.wrong)
         nearest = np.searchsorted(kept, wrong).clip(max=len(kept) - 1)
         off = np.linalg.norm(series.position[wrong] - series.position[kept[nearest]], axis=1)
         furthest = int(np.argmax(off))
@@ -222,8 +228,8 @@ def _words(series: Series, judgement: Judgement, what: str) -> Iterator[str]:
             f"{len(wrong)} of {len(series.time_s)} {what} are where no vehicle can be, up to {off[furthest]:.0f} m "
             f"from the next sound one ({series.time_s[wrong[furthest]]:.1f} s after the first): left out"
         )
-    if judgement.origin.any():
-        count = len(np.unique(judgement.origin)) - 1
+    if checked.origin.any():
+        count = len(np.unique(checked.origin)) - 1
         times = "once" if count == 1 else f"{count} times"
         yield (
             f"the origin of the {what} moves {times}: the speed before is kept across, and positions behind are "

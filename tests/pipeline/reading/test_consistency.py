@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.consistency import Series, joined, judge
+from wayside.pipeline.reading.consistency import Series, check_positions, joined
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
@@ -32,7 +32,7 @@ def drive(count=60, rate=4.0, noise=0.0, seed=0):
 
 
 def judged(series, **settings):
-    found = judge(series, ReadSettings(**settings), origin_may_move=True)
+    found = check_positions(series, ReadSettings(**settings), origin_may_move=True)
     return np.flatnonzero(found.wrong).tolist(), found
 
 
@@ -101,7 +101,7 @@ def test_an_origin_that_moves_and_turns_is_moved_back(at):
 def test_fixes_that_leave_and_stay_away_are_left_out():
     series = drive()
     series.position[40:] += [5000.0, 0.0, 0.0]
-    found = judge(series, SETTINGS, origin_may_move=False)
+    found = check_positions(series, SETTINGS, origin_may_move=False)
     assert np.flatnonzero(found.wrong).tolist() == list(range(40, 60))
 
 
