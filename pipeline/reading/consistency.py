@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.reading.stamps import Flags, Floats, Integers
 from wayside.schemas.settings import ReadSettings
 
-_LOOK_BACK = 64
+_LOOK_BACK = 256
 """Parts of a series before each that it may continue: bounds the time of a series that is nothing but jumps."""
 
 _LONGEST_SPIKE = 3
@@ -108,6 +108,11 @@ def _reachable(series: Series, rows: Integers, settings: ReadSettings) -> Intege
     parts = _parts(series, rows, settings)
     if len(parts) < 2:
         return rows
+    # A wrong position may be in reach of those on one side: each next to a cut may be left out by itself.
+    cuts = np.cumsum([len(part) for part in parts])[:-1]
+    near = cuts[:, None] + np.arange(-_LONGEST_SPIKE, _LONGEST_SPIKE + 1)
+    cuts = np.unique(near[(near > 0) & (near < len(rows))])
+    parts = np.split(rows, cuts)
     first, last = (np.array([part[k] for part in parts]) for k in (0, -1))
     size, before = np.array([len(part) for part in parts]), np.full(len(parts), -1)
     for k in range(1, len(parts)):
