@@ -88,11 +88,16 @@ def check_positions(
     return PositionCheck(wrong, origin)
 
 
+def _distance(series: Series, a: Integers, b: Integers) -> Floats:
+    """Distance (k,) from the positions a (k,) to b (k,), metres."""
+    return np.asarray(np.linalg.norm(series.position[b] - series.position[a], axis=-1))
+
+
 def _possible(series: Series, a: Integers, b: Integers, settings: ReadSettings) -> Flags:
     """Whether a vehicle can go from the positions a (k,) to b (k,)."""
-    way = np.linalg.norm(series.position[b] - series.position[a], axis=-1)
+    length = _distance(series, a, b)
     passed = np.abs(series.time_s[b] - series.time_s[a])
-    return np.asarray(way <= settings.fastest_mps * passed + settings.position_slack_m)
+    return np.asarray(length <= settings.fastest_mps * passed + settings.position_slack_m)
 
 
 def _parts(series: Series, rows: Integers, settings: ReadSettings) -> list[Integers]:
@@ -104,7 +109,7 @@ def _parts(series: Series, rows: Integers, settings: ReadSettings) -> list[Integ
 
 
 def _reachable(series: Series, rows: Integers, settings: ReadSettings) -> Integers:
-    """The most rows that can be reached one from the other."""
+    """The most rows that can be reached one from the other; of as many, the shortest path."""
     parts = _parts(series, rows, settings)
     if len(parts) < 2:
         return rows
@@ -115,13 +120,20 @@ def _reachable(series: Series, rows: Integers, settings: ReadSettings) -> Intege
     parts = np.split(rows, cuts)
     first, last = (np.array([part[k] for part in parts]) for k in (0, -1))
     size, before = np.array([len(part) for part in parts]), np.full(len(parts), -1)
+    length = np.array([_distance(series, part[:-1], part[1:]).sum() for part in parts])
     for k in range(1, len(parts)):
         earlier = np.arange(max(0, k - _LOOK_BACK), k)
         fits = earlier[_possible(series, last[earlier], np.full(len(earlier), first[k]), settings)]
         if len(fits):
-            before[k] = fits[np.argmax(size[fits])]
+            longest = fits[size[fits] == size[fits].max()]
+            across = length[longest] + _distance(
+                series, last[longest], np.full(len(longest), first[k])
+            )
+            shortest = int(np.argmin(across))
+            before[k] = longest[shortest]
             size[k] += size[before[k]]
-    chosen, k = [], int(np.argmax(size))
+            length[k] += across[shortest]
+    chosen, k = [], int(np.lexsort((length, -size))[0])
     while k >= 0:
         chosen.append(parts[k])
         k = int(before[k])
@@ -247,8 +259,8 @@ def _join(
         step = rotation[int(pair[0])].inv() * rotation[base]
         passed = t[base] - t[int(pair[0])]
         part = (t[target] - t[base]) / passed if passed else 0.0
-        way = turn.apply(series.position[base] - series.position[int(pair[0])])
-        expected = position + way * part
+        displacement = turn.apply(series.position[base] - series.position[int(pair[0])])
+        expected = position + displacement * part
         expected_rotation = expected_rotation * Rotation.from_rotvec(step.as_rotvec() * part)
     move = expected_rotation * rotation[target].inv()
     return move.as_matrix(), expected - move.apply(series.position[target])
