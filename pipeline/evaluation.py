@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -55,9 +56,8 @@ class Duplicate:
 class MissCause:
     """Why a wanted sign was not found.
 
-    `step` is where it was lost (see `evaluate_misses.STEPS`), `reason` the verdict or status there. `views`: how many
-    of its views in images came to each verdict. `row` is the reported row on it, if there is one, and `distance_m` how
-    far from it that row stands.
+    step: where it was lost (see `evaluate_misses.STEPS`); reason: verdict or status there; views: how many of its views
+    came to each verdict; row: the reported row on it, if there is one, and distance_m: how far from it that row stands.
     """
 
     id: int | str
@@ -126,7 +126,7 @@ class Backs:
 AXES = ("lateral", "up", "along")
 
 
-class _Shares:
+class _Shares(ABC):
     """What every evaluation counts, as shares with their intervals."""
 
     __slots__ = ()
@@ -136,14 +136,14 @@ class _Shares:
     images: int | None
 
     @property
+    @abstractmethod
     def found_count(self) -> int:
         """Wanted signs that were found."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def right(self) -> int:
         """Reported rows that count as right in the precision."""
-        raise NotImplementedError
 
     @property
     def recall(self) -> float:
