@@ -71,6 +71,8 @@ def check_positions(
     count = len(series.time_s)
     wrong, origin = np.zeros(count, np.bool_), np.zeros(count, np.int64)
     left = np.arange(count)
+    if origin_may_move:  # else a sound position beside a wrong one may seem out of reach
+        left = left[~_spikes(series, left, settings)]
     best = _reachable(series, left, settings)
     wrong[:] = True
     wrong[best] = False

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -49,6 +49,8 @@ def test_a_sound_drive_is_kept_whole(rate, noise):
     st.floats(8.0, 1e7),
     st.floats(0, 2 * math.pi),
 )
+@example([(3, 1)], 43.0, 0.0)  # in reach of one side only
+@example([(3, 2)], 45.0, 1.0)  # a sound position out of reach of those beside it
 def test_positions_aside_are_found_wherever_they_are_and_nothing_else(places, size, direction):
     series = drive(noise=0.02)
     rows = sorted({row for at, length in places for row in range(at, at + length)})
