@@ -26,7 +26,6 @@ FEWEST = 4
 """A class of fewer samples is not learned."""
 
 KNEE = "knee of the ROC: largest true minus false positive rate (report chapter 10)"
-MOST = "99 of 100 of its own samples"
 
 
 def color_model(

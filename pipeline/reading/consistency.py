@@ -13,13 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.stamps import Flags, Floats, Integers
+from wayside.pipeline.reading.thinning import EARTH_RADIUS_M
 from wayside.schemas.settings import ReadSettings
 
 _LOOK_BACK = 256
 """Parts of a series before each that it may continue: bounds the time of a series that is nothing but jumps."""
 
 _LONGEST_SPIKE = 3
-_EARTH_RADIUS_M = 6_371_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,8 @@ def fix_positions(degrees: Floats) -> Floats:
         return degrees
     latitude, longitude = np.median(degrees[:, 0]), np.median(degrees[:, 1])
     turn = (degrees[:, 1] - longitude + 180.0) % 360.0 - 180.0
-    east = np.radians(turn) * np.cos(np.radians(latitude)) * _EARTH_RADIUS_M
-    north = np.radians(degrees[:, 0] - latitude) * _EARTH_RADIUS_M
+    east = np.radians(turn) * np.cos(np.radians(latitude)) * EARTH_RADIUS_M
+    north = np.radians(degrees[:, 0] - latitude) * EARTH_RADIUS_M
     return np.stack([east, north, degrees[:, 2]], axis=1)
 
 
