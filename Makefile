@@ -57,8 +57,12 @@ held-out: .venv/.ready
 drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
 
+# Landmarks are learned from other drives than the detectors that find them: the same specifications with other seeds.
+AGAIN := .cache/drives/again
 learn: drives .venv/.learn
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
+	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)
+	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 # Hours on one core; it can be interrupted, and goes on from its checkpoint.

@@ -155,7 +155,7 @@ def _matched(
     signs: Sequence[Row], panels: Sequence[Row], frames: Sequence[Row]
 ) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:
     """Reported minus true position, (n, m, 3) metres, and the pairs of row and panel that are matched one to one."""
-    poses = {frame["index"]: _pose(frame) for frame in frames}
+    poses = {frame["index"]: camera_pose(frame) for frame in frames}
     centres = np.array([panel["centre"] for panel in panels], np.float64).reshape(-1, 3)
     errors = np.zeros((len(signs), len(panels), 3))
     cost = np.full((len(signs), len(panels)), _UNMATCHED)
@@ -165,19 +165,24 @@ def _matched(
         rotation, origin = poses[sign["best_frame"]]
         actual = (centres - origin) @ rotation
         errors[i] = np.array([sign["right_m"], sign["down_m"], sign["ahead_m"]]) - actual
-        reach = np.linalg.norm(actual, axis=1)
-        across = np.hypot(errors[i, :, 0], errors[i, :, 1]) / np.maximum(
-            ACROSS_M, ACROSS_SHARE * reach
-        )
-        along = np.abs(errors[i, :, 2]) / np.maximum(ALONG_M, ALONG_SHARE * reach)
-        near = (across <= 1) & (along <= 1)
-        cost[i, near] = (across + along)[near]
+        cost[i] = np.minimum(match_distance(errors[i], actual), _UNMATCHED)
     rows, columns = linear_sum_assignment(cost)
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
     return errors, [(i, j) for i, j in pairs if cost[i, j] < _UNMATCHED]
 
 
-def _pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def match_distance(error: NDArray[np.float64], actual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (...) of reported from true positions as shares of the tolerances; inf beyond them.
+
+    error, actual (..., 3): reported minus true, and true position in the camera frame, metres.
+    """
+    reach = np.linalg.norm(actual, axis=-1)
+    across = np.hypot(error[..., 0], error[..., 1]) / np.maximum(ACROSS_M, ACROSS_SHARE * reach)
+    along = np.abs(error[..., 2]) / np.maximum(ALONG_M, ALONG_SHARE * reach)
+    return np.where((across <= 1) & (along <= 1), across + along, np.inf)
+
+
+def camera_pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rotation (3, 3) from camera to world and camera centre (3,), metres."""
     rotation = Rotation.from_quat(frame["quaternion"]).as_matrix()
     return rotation, np.asarray(frame["position"], np.float64)

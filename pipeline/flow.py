@@ -32,6 +32,7 @@ from wayside.stages.detection import BoxClassifier, detect, detect_externally, p
 from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import (
+    LandmarkClassifier,
     SideClassifiers,
     assemble,
     classify_location,
@@ -157,9 +158,9 @@ class Flow:
         )
         watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
         tracked = stage("track", self._tracked(watched))
-        located = stage(
-            "location", classify_location(tracked, model=m.location_classes, settings=s.locate)
-        )
+        by_report = s.candidates.judge == "report"
+        refusing = m.location_classes if by_report else None  # else a term of the evidence
+        located = stage("location", classify_location(tracked, model=refusing, settings=s.locate))
         assembled = stage("assemble", assemble(located, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
@@ -204,12 +205,17 @@ class Flow:
 
     def _side_classifiers(self) -> tuple[SideClassifiers, SideClassifiers | None]:
         """Classifiers of faces and of backs, learned on the scores of wayside's own detector."""
-        m, by_report = self.models, self.settings.candidates.judge == "report"
-        boxes = None if by_report else BoxClassifier(m.box_classifier)
-        front = SideClassifiers(boxes, m.landmark_classifier)
+        m, s = self.models, self.settings
+        boxes = None if s.candidates.judge == "report" else BoxClassifier(m.box_classifier)
+        front, back = (
+            LandmarkClassifier(model, m.location_classes, s.landmark)
+            for model in (m.landmark_classifier, m.back_landmark_classifier)
+        )
         if m.back_classifier is None:
-            return front, None
-        return front, SideClassifiers(BoxClassifier(m.back_classifier), m.back_landmark_classifier)
+            return SideClassifiers(boxes, front), None
+        return SideClassifiers(boxes, front), SideClassifiers(
+            BoxClassifier(m.back_classifier), back
+        )
 
     def panel_method(self) -> PanelMethod:
         """How panels are measured as planes."""

@@ -1,4 +1,6 @@
-"""Learn all model files from rendered drives and real images: `python -m wayside.pipeline.learn`.
+"""Learn the models of one image from rendered drives and real images: `python -m wayside.pipeline.learn`.
+
+Those of landmarks, which judge what these let through, are learned after them: `learn_landmarks.py`.
 
 The same drives, images, seed and package versions give the same files.
 """
@@ -8,11 +10,9 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learning.backs import TrainedBackClassifier, learn_back_classifier
+from wayside.pipeline.learning.backs import learn_back_classifier
 from wayside.pipeline.learning.camera_augmentation import through_other_cameras
-from wayside.pipeline.learning.detector import TrainedDetector, learn_detector
+from wayside.pipeline.learning.detector import learn_detector
 from wayside.pipeline.learning.face_naming import learn_name_network
 from wayside.pipeline.learning.faces import FaceSample, real_faces
 from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
-from wayside.pipeline.learning.landmarks import (
-    ACCEPT,
-    ACCEPT_BACK,
-    LandmarkSamples,
-    PosedDrive,
-    gather_landmarks,
-    joined,
-    learn_landmark_classifier,
-)
 from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
 from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
@@ -61,10 +52,9 @@ from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
-from wayside.schemas.models import Model, NetworkModel, TreeModel
+from wayside.schemas.models import Model
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.imaging import decode
-from wayside.stages.odometry import estimate_motion
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
@@ -80,13 +70,6 @@ SCENE_COPIES = 3
 
 REPORT_IMAGE = (1600, 1200)
 """Width and height of the images of the report, in pixels."""
-
-LENIENT = (0.0, 1.0)
-"""Log odds by which the threshold of the box classifier is lowered for the landmark classifier: else few landmarks are
-no signs."""
-
-PROCESSES = 2
-"""How many drives are tracked at a time."""
 
 Notify = Callable[[str], None]
 
@@ -183,13 +166,12 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     models["ranking.json"] = learn_ranking(
         samples.drives, samples.scenes, seed, origin, candidates.most
     )
-    backs: TrainedBackClassifier | None = None
     try:
         backs = learn_back_classifier(detector.passed, seed, origin, candidates.same_face_iou)
     except InputError as error:
         notify(f"back.json not written, backs of panels are not detected: {error}")
     else:
-        models["back.json"] = backs.classifier
+        models["back.json"] = backs
     for what in ("color", "shape"):
         try:
             models[f"face_{what}.json"] = learn_name_network(
@@ -201,64 +183,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
         models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
     except InputError as error:
         notify(f"outline.json not written, the model that ships is used: {error}")
-    digests = {name: _write(out / name, model, notify) for name, model in models.items()}
-    places = _places(logs, detector, backs, out)
-    for name, back, threshold in (("place", False, ACCEPT), ("back_place", True, ACCEPT_BACK)):
-        try:
-            place = learn_landmark_classifier(places.side(back=back), origin, threshold)
-        except InputError as error:
-            notify(
-                f"{name}.json not written, such landmarks are classified by their fit alone: {error}"
-            )
-        else:
-            digests[f"{name}.json"] = _write(out / f"{name}.json", place, notify)
-    return digests
-
-
-def _places(
-    logs: Sequence[Path],
-    detector: TrainedDetector,
-    backs: TrainedBackClassifier | None,
-    folder: Path,
-) -> LandmarkSamples:
-    """Landmarks of each drive by out-of-fold detectors, two drives at a time.
-
-    The models of colour and shape are those just written into `folder`.
-    """
-    names = [read_truth(log.with_suffix(".truth.json"))["name"] for log in logs]
-    behind = [None if backs is None else backs.out_of_fold[name] for name in names]
-    faces = [detector.out_of_fold[name] for name in names]
-    with ProcessPoolExecutor(
-        PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
-    ) as processes:
-        return joined(list(processes.map(partial(_places_of, folder), logs, faces, behind)))
-
-
-def _places_of(
-    folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
-) -> LandmarkSamples:
-    return gather_landmarks(_tracked(folder, log, face, back))
-
-
-def _tracked(
-    folder: Path, log: Path, face: tuple[TreeModel, NetworkModel], back: TreeModel | None
-) -> Iterator[PosedDrive]:
-    """A drive up to its motion, with its truth, once for each threshold of the box classifier."""
-    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
-    models = load_models(settings)
-    truth = read_truth(log.with_suffix(".truth.json"))
-    classifier, box = face
-    for lower in LENIENT:
-        classifier = replace(classifier, threshold=classifier.threshold - lower)
-        flow_models = replace(
-            models, box_classifier=classifier, box_regressor=box, back_classifier=back
-        )
-        flow = Flow(settings, flow_models, StageClock())
-        frames = read_frames(log, LEARN_READ, ReadReport())
-        moved = estimate_motion(
-            flow.detect(frames), settings.motion, settings.ties, settings.adjustment
-        )
-        yield PosedDrive(moved, classifier, back, truth, flow.panel_method())
+    return {name: write_model(out / name, model, notify) for name, model in models.items()}
 
 
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
@@ -325,7 +250,8 @@ def _version(package: str) -> str:
         return "absent"
 
 
-def _write(path: Path, model: Model, notify: Notify) -> str:
+def write_model(path: Path, model: Model, notify: Notify) -> str:
+    """Write a model over the file of an earlier one; its digest. Raises OutputError where that cannot be done."""
     text = model_to_json(model)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

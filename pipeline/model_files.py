@@ -19,8 +19,10 @@ from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError
+from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
+    EvidenceModel,
     GaussianModel,
     LinearModel,
     Model,
@@ -43,7 +45,7 @@ DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
+Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel, EvidenceModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +66,12 @@ class Models:
     outline_weights: LinearModel
     color_classes: GaussianModel | None = None
     shape_classes: GaussianModel | None = None
-    landmark_classifier: TreeModel | None = None
+    landmark_classifier: EvidenceModel | None = None
     color_network: NetworkModel | None = None
     shape_network: NetworkModel | None = None
     box_regressor: NetworkModel | None = None
     back_classifier: TreeModel | None = None
-    back_landmark_classifier: TreeModel | None = None
+    back_landmark_classifier: EvidenceModel | None = None
     region_ranking: TreeModel | None = None
     detection_network: OnnxFile | None = None
     external: DetectorFile | BoxFile | None = None
@@ -123,6 +125,7 @@ def load_models(settings: Settings) -> Models:
     """
     folder = _own_folder(settings.models.folder)
     by_report = settings.candidates.judge == "report"
+    external = _external(settings)
     location = _gaussian(folder, "location.json")
     wanted = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
 
@@ -135,15 +138,15 @@ def load_models(settings: Settings) -> Models:
         _linear(folder, "outline.json"),
         _gaussian(folder, "color_rgb.json") if by_report else None,
         _gaussian(folder, "shape.json") if by_report else None,
-        _trees(folder, "place.json") if _exists(folder, "place.json") else None,
+        _evidence(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),
         optional(_network, "face_box.json"),
         optional(_trees, "back.json"),
-        optional(_trees, "back_place.json"),
+        optional(_evidence, "back_place.json"),
         optional(_trees, "ranking.json"),
-        None if by_report else _detection_network(folder, settings.models.network),
-        _external(settings),
+        None if by_report or external else _detection_network(folder, settings.models.network),
+        external,
     )
     _check_inputs(models, folder)
     return models
@@ -157,8 +160,6 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
         ("judge.json", judge.prefilter, prefilter_feature_names()),
         ("back.json", back, box_feature_names()),
         ("back.json", None if back is None else back.prefilter, prefilter_feature_names()),
-        ("place.json", models.landmark_classifier, LANDMARK_FEATURES),
-        ("back_place.json", models.back_landmark_classifier, LANDMARK_FEATURES),
         ("ranking.json", models.region_ranking, REGION_FEATURES),
         ("outline.json", models.outline_weights, OUTLINE_FEATURES),
     ):
@@ -166,6 +167,18 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
             raise InputError(
                 f"{_file(folder, name)}: wanted a model of {len(features)} features ({features[0]} ...), found one of "
                 f"{len(model.features)} others; it is of another version of wayside: learn it again"
+            )
+    for name, evidence in (
+        ("place.json", models.landmark_classifier),
+        ("back_place.json", models.back_landmark_classifier),
+    ):
+        if evidence is None:
+            continue
+        names = {*evidence.features} - {*LANDMARK_FEATURES} | {*evidence.terms} - {*EVIDENCE_TERMS}
+        if names or not evidence.features:
+            raise InputError(
+                f"{_file(folder, name)}: wanted known features and terms of evidence, found "
+                f"{min(names, default='none')!r}; it is of another version of wayside: learn it again"
             )
     for name, network, classes in (
         ("face_color.json", models.color_network, COLORS),
@@ -287,3 +300,4 @@ _gaussian = _of_kind(GaussianModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
 _linear = _of_kind(LinearModel)
+_evidence = _of_kind(EvidenceModel)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Pose
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
 from wayside.schemas.motion import Motion
 from wayside.schemas.signs import Sign
 
@@ -45,6 +45,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
     """All columns of a sign; log: the stem of the log's name, the first part of the sign's."""
     landmark = sign.landmark
     along, lateral, up = np.sqrt(np.diag(sign.covariance))[[2, 0, 1]].tolist()
+    evidence = dict(landmark.evidence)
     return {
         "status": sign.status,
         "confidence": sign.confidence,
@@ -75,6 +76,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
         "last_frame": max(view.frame for view in landmark.views),
         "views": len(landmark.views),
         "residual_px": finite(landmark.residual_px),
+        **{f"evidence_{term}": evidence.get(term) for term in EVIDENCE_TERMS},
         **_on_globe(sign),
         "sign_id": sign_id(sign, log),
         "assembly_id": f"{log}-a{sign.assembly:04d}",

@@ -292,10 +292,6 @@ def _check_together(settings: Settings) -> None:
             f"{given[0]}: wanted preset default, found the report's classifier of regions (candidates.judge); "
             "leave one of them out"
         )
-    if given and settings.models.network:
-        raise UsageError(
-            f"{given[0]} takes the place of wayside's own detector, which models.network is part of; give one of them"
-        )
     if settings.models.classes and not given:
         raise UsageError(
             "models.classes says which classes of a detector are signs; give --detector or --detections as well"

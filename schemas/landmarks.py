@@ -11,6 +11,16 @@ from wayside.schemas.detections import Candidates
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion
 
+EVIDENCE_TERMS = {
+    "appearance": "how the classifier of boxes scored its views",
+    "views": "how many views it has, and how many are missing",
+    "size": "width, height and their ratio",
+    "place": "where it stands beside and above the path",
+    "rigidity": "how well its boxes agree on a standing point",
+    "registration": "how well its registered images agree on one panel",
+}
+"""Terms of the evidence for a landmark: what each log-likelihood ratio, sign against anything else, rests on."""
+
 
 @dataclass(frozen=True, slots=True)
 class Observation:
@@ -32,7 +42,8 @@ class Landmark:
     distance right of the path and above the camera's path, at station_m along it; best_*: the image that shows it
     largest and whole; best_pose: of its camera in the drive's frame; score: log odds that it is a sign; residual_px:
     RMS of the views that the point was fitted to; back: seen from behind; assembly: number of its support, -1: none;
-    features: what the landmark classifier saw, in the order of its model's features.
+    features: what the landmark classifier saw, in the order of its `FEATURES`; evidence: log-likelihood ratio of each
+    term, sign against anything else, whose sum with the prior log odds is the score.
     """
 
     track_id: int
@@ -62,6 +73,7 @@ class Landmark:
     back: bool = False
     assembly: int = -1
     features: tuple[float, ...] = field(default=(), repr=False)
+    evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     FEATURE_LIMIT,
     ConvolutionModel,
+    EvidenceModel,
     GaussianClass,
     GaussianModel,
     LinearModel,
@@ -29,6 +30,7 @@ from wayside.schemas.models import (
 )
 
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
+EVIDENCE_COLUMNS = ("name", "term", "low", "high", "middle", "weight")
 _FAULTS = (
     KeyError,
     IndexError,
@@ -74,6 +76,16 @@ def model_to_json(model: Model) -> str:
             name: [_rounded(a) for a in getattr(model, name)] for name in ("filters", "biases")
         }
         body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
+    elif isinstance(model, EvidenceModel):
+        columns = (model.low, model.high, model.middle, model.weight)
+        rows = zip(
+            model.features, model.terms, *(column.tolist() for column in columns), strict=True
+        )
+        body = {
+            "features": [dict(zip(EVIDENCE_COLUMNS, row, strict=True)) for row in rows],
+            "shift": model.shift,
+            "accept": model.threshold,
+        }
     else:
         parts = {"gate": model.prefilter, "network": model.network, "closer": model.patch_cnn}
         body = {
@@ -120,6 +132,8 @@ def _model_of(data: dict[str, Any], name: str) -> Model:
         weights = np.array([float(weight) for weight in data["weights"].values()])
         _check_shapes({"weights": weights}, ((len(weights),),))
         return LinearModel(tuple(data["weights"]), weights, str(data["provenance"]))
+    if data["kind"] == "evidence":
+        return _evidence_of(data)
     if data["kind"] == "network":
         return _network_of(data)
     if data["kind"] == "convolution":
@@ -189,6 +203,23 @@ def _network_of(data: dict[str, Any]) -> NetworkModel:
         **arrays,
         provenance=str(data["provenance"]),
         feature_limit=_finite(data.get("farthest", FEATURE_LIMIT), "farthest"),
+    )
+
+
+def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
+    name, term, *numbers = EVIDENCE_COLUMNS
+    rows = data["features"]
+    columns = {key: np.array([row[key] for row in rows], np.float64) for key in numbers}
+    _check_shapes(columns, ((len(rows),),) * len(columns))
+    if not (columns["low"] <= columns["high"]).all():
+        raise ValueError("a feature whose lower bound is above its upper one")
+    return EvidenceModel(
+        tuple(str(row[name]) for row in rows),
+        tuple(str(row[term]) for row in rows),
+        **columns,
+        shift=_finite(data["shift"], "shift"),
+        threshold=_finite(data["accept"], "accept"),
+        provenance=str(data["provenance"]),
     )
 
 

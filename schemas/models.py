@@ -1,8 +1,10 @@
-"""Learned models: Gaussian classes, boosted trees, networks. Their files are written by `model_json`."""
+"""Learned models: Gaussian classes, boosted trees, networks, evidence. Their files are written by `model_json`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isnan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -160,4 +162,38 @@ class LinearModel:
         return np.asarray(features @ self.weights, np.float64)
 
 
-Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel | LinearModel
+@dataclass(frozen=True, slots=True)
+class EvidenceModel:
+    """Log-likelihood ratios of terms of evidence, each a bounded sum over its features.
+
+    A feature x adds weight * (min(max(x, low), high) - middle) to its term: nothing outside what was learned from says
+    more than its edge. features, terms (f,): names; low, high, middle, weight (f,) float64; shift: log odds where all
+    terms are 0; threshold: log odds from which a landmark is accepted.
+    """
+
+    kind: ClassVar[str] = "evidence"
+    features: tuple[str, ...]
+    terms: tuple[str, ...]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    shift: float
+    threshold: float
+    provenance: str
+
+    def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Log-likelihood ratio of each term by values of the features; what is nan is not known yet: the best case."""
+        result = dict.fromkeys(self.terms, 0.0)
+        columns = (self.low, self.high, self.middle, self.weight)
+        for name, term, low, high, middle, weight in zip(
+            self.features, self.terms, *(column.tolist() for column in columns), strict=True
+        ):
+            value = values[name]
+            unknown = high if weight > 0 else low
+            bounded = unknown if isnan(value) else min(max(value, low), high)
+            result[term] += weight * (bounded - middle)
+        return result
+
+
+Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel | LinearModel | EvidenceModel

@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS
 from wayside.schemas.frame import FRAME_STATUSES
+from wayside.schemas.landmarks import EVIDENCE_TERMS
 
 SCHEMA_VERSION = 1
 """Raised only where a column changes its meaning."""
@@ -41,12 +42,12 @@ VERDICT_WORDS = {
     "score": "rejected by the classifier of boxes in one image",
     "overlap": "covered by a candidate of higher score on the same face",
     "unmatched": "no candidate of another frame matches",
-    "few_views": "seen in fewer frames than the setting `track.fewest_views`",
+    "few_views": "seen in fewer frames than the setting `track.fewest_views`, or in too few that should show it",
     "moving": "moves along the road",
     "residual": "rays do not meet in one point, or the few views do not look alike",
-    "location": "position too far from where signs stand",
+    "location": "stands too far from where signs stand",
     "panel_size": "measured width or height outside the limits of a sign panel",
-    "place_score": "rejected by the classifier of landmarks, which uses all views",
+    "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
     "duplicate": "second measurement of a panel already reported",
 }
 
@@ -170,6 +171,10 @@ SIGNS = Table(
         Column("last_frame", _WHOLE, "", "last frame it was measured in", _SURE),
         Column("views", _WHOLE, "frames", "frames it was measured in", _SURE),
         Column("residual_px", _SINGLE, "px", "RMS reprojection error, full-resolution pixels"),
+        *(
+            Column(f"evidence_{term}", _SINGLE, "log odds", f"evidence for a sign: {words}")
+            for term, words in EVIDENCE_TERMS.items()
+        ),
     ),
 )
 

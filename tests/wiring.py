@@ -35,6 +35,7 @@ from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.model_json import digest, model_to_json
+from wayside.schemas.models import OnnxFile
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import CalibrationWatch, FocalCheck
@@ -130,11 +131,13 @@ def _uninformed(model: Any) -> object:
             return replace(model, output=np.zeros_like(model.output), output_bias=bias)
         case "linear":
             return replace(model, weights=np.zeros_like(model.weights))
+        case "evidence":
+            return replace(model, weight=np.zeros_like(model.weight), shift=SURE)
     raise TypeError(f"tests/wiring.py knows no model of kind {model.kind} that tells nothing")
 
 
 def _is_model(value: object) -> bool:
-    return is_dataclass(value) and hasattr(value, "kind")
+    return is_dataclass(value) and (hasattr(value, "kind") or isinstance(value, OnnxFile))
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,12 +304,11 @@ def cuts_of(preset: str, calls: dict[str, str], known: set[str]) -> tuple[list[C
         f"{preset}: stage {name} ({call})" for name, call in calls.items() if call not in names
     ]
     models = shipped(preset)
-    texts = {
-        path: model_to_json(getattr(models, path))
-        for path in model_paths(models)
-        if "." not in path
+    held = {path: getattr(models, path) for path in model_paths(models) if "." not in path}
+    digests = {
+        path: one.sha256 if isinstance(one, OnnxFile) else digest(model_to_json(one))
+        for path, one in held.items()
     }
-    digests = {name: digest(text) for name, text in texts.items()}
     paths = [path for path in model_paths(models) if digests[path.split(".")[0]] not in known]
     known |= {*digests.values(), *calls.values()}
     return stages + [Cut(preset, "model", path) for path in paths], unknown

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wayside.pipeline.evidence.marks import class_words
+from wayside.schemas.landmarks import EVIDENCE_TERMS
 
 UNKNOWN = "unknown"
 
@@ -34,6 +35,12 @@ def figures_of(sign: dict[str, Any], world: str) -> dict[str, list[Figure]]:
         "Panel": _panel(sign),
         "Measurement": _measurement(sign),
     }
+
+
+def evidence_terms(sign: dict[str, Any]) -> list[tuple[str, float]]:
+    """Terms of the evidence for a sign with their log-likelihood ratios; none where it was not weighed."""
+    ratios = [(term, sign.get(f"evidence_{term}")) for term in EVIDENCE_TERMS]
+    return [(term, ratio) for term, ratio in ratios if ratio is not None]
 
 
 def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:

@@ -21,10 +21,11 @@ from wayside.pipeline.evidence.canvas import (
     shortened,
 )
 from wayside.pipeline.evidence.crops import Crop
-from wayside.pipeline.evidence.figures import figures_of
+from wayside.pipeline.evidence.figures import evidence_terms, figures_of
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import draw_drive_map, draw_ellipse_map, draw_sight_map
 from wayside.pipeline.evidence.marks import appearance_of, ink_of, outline_of
+from wayside.schemas.landmarks import EVIDENCE_TERMS
 
 WIDTH, MARGIN, GAP = 1600, 48, 26
 BIG = 752, 564
@@ -35,7 +36,10 @@ PROPORTION = TILE[0] / TILE[1]
 _MAP = (WIDTH - 2 * MARGIN - 2 * GAP) // 3, 340
 _CAPTION, _RESIDUAL, _HALO = 36, 86, 3
 _TOP = 150
-_MIDDLE = _TOP + BIG[1] + _CAPTION + 70
+_BARS = _TOP + BIG[1] + _CAPTION + 44
+_BAR_ROW, _BAR_UNIT, _BAR_END = 26, 42.0, 6.0
+"""Bars of the evidence: height of a row and length of a log-likelihood ratio of 1, pixels; the largest drawn whole."""
+_MIDDLE = _BARS + (1 + len(EVIDENCE_TERMS)) * _BAR_ROW + 70
 _BOTTOM = _MIDDLE + _MAP[1] + 60
 _H1, _H2, _BODY, _SMALL = 42, 22, 19, 17
 _FIGURES = MARGIN + BIG[0] + 2 * GAP
@@ -66,6 +70,7 @@ def draw_sheet(
     _draw_header(page, evidence, log)
     _draw_view(page, (MARGIN, _TOP), BIG, evidence.best, crops)
     _draw_figures(page, evidence, world)
+    _draw_evidence(page, evidence)
     _draw_maps(page, evidence, drive, world)
     _draw_views(page, evidence, crops)
     return page.rgb
@@ -105,6 +110,25 @@ def _draw_figures(page: Canvas, evidence: Evidence, world: str) -> None:
             page.text((_REMARK_END, baseline), figure.remark, _BODY, FAINT, right=True)
             baseline += _ROW
         baseline += _GROUP_GAP
+
+
+def _draw_evidence(page: Canvas, evidence: Evidence) -> None:
+    """A bar for each log-likelihood ratio: to the right for a sign, to the left against."""
+    terms = evidence_terms(evidence.sign)
+    page.text((MARGIN, _BARS), "Evidence for a sign, log-likelihood ratios", _BODY, TEXT, BOLD)
+    page.block((MARGIN, _BARS + 9), (BIG[0], 1), RULE)
+    if not terms:
+        page.text((MARGIN, _BARS + 9 + _BAR_ROW), "not weighed", _BODY, FAINT)
+    axis = MARGIN + BIG[0] - round((_BAR_END + 1) * _BAR_UNIT)
+    for number, (term, ratio) in enumerate(terms, 1):
+        baseline = _BARS + 9 + number * _BAR_ROW
+        page.text((MARGIN, baseline), term.capitalize(), _BODY, FAINT)
+        length = round(min(abs(ratio), _BAR_END) * _BAR_UNIT)
+        left = axis if ratio >= 0 else axis - length
+        page.block((left, baseline - 14), (max(length, 1), 16), TEXT if ratio >= 0 else ACCENT)
+        page.text((MARGIN + BIG[0], baseline), f"{ratio:+.1f}", _BODY, TEXT, MEDIUM, right=True)
+    if terms:
+        page.block((axis, _BARS + 18), (1, len(terms) * _BAR_ROW), FAINT)
 
 
 def _draw_maps(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:

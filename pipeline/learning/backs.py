@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from wayside.pipeline.learning.cross_validation import out_of_fold_models
 from wayside.pipeline.learning.detector import PrefilteredDrive, detection_rates, fit_box_classifier
@@ -19,17 +19,9 @@ FEWEST = 5
 """Candidates on backs in half of the drives without which nothing is learned."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrainedBackClassifier:
-    """The classifier learned from all drives, and for each drive, by name, one of the other fold."""
-
-    classifier: TreeModel
-    out_of_fold: dict[str, TreeModel]
-
-
 def learn_back_classifier(
     passed: Sequence[PrefilteredDrive], seed: int, provenance: str, max_iou: float
-) -> TrainedBackClassifier:
+) -> TreeModel:
     """Learn from the candidates of rendered drives that pass the pre-filter: backs of real images have no boxes.
 
     `max_iou` is the overlap above which the lower of two boxes is suppressed.
@@ -60,10 +52,7 @@ def learn_back_classifier(
         max_iou,
     )
     words = f"{provenance}; backs of panels, {rates.words()}; accept at {FALSE_PER_IMAGE:g} false boxes an image"
-    return TrainedBackClassifier(
-        replace(classifier, threshold=rates.threshold, provenance=words),
-        {name: replace(other, threshold=rates.threshold) for name, other in others.items()},
-    )
+    return replace(classifier, threshold=rates.threshold, provenance=words)
 
 
 def of_backs(one: PrefilteredDrive) -> PrefilteredDrive:

@@ -101,14 +101,13 @@ class DetectionRates:
 
 @dataclass(frozen=True, slots=True)
 class TrainedDetector:
-    """Box classifier, with its pre-filter, and box regression of all drives, and those of the other fold by drive.
+    """Box classifier, with its pre-filter, and box regression.
 
     passed: the candidates of each drive that pass the pre-filter, at their own and at their regressed boxes.
     """
 
     classifier: TreeModel
     regressor: NetworkModel
-    out_of_fold: dict[str, tuple[TreeModel, NetworkModel]]
     passed: tuple[PrefilteredDrive, ...]
 
 
@@ -175,23 +174,14 @@ def learn_detector(
         found, wanted = faces_found(one, odds[one.drive.name], rates.threshold)
         words.append(f"{one.drive.name}, held out: {found} of {wanted} faces accepted")
 
-    def completed(trees: TreeModel, patch_cnn: ConvolutionModel) -> TreeModel:
-        scores = "; ".join(words)
-        return replace(
-            trees,
-            threshold=rates.threshold,
-            provenance=scores,
-            prefilter=prefilter,
-            patch_cnn=patch_cnn,
-        )
-
-    out_of_fold = {
-        name: (completed(trees, other_cnns[name]), other_regressors[name])
-        for name, trees in other_classifiers.items()
-    }
-    return TrainedDetector(
-        completed(classifier, patch_cnn), regressor, out_of_fold, (*passed, *real)
+    completed = replace(
+        classifier,
+        threshold=rates.threshold,
+        provenance="; ".join(words),
+        prefilter=prefilter,
+        patch_cnn=patch_cnn,
     )
+    return TrainedDetector(completed, regressor, (*passed, *real))
 
 
 def patch_samples(

@@ -3,44 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit
+from scipy.stats import norm
 
-from wayside.pipeline.learning.boosting import Boosting, exported_trees, fit_trees
+from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.learning.cross_validation import platt
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import EvidenceModel, GaussianModel, TreeModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MappingSettings, TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.mapping import FEATURES, SideClassifiers, track
+from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, track
 from wayside.stages.panel import PanelMethod
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a landmark is that face; overlap with one
-above which it is no example."""
+above which it may be a part of it."""
 NEAREST = 3
 FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
-TREES = Boosting(
-    trees=80, leaves=5, learning_rate=0.06, weight_decay=2.0, smallest_leaf=8, feature_fraction=0.5
+FOR, AGAINST = 1, -1
+EVIDENCE = (
+    ("score_best", "appearance", -4.0, 6.0, FOR),
+    ("score_mean", "appearance", -4.0, 6.0, FOR),
+    ("color_certainty", "appearance", -2.0, 0.0, FOR),
+    ("shape_certainty", "appearance", -2.0, 0.0, FOR),
+    ("log_views", "views", 0.0, 2.5, FOR),
+    ("missed", "views", 0.0, 1.0, AGAINST),
+    ("log_width", "size", 0.0, 2.0, AGAINST),
+    ("log_height", "size", -2.0, -0.7, FOR),
+    ("log_height", "size", 0.0, 2.0, AGAINST),
+    ("place_sigmas", "place", 0.0, 3.0, AGAINST),
+    ("size_scatter", "rigidity", 0.0, 0.4, AGAINST),
+    ("depth_sigma", "rigidity", 0.0, 0.3, AGAINST),
+    ("agreement", "registration", 0.0, 8.0, FOR),
 )
+"""Feature, term, the bounds within which it counts, and the direction in which it may count: what is known from the
+nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
+REGULARISATION = 0.3
+"""Inverse of the penalty on squared weights in standard deviations."""
+FALSE_ALARM, FALSE_ALARM_BACK = 0.03, 0.1
+"""Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
+FOLDS = 8
+FEWEST_EXAMPLES = 16
 ACCEPT, ACCEPT_BACK = -1.4, 0.0
 """Log odds below which a landmark is refused; between that and the confidence setting a face is uncertain. A back
 is reported where that is likelier than not."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class PosedDrive:
     """A drive with truth up to its motion: frames with candidates, and the box classifiers that scored them.
 
-    panel: how panels are measured; None: they are not.
+    panel: how panels are measured; None: they are not. location: where signs stand.
     """
 
     moved: Iterable[PosedDetections]
@@ -48,6 +73,7 @@ class PosedDrive:
     back: TreeModel | None
     truth: dict[str, Any]
     panel: PanelMethod | None = None
+    location: GaussianModel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,18 +97,21 @@ class LandmarkSamples:
 def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     """All landmarks that tracking finds on drives with truth, labelled by it.
 
-    The scores of the candidates must be out of fold, or they are higher than those of a new drive. A drive may come
-    more than once, with classifiers of different thresholds.
+    The detector must not have learned from the drives, or its scores are higher than those of a new one. A drive may
+    come more than once, with classifiers of different thresholds.
     """
     values: list[tuple[float, ...]] = []
     labels: list[int] = []
     names: list[str] = []
     backs: list[bool] = []
     for drive in drives:
-        known = panels_by_frame(drive.truth)
+        known = KnownPanels.of(drive.truth)
         settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
         front, back = (
-            SideClassifiers(None if model is None else BoxClassifier(model))
+            SideClassifiers(
+                None if model is None else BoxClassifier(model),
+                LandmarkClassifier(None, drive.location),
+            )
             for model in (drive.face, drive.back)
         )
         behind = None if drive.back is None else back
@@ -111,69 +140,144 @@ def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
 
 
 def learn_landmark_classifier(
-    places: LandmarkSamples, provenance: str, accept: float = ACCEPT
-) -> TreeModel:
-    """Fit and calibrate the landmark classifier; raises InputError where there are too few of either kind."""
-    known = places.label != NEITHER
-    values, sign = places.values[known], places.label[known] == SIGN
-    drive = places.drive[known]
-    if min(sign.sum(), (~sign).sum()) < 2 * TREES.smallest_leaf or len(np.unique(drive)) < 2:
+    samples: LandmarkSamples,
+    provenance: str,
+    accept: float = ACCEPT,
+    false_alarm: float = FALSE_ALARM,
+) -> EvidenceModel:
+    """Fit the log-likelihood ratios of all terms together and calibrate their sum on drives held out in turn.
+
+    Logistic regression on the bounded features weighs terms that depend on each other (many views of a shop front)
+    by what they say together. Signs and others weigh the same in it.
+
+    Raises
+    ------
+    InputError
+        Where there are too few landmarks of either kind.
+    """
+    # neither duplicates nor what the vehicle drove over
+    measured = ~np.isnan(samples.values).any(axis=1)
+    known = measured & (samples.label != NEITHER)
+    sign, drive = samples.label[known] == SIGN, samples.drive[known]
+    if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(drive)) < 2:
         raise InputError(
-            f"landmark classifier: wanted two drives and {2 * TREES.smallest_leaf} landmarks of either kind, found "
+            f"landmark classifier: wanted two drives and {FEWEST_EXAMPLES} landmarks of either kind, found "
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
-    slope, shift = calibration(values, sign, drive)
-    model = exported_trees(fit_trees(values, sign, None, TREES, 1), FEATURES, accept, provenance)
-    return replace(
-        model,
-        bias=slope * model.bias + shift,
-        value=(slope * model.value).astype(np.float32),
+    names, terms, low, high, directions = zip(*EVIDENCE, strict=True)
+    direction = np.array(directions, np.float64)
+    columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
+    bounded = np.clip(columns, low, high)
+    middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
+    slope, shift = _calibration(bounded - middle, sign, drive, direction, false_alarm)
+    weight, constant = _logistic_regression(bounded - middle, sign, direction)
+    numbers = {"low": low, "high": high, "middle": middle, "weight": slope * weight}
+    return EvidenceModel(
+        names,
+        terms,
+        **{key: np.array([float(f"{v:.6g}") for v in column]) for key, column in numbers.items()},
+        shift=round(slope * constant + shift, 5),
+        threshold=accept,
+        provenance=provenance,
     )
 
 
-Panel = tuple[int, bool, tuple[float, float, float, float]]
-"""Sign, whether it is seen from behind, box."""
+def _logistic_regression(
+    values: Values, sign: NDArray[np.bool_], direction: Values
+) -> tuple[Values, float]:
+    """Weights (f,) in given directions, and a constant; both kinds weigh the same, large weights cost."""
+    scale = direction * np.maximum(values.std(axis=0), 1e-6)
+    columns = np.column_stack([values / scale, np.ones(len(values))])
+    target = np.where(sign, 1.0, -1.0)
+    balance = np.where(sign, 0.5 / sign.mean(), 0.5 / (~sign).mean())
+
+    def cost(weights: Values) -> tuple[float, Values]:
+        margin = target * (columns @ weights)
+        penalty = weights * np.append(np.full(len(scale), 1 / REGULARISATION), 0.0)
+        slope = columns.T @ (-target * balance * expit(-margin)) + penalty
+        return float(balance @ np.logaddexp(0.0, -margin) + 0.5 * weights @ penalty), slope
+
+    bounds = [(0.0, None)] * len(scale) + [(None, None)]
+    found = minimize(cost, np.zeros(columns.shape[1]), jac=True, bounds=bounds, method="L-BFGS-B")
+    return found.x[:-1] / scale, float(found.x[-1])
 
 
-def panels_by_frame(truth: dict[str, Any]) -> dict[int, list[Panel]]:
-    """True boxes of each frame; fronts as far as they face the travel."""
-    known: dict[int, list[Panel]] = {}
-    for sign in truth["signs"]:
-        for view in sign["frames"]:
-            back = view["side"] == "back"
-            if back or sign["faces_travel"]:
-                known.setdefault(view["frame"], []).append((sign["id"], back, tuple(view["box"])))
-    return known
+def _calibration(
+    values: Values,
+    sign: NDArray[np.bool_],
+    drive: NDArray[np.int64],
+    direction: Values,
+    false_alarm: float,
+) -> tuple[float, float]:
+    """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999).
+
+    Log odds of 0, where landmarks are reported as signs, are put where that share of what is no sign lies above, as
+    Neyman and Pearson do (report chapter 9): how much looks like a sign differs from road to road, what it looks like
+    much less. As in the report a normal density is fitted to what is no sign: its largest values are too few to count.
+    """
+    held_out = np.empty(len(values))
+    folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
+    for fold in np.unique(folds):
+        own = folds == fold
+        weight, constant = _logistic_regression(values[~own], sign[~own], direction)
+        held_out[own] = values[own] @ weight + constant
+    (slope,), _ = platt(held_out[:, None], sign)
+    others = held_out[~sign]
+    return float(slope), -float(slope * norm.ppf(1 - false_alarm, others.mean(), others.std()))
 
 
-def label_of(place: Landmark, known: dict[int, list[Panel]]) -> int:
-    """Whether the nearest views of a landmark lie on one true panel, seen from its side, on none, or in between."""
-    near = sorted(place.views, key=lambda view: -view.frame)[:NEAREST]
+@dataclass(frozen=True, slots=True)
+class KnownPanels:
+    """Panels of a drive with truth: boxes by frame, and where each stands from the camera of a frame.
+
+    boxes: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel; centres:
+    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame.
+    """
+
+    boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]]
+    centres: dict[int, Values]
+    poses: dict[int, tuple[Values, Values]]
+
+    @classmethod
+    def of(cls, truth: dict[str, Any]) -> KnownPanels:
+        """From the content of a `truth.json`."""
+        boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]] = {}
+        for sign in truth["signs"]:
+            for view in sign["frames"]:
+                back = view["side"] == "back"
+                if back or sign["faces_travel"]:
+                    entry = (sign["id"], back, tuple(view["box"]))
+                    boxes.setdefault(view["frame"], []).append(entry)
+        centres = {sign["id"]: np.array(sign["centre"], np.float64) for sign in truth["signs"]}
+        poses = {frame["index"]: camera_pose(frame) for frame in truth["frames"]}
+        return cls(boxes, centres, poses)
+
+    def stands_at(self, landmark: Landmark, sign: int) -> bool:
+        """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them."""
+        rotation, origin = self.poses[landmark.best_frame]
+        actual = (self.centres[sign] - origin) @ rotation
+        return bool(np.isfinite(match_distance(landmark.position - actual, actual)))
+
+
+def label_of(landmark: Landmark, known: KnownPanels) -> int:
+    """`SIGN` where the nearest views lie on one true panel, seen from its side, and it was measured there.
+
+    Without the boxes it is `NEITHER`: perhaps a part of that panel. All else is `NOTHING`: half a face at a wrong
+    depth, or rays that met by chance, are no signs either.
+    """
+    near = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
     overlaps: dict[int, list[float]] = {}
     for view in near:
-        for sign, back, box in known.get(view.frame, ()):
-            if back == place.back:
+        for sign, back, box in known.boxes.get(view.frame, ()):
+            if back == landmark.back:
                 overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
                 overlaps.setdefault(sign, []).append(float(overlap))
-    if any(_on_face(own, near) for own in overlaps.values()):
+    touched = [sign for sign, own in overlaps.items() if max(own) > NEAR_FACE]
+    there = [sign for sign in touched if known.stands_at(landmark, sign)]
+    if any(_on_face(overlaps[sign], near) for sign in there):
         return SIGN
-    between = any(max(own) > NEAR_FACE for own in overlaps.values())
-    return NEITHER if between else NOTHING
+    return NEITHER if there else NOTHING
 
 
 def _on_face(overlaps: Sequence[float], near: Sequence[Observation]) -> bool:
     return float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
-
-
-def calibration(
-    values: NDArray[np.float32], sign: NDArray[np.bool_], drive: NDArray[np.int64]
-) -> tuple[float, float]:
-    """Slope and shift that turn the trees' sums into log odds that hold on drives they have not seen (Platt 1999)."""
-    held_out = np.empty(len(values))
-    for number in np.unique(drive):
-        own = drive == number
-        held_out[own] = fit_trees(values[~own], sign[~own], None, TREES, 1).decision_function(
-            values[own]
-        )
-    slope, shift = platt(held_out[:, None], sign)
-    return float(slope[0]), shift

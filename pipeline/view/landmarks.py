@@ -53,8 +53,14 @@ def rejection(landmark: Landmark) -> str:
         f"{landmark.verdict}: {landmark_words(landmark)}; "
         f"{landmark.right_m:+.1f} m right, {landmark.above_m:+.1f} m above the camera, "
         f"station {landmark.station_m:.1f} m, {len(landmark.views)} views, score {landmark.score:.1f}, "
-        f"residual {landmark.residual_px:.2f} px"
+        f"residual {landmark.residual_px:.2f} px{evidence_words(landmark)}"
     )
+
+
+def evidence_words(landmark: Landmark) -> str:
+    """Log-likelihood ratio of each term, the weakest first; empty where none was weighed."""
+    weakest_first = sorted(landmark.evidence, key=lambda term: term[1])
+    return "".join(f", {term} {ratio:+.1f}" for term, ratio in weakest_first)
 
 
 def landmark_points(landmarks: list[Landmark]) -> rr.Points3D:

@@ -1,12 +1,14 @@
-"""Command line: python -m recordings.drives SPEC... -o OUT [--jobs N] [--masks] [--pictures] [--missing]."""
+"""Command line: python -m recordings.drives SPEC... -o OUT; --help lists the options."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from recordings.drives.produce import render
+from recordings.drives.spec import DriveSpec
 from recordings.drives.spec_file import SPECS, find_spec, load_spec
 from recordings.drives.stamps import Output, is_complete
 from wayside.schemas.errors import WaysideError
@@ -37,9 +39,23 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--pictures", action="store_true", help="also NAME.pictures/FRAME.jpg")
     parser.add_argument(
+        "--reseed",
+        type=int,
+        metavar="N",
+        help="other drives of the same specifications, named NAME_N: N is added to each seed",
+    )
+    parser.add_argument("--frames", type=_count, metavar="N", help="frames of every drive")
+    parser.add_argument(
         "--missing", action="store_true", help="skip drives that are there, made from the same"
     )
     return parser
+
+
+def asked_for(spec: DriveSpec, reseed: int | None, frames: int | None) -> DriveSpec:
+    """The specification with what the command line changes of it."""
+    if reseed is not None:
+        spec = replace(spec, name=f"{spec.name}_{reseed}", seed=spec.seed + reseed)
+    return spec if frames is None else replace(spec, frames=frames)
 
 
 def main() -> int:
@@ -47,7 +63,8 @@ def main() -> int:
     options = _parser().parse_args()
     output = Output(options.out, options.masks, options.pictures)
     try:
-        for spec in [load_spec(find_spec(name)) for name in options.specs]:
+        specs = [load_spec(find_spec(name)) for name in options.specs]
+        for spec in [asked_for(spec, options.reseed, options.frames) for spec in specs]:
             if options.missing and is_complete(spec, output):
                 print(f"{spec.name}: complete", file=sys.stderr)
                 continue

@@ -101,14 +101,6 @@ class LandmarkSettings:
         expert=True,
         low=0,
     )
-    right_limit_m: float = setting(
-        10.0,
-        "m",
-        "farther aside the landmark classifier sees no difference",
-        origin="the location model decides there; part of the learned model's features",
-        expert=True,
-        low=0,
-    )
 
     @property
     def step_sigma(self) -> tuple[float, ...]:
@@ -138,36 +130,6 @@ class VerdictSettings:
     same_cover: float = setting(
         0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
-    fewest_boxes: int = setting(
-        3, "boxes", "that agree on a point by more than chance", origin=SET, expert=True
-    )
-    sufficient_boxes: int = setting(
-        5, "boxes", "that need no two images in register", origin=SET, expert=True
-    )
-    certain_log_odds: float = setting(
-        4.0,
-        "log odds",
-        "from which three boxes need no two images in register",
-        origin="fifty to one: a branch or the edge may make each image different",
-        expert=True,
-    )
-    sure_log_odds: float = setting(
-        2.2,
-        "log odds",
-        "from which two images in register are enough",
-        origin="nine to one",
-        expert=True,
-    )
-    register_px: float = setting(
-        1.5, "px", "largest residual of three images in register", origin=SET, expert=True
-    )
-    register_pair_px: float = setting(
-        0.5,
-        "px",
-        "largest residual of only two",
-        origin="two rays nearly always meet: 19 of 20 standing panels are below",
-        expert=True,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,13 +138,6 @@ class LocateSettings:
 
     confidence: float = setting(
         0.5, "", "signs below this confidence get status uncertain", low=0, high=1
-    )
-    beyond: float = setting(
-        0.8,
-        "log odds",
-        "a landmark farther than a model's threshold from all locations of signs must be a sign by so much for each "
-        "unit of distance beyond; a large number: none may lie there",
-        low=0,
     )
     smallest_side_m: float = setting(
         0.12, "m", "panels with a smaller side are refused", low=0, high=10

@@ -127,10 +127,9 @@ class ModelSettings:
         "", "folder", "model files here replace those that ship, each by its name; empty: none"
     )
     network: str = setting(
-        "",
+        "network.onnx",
         "file",
-        "detection network whose boxes join the proposals of preset default: an ONNX file, or the name of one that "
-        "ships; empty: none",
+        "detection network whose boxes join the proposals: an ONNX file, or the name of one that ships; empty: none",
     )
     detector: str = setting(
         "",

@@ -86,6 +86,6 @@ REPORT: dict[str, dict[str, Any]] = {
     "features": {"sift": True},
     "motion": {"always_adjust": False},
     "track": {"matching": "sift"},
-    "locate": {"beyond": 1e9},
+    "models": {"network": ""},
 }
 """Preset `report`: the report's own choices where they differ from the defaults."""

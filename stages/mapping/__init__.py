@@ -4,7 +4,7 @@ from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.association import AssociationGates
 from wayside.stages.mapping.classifiers import SideClassifiers, ViewClassifier
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_features import FEATURES
+from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import track
@@ -19,6 +19,7 @@ from wayside.stages.mapping.window import (
 __all__ = [
     "FEATURES",
     "AssociationGates",
+    "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",
     "TravelledPath",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Regions
 from wayside.schemas.frame import Camera
-from wayside.schemas.models import TreeModel
+from wayside.stages.mapping.landmark_evidence import LandmarkClassifier
 
 
 class ViewClassifier(Protocol):
@@ -28,10 +28,7 @@ class ViewClassifier(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SideClassifiers:
-    """Classifiers of panels seen from one side: of a `view` in one image, of a `landmark` over all its views.
-
-    None: nothing classifies them.
-    """
+    """Classifiers of panels seen from one side: of a `view` in one image (None: none is predicted), of a `landmark`."""
 
     view: ViewClassifier | None = None
-    landmark: TreeModel | None = None
+    landmark: LandmarkClassifier = field(default_factory=LandmarkClassifier)

@@ -102,6 +102,7 @@ def build_landmark(
     score: float,
     verdict: str,
     features: tuple[float, ...] = (),
+    evidence: tuple[tuple[str, float], ...] = (),
 ) -> Landmark:
     """The landmark in the camera frame of the image that shows it largest and whole.
 
@@ -144,6 +145,7 @@ def build_landmark(
         residual_px=fit.rms_px,
         verdict=verdict,
         features=features,
+        evidence=evidence,
     )
 
 

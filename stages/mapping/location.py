@@ -12,22 +12,19 @@ from wayside.stages.mapping.verdicts import VerdictRevision, location_verdict
 
 
 def classify_location(
-    tracked: Iterator[TrackedFrame], model: GaussianModel, settings: LocateSettings
+    tracked: Iterator[TrackedFrame], model: GaussianModel | None, settings: LocateSettings
 ) -> Iterator[TrackedFrame]:
     """Refuse landmarks where no sign stands (`location`) or of no sign's size (`panel_size`).
 
     The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
-    Mahalanobis distance (eq. 3.1); a model with several classes is a mixture, of which the nearest counts. Roads differ
-    by more than a Gaussian allows, so a landmark beyond all thresholds is not refused if it is surely a sign
-    (`settings.beyond`): four to five sigmas off it loses .8 of its log odds a sigma by Student's t of three degrees of
-    freedom.
+    Mahalanobis distance (eq. 3.1). Where the evidence for landmarks contains their place, no model refuses them again.
 
     Parameters
     ----------
     tracked
         Frames with the landmarks seen first in them.
     model
-        Classes in (right of the path, above the camera's path), metres.
+        Classes in (right of the path, above the camera's path), metres; None: only sizes are refused.
     settings
         Plausible sizes of a panel.
 
@@ -36,7 +33,7 @@ def classify_location(
     ValueError
         Where the model is not of that space.
     """
-    if model.space != "right_up_m":
+    if model is not None and model.space != "right_up_m":
         raise ValueError(f"wanted a location model of space right_up_m, found {model.space}")
     revision = VerdictRevision()
     for frame in tracked:

@@ -24,11 +24,11 @@ from wayside.stages.mapping.association import AssociationGates
 from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_features import classify_landmark, landmark_features
+from wayside.stages.mapping.landmark_evidence import LandmarkEvidence, registration_agreement
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import Panel, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.verdicts import position_verdict, stands_still
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -76,9 +76,7 @@ class _Classified(NamedTuple):
 
     fit: LandmarkFit
     offset: FrenetOffset
-    features: NDArray[np.float64]
-    score: float
-    passes: bool
+    evidence: LandmarkEvidence
 
 
 class _Tracker:
@@ -143,7 +141,9 @@ class _Tracker:
         fits = self._fits(last=last)
         oldest = self._window[0].motion.pose
         self._reported = [f for f in self._reported if not oldest.to_camera(f.point)[2] < 0]
-        for one in sorted((self._classify(fit) for fit in fits), key=lambda one: -one.score):
+        for one in sorted(
+            (self._classify(fit) for fit in fits), key=lambda one: -one.evidence.log_odds
+        ):
             self._decide(one)
 
     def _fits(self, *, last: bool) -> list[LandmarkFit]:
@@ -181,15 +181,13 @@ class _Tracker:
 
     def _classify(self, fit: LandmarkFit) -> _Classified:
         offset = self._path.offset(fit.point)
-        limit = self._settings.landmark.right_limit_m
-        features = landmark_features(fit, self._window, offset, limit)
-        model = self._sides[fit.back].landmark
-        return _Classified(fit, offset, features, *classify_landmark(features, model))
+        classifier = self._sides[fit.back].landmark
+        return _Classified(fit, offset, classifier.classify(fit, self._window, offset))
 
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
-        verdict, panel = self._verdict(one)
+        verdict, evidence, panel = self._verdict(one)
         if verdict == "sign":
             self._reported.append(fit)
         settings = self._settings.landmark
@@ -202,33 +200,34 @@ class _Tracker:
             self._path.offset(measured.point),
             settings,
             track_id=self._next_id,
-            score=one.score,
+            score=evidence.log_odds,
             verdict=verdict,
-            features=tuple(one.features.tolist()),
+            features=tuple(evidence.features.tolist()),
+            evidence=evidence.ratios,
         )
         self._window[fit.frames[0]].landmarks.append(landmark)
         self._assign(fit, verdict)
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, Panel | None]:
-        """The verdict by the rules in turn, and the panel, which is measured of what may be a sign."""
-        settings, fit = self._settings.verdict, one.fit
+    def _verdict(self, one: _Classified) -> tuple[str, LandmarkEvidence, Panel | None]:
+        """The verdict, the evidence for it, and the panel, which is measured of what may be a sign."""
+        settings, fit, evidence = self._settings.verdict, one.fit, one.evidence
+        classifier = self._sides[fit.back].landmark
+        if in_swept_volume(fit, one.offset, settings):
+            return "moving", evidence, None
+        if not classifier.accepts(evidence):
+            return VERDICT_OF_TERM[evidence.weakest], evidence, None
         camera = self._window[fit.frames[-1]].motion.pose
-        verdict = position_verdict(
-            fit, one.offset, self._reported, camera, settings, passes=one.passes
-        )
-        if verdict != "sign":
-            return verdict, None
+        if any(same_face(fit, other, camera, settings) for other in self._reported):
+            return "duplicate", evidence, None
         registered, panel = 0, None
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
-        panel_px = np.inf if panel is None else panel.residual_px
-        known = self._sides[fit.back].landmark is not None
-        log_odds = one.score if known else settings.sure_log_odds
-        fewest = self._settings.track.fewest_views
-        stands = stands_still(fit, registered, panel_px, log_odds, fewest, settings)
-        return "sign" if stands else "residual", panel
+        agreement = registration_agreement(registered, panel)
+        evidence = classifier.classify(fit, self._window, one.offset, agreement)
+        verdict = "sign" if classifier.accepts(evidence) else VERDICT_OF_TERM[evidence.weakest]
+        return verdict, evidence, panel
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

@@ -1,14 +1,14 @@
-"""Every verdict on a landmark, in the order of the rules, and on candidates that no landmark has.
+"""Verdicts on landmarks, and on candidates that no landmark has.
 
-While it is tracked (`position_verdict`, then `stands_still` once its panel is measured): `moving`, `place_score`,
-`duplicate`, `residual`. Afterwards (`location_verdict`, `same_panel`): `location`, `panel_size`, `duplicate`. The first
-rule that applies decides; a landmark that passes them all is a `sign`. Verdicts of single candidates in one image are
-the detection's.
+While it is tracked (`tracker`): `moving` where the vehicle drove, the verdict of the weakest term of evidence
+(`VERDICT_OF_TERM`) where the sum of all is below the threshold, `duplicate` of a landmark of higher sum. Afterwards
+(`location_verdict`, `same_panel`): `location`, `panel_size`, `duplicate`. A landmark that passes all is a `sign`.
+Verdicts of single candidates in one image are the detection's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,41 +22,17 @@ from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSe
 from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
+VERDICT_OF_TERM = {
+    "appearance": "place_score",
+    "views": "few_views",
+    "size": "panel_size",
+    "place": "location",
+    "rigidity": "residual",
+    "registration": "residual",
+}
+"""Verdict on a landmark by the term of evidence that weighs most against it."""
 LEAST_DEPTH_M = 0.5
 """Nearer to the camera a landmark has no box: division by its depth."""
-
-
-def position_verdict(
-    fit: LandmarkFit,
-    offset: FrenetOffset,
-    reported: Iterable[LandmarkFit],
-    camera: Pose,
-    settings: VerdictSettings,
-    *,
-    passes: bool,
-) -> str:
-    """`moving`, `place_score`, `duplicate`, or `sign` as far as position and classifier tell.
-
-    Parameters
-    ----------
-    fit, offset
-        The landmark, and where it stands beside the path.
-    reported
-        Signs of this window so far.
-    camera
-        The frame that shows it last.
-    settings
-        Limits of the rules.
-    passes
-        Whether the landmark classifier accepts it.
-    """
-    if in_swept_volume(fit, offset, settings):
-        return "moving"
-    if not passes:
-        return "place_score"
-    if any(same_face(fit, other, camera, settings) for other in reported):
-        return "duplicate"
-    return "sign"
 
 
 def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSettings) -> bool:
@@ -98,57 +74,15 @@ def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[fl
     return float(of_one), float(of_other)
 
 
-def stands_still(
-    fit: LandmarkFit,
-    registered: int,
-    panel_px: float,
-    log_odds: float,
-    fewest: int,
-    settings: VerdictSettings,
-) -> bool:
-    """Whether the views of a landmark are of one panel that stands still; else the verdict is `residual`.
-
-    Any two rays meet somewhere: it takes a third box, or a panel that the registered images show. Two images of a
-    vehicle may be registered as well, so there the landmark must be `sure_log_odds` a panel. And of few boxes, which
-    may be of several panels in line, two images must register, if it is not `certain_log_odds` a panel.
-
-    Parameters
-    ----------
-    fit
-        The landmark.
-    registered
-        Images of it that register with each other.
-    panel_px
-        RMS residual of its panel in these, inf where there is no panel.
-    log_odds
-        Log odds that it is a panel.
-    fewest
-        Views that a sign needs.
-    settings
-        Limits of the rules.
-    """
-    boxes = max(fewest, settings.fewest_boxes)
-    if log_odds >= settings.certain_log_odds and len(fit.rows) >= boxes:
-        return True
-    if fit.used.sum() >= boxes:
-        return len(fit.rows) >= settings.sufficient_boxes or registered >= 2
-    if registered < fewest:
-        return False
-    if registered >= settings.fewest_boxes:
-        return panel_px < settings.register_px
-    return log_odds >= settings.sure_log_odds and panel_px < settings.register_pair_px
-
-
-def location_verdict(landmark: Landmark, model: GaussianModel, settings: LocateSettings) -> str:
-    """`location` beyond all thresholds of the model for so unsure a sign, `panel_size`, or `sign`.
-
-    The model knows nothing of backs, which are those of the other carriageway: they may stand anywhere.
-    """
-    thresholds = np.array([c.threshold for c in model.classes])
-    where = np.array([[landmark.right_m, landmark.above_m]])
-    beyond = float((model.distances(where)[0] - thresholds).min())
-    if not landmark.back and beyond > 0 and not landmark.score > settings.beyond * beyond:
-        return "location"
+def location_verdict(
+    landmark: Landmark, model: GaussianModel | None, settings: LocateSettings
+) -> str:
+    """`location` beyond all thresholds of the model (None: anywhere), `panel_size`, or `sign`."""
+    if model is not None:
+        thresholds = np.array([c.threshold for c in model.classes])
+        where = np.array([[landmark.right_m, landmark.above_m]])
+        if (model.distances(where)[0] > thresholds).all():
+            return "location"
     sides = (landmark.width_m, landmark.height_m)
     if min(sides) < settings.smallest_side_m or max(sides) > settings.largest_side_m:
         return "panel_size"

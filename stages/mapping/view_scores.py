@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.stages.mapping.landmark_features import FEATURES
+from wayside.stages.mapping.landmark_evidence import FEATURES
 
-NEAR = FEATURES.index("score_near_mean")
+BEST = FEATURES.index("score_best")
 
 
 def score_by_views(frames: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Give each landmark the mean log odds of its three nearest views: there the detector sees it largest.
+    """Give each landmark the mean log odds of its three best views.
 
     How many views agree is no part of it: views of one object are alike, and a detector that takes a board for a sign
     does so in all of them.
     """
     for frame in frames:
-        scored = tuple(replace(one, score=one.features[NEAR]) for one in frame.landmarks)
+        scored = tuple(replace(one, score=one.features[BEST]) for one in frame.landmarks)
         yield replace(frame, landmarks=scored)

@@ -22,15 +22,21 @@ def run_with(run_demo, tmp_path_factory):
     return run
 
 
-def accept_nothing(model):
-    """The same classes with thresholds that no distance is below."""
-    return model | {"classes": [one | {"threshold": -100.0} for one in model["classes"]]}
+def far_away(model):
+    """The same classes a kilometre above the road."""
+    classes = [one | {"mean": [one["mean"][0], 1000.0]} for one in model["classes"]]
+    return model | {"classes": classes}
 
 
-def test_a_location_model_that_accepts_no_place_leaves_no_sign(run_with):
-    result = run_with(location=accept_nothing)
-    assert not [row for row in result.signs if row["status"] == "sign"]
-    assert result.verdicts["location"] > 0
+def test_where_the_location_model_has_no_sign_is_evidence_against_one(run_with):
+    usual, far = (
+        [row for row in result.signs if row["status"] == "sign"]
+        for result in (run_with(), run_with(location=far_away))
+    )
+    assert usual
+    least = min(row["evidence_place"] for row in usual)
+    assert all(row["evidence_place"] < least for row in far)
+    assert sum(row["confidence"] for row in far) < sum(row["confidence"] for row in usual)
 
 
 def test_a_panel_larger_than_the_settings_allow_is_none(run_demo):

@@ -125,7 +125,6 @@ def test_a_format_can_be_said():
     [
         ({"models.detector": "a.onnx", "models.detections": "b.parquet"}, "give one"),
         ({"models.classes": "a.toml"}, "give --detector or --detections"),
-        ({"models.detector": "a.onnx", "models.network": "network.onnx"}, "give one of them"),
         ({"models.detector": "a.onnx", "candidates.judge": "report"}, "preset default"),
     ],
 )

@@ -27,18 +27,20 @@ def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log: str) -> None:
 
 
 def test_the_detection_network_that_ships_names_the_drives_it_saw() -> None:
-    settings, _ = load_settings("default", None, [], {"models.network": "network.onnx"})
+    settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
     assert learned_from("us_freeway_challenge", said) == ("network",)
     assert learned_from("ca_city_garmin", said) == ()
-    without, _ = load_settings("default", None, [], {})
+    without, _ = load_settings("default", None, [], {"models.network": ""})
     assert learned_from("us_freeway_challenge", load_models(without).provenances()) == ()
 
 
 def test_the_classifiers_that_ship_name_the_rendered_drives_they_saw() -> None:
     settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
-    assert set(learned_from("learn_alley", said)) == said.keys() - {"outline"}
+    evidence = {"place", "back_place"}
+    assert set(learned_from("learn_alley", said)) == said.keys() - {"outline", "network"} - evidence
+    assert set(learned_from("learn_alley_70000", said)) == evidence
     for never in ("demo", "straight", "curve", "town", "report", "raw"):
         assert learned_from(never, said) == ()
 

@@ -397,3 +397,17 @@ def test_the_demo_drive_holds_a_message_of_every_kind_for_every_frame() -> None:
         FOXGLOVE_TOPICS, len(truth["frames"])
     )
     assert len(truth["frames"]) == load_spec(SPECS / "demo.toml").frames
+
+
+def test_a_specification_can_be_rendered_again_with_another_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = write_spec(tmp_path, TINY)
+    assert run(monkeypatch, spec, "-o", tmp_path, "--frames", 1) == 0
+    assert run(monkeypatch, spec, "-o", tmp_path, "--frames", 1, "--reseed", 500) == 0
+    first, again = (
+        json.loads((tmp_path / f"{name}.truth.json").read_text()) for name in ("tiny", "tiny_500")
+    )
+    assert len(again["frames"]) == 1
+    assert again["seed"] == first["seed"] + 500
+    assert again["signs"] != first["signs"]

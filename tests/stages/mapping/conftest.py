@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import AssociationSettings, TrackSettings
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates
+from wayside.stages.mapping.landmark_evidence import FEATURES
 
 Boxes = Sequence[Sequence[tuple[float, ...]]]
 """For each frame: right, down, depth, width, height, score in the frame of its camera."""
@@ -55,3 +57,28 @@ def window() -> Callable[..., WindowCandidates]:
 def standing() -> Callable[..., Boxes]:
     """Boxes of panels (right, down, along, width, height, score) that stand still, frame by frame."""
     return standing_boxes
+
+
+def made_evidence_model(
+    shift: float = 0.0, threshold: float = 0.0, middle: float = 0.0, **weights: float
+) -> EvidenceModel:
+    """Log odds `shift` plus weight times (value - middle) of each named feature, within +-100."""
+    own = tuple(weights)
+    assert set(own) <= set(FEATURES)
+    edge = np.full(len(own), 100.0)
+    return EvidenceModel(
+        features=own,
+        terms=own,
+        low=-edge,
+        high=edge,
+        middle=np.full(len(own), middle),
+        weight=np.array([float(weights[name]) for name in own]),
+        shift=shift,
+        threshold=threshold,
+        provenance="made up",
+    )
+
+
+@pytest.fixture(scope="session")
+def evidence_model() -> Callable[..., EvidenceModel]:
+    return made_evidence_model

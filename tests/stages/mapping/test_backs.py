@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
-from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import MappingSettings
-from wayside.stages.mapping import SideClassifiers
-from wayside.stages.mapping.landmark_features import FEATURES
+from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.tracker import track
 
@@ -34,22 +32,6 @@ def seen_from_behind(frames, score, faces="score"):
 
 def landmarks_of(tracked):
     return [landmark for item in tracked for landmark in item.landmarks]
-
-
-def sure(odds):
-    """A landmark classifier that is always as sure."""
-    one = np.zeros((1, 1), np.int32)
-    return TreeModel(
-        FEATURES,
-        odds,
-        one,
-        one.astype(np.float32),
-        one - 1,
-        one - 1,
-        one * np.float32(0),
-        0.0,
-        "made up",
-    )
 
 
 def test_a_panel_seen_from_behind_is_measured_as_a_back_without_a_colour(panel, drive):
@@ -104,9 +86,13 @@ def test_backs_are_not_tracked_where_no_classifier_of_them_is_given(panel, drive
 
 
 @pytest.mark.parametrize(("face", "back"), [(1.0, 3.0), (3.0, 1.0)])
-def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(panel, drive, face, back):
+def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(
+    panel, drive, evidence_model, face, back
+):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0, faces="open")
-    classifiers = SideClassifiers(landmark=sure(face)), SideClassifiers(landmark=sure(back))
+    classifiers = [
+        SideClassifiers(landmark=LandmarkClassifier(evidence_model(odds))) for odds in (face, back)
+    ]
     tracked = list(track(iter(frames), MappingSettings(), *classifiers))
     reported = [landmark for landmark in landmarks_of(tracked) if landmark.verdict == "sign"]
     assert [landmark.back for landmark in reported] == [back > face]

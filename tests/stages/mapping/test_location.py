@@ -18,10 +18,10 @@ def model(*means, space="right_up_m", threshold=2.0):
     return GaussianModel(space, tuple(classes), "test")
 
 
-HARD = LocateSettings(beyond=1e9)
+LIMITS = LocateSettings()
 
 
-def located(frames, *means, settings=HARD):
+def located(frames, *means, settings=LIMITS):
     return list(classify_location(track(iter(frames), MappingSettings()), model(*means), settings))
 
 
@@ -41,13 +41,9 @@ def test_the_single_mean_refuses_the_left_side_and_overhead(panel, drive):
     assert found == {100: "sign", 130: "location", 140: "location"}
 
 
-def test_a_sign_beyond_doubt_may_stand_farther_off_than_any_sign_learned_from(panel, drive):
-    frames = drive([panel(11.0, 1.0, 130.0)], 20)
-    (score,) = (p.score for s in track(iter(frames), MappingSettings()) for p in s.landmarks)
-    beyond = float(np.hypot(11.0 - 3.1, 1.0 - 0.6)) - 2.0
-    for share, verdict in ((0.9, "sign"), (1.1, "location")):
-        settings = LocateSettings(beyond=share * score / beyond)
-        assert landmarks_of(located(frames, (3.1, 0.6), settings=settings)) == {130: verdict}
+def test_without_a_model_signs_stand_anywhere(panel, drive):
+    tracked = track(iter(drive([panel(11.0, 1.0, 130.0)], 20)), MappingSettings())
+    assert landmarks_of(classify_location(tracked, None, LIMITS)) == {130: "sign"}
 
 
 def test_a_refused_places_candidates_follow_in_every_frame(panel, drive):
@@ -58,7 +54,7 @@ def test_a_refused_places_candidates_follow_in_every_frame(panel, drive):
 
 def test_a_panel_of_no_signs_size_is_refused(panel, drive):
     frames = drive([panel(3.5, 1.0, 100.0)], 20)
-    settings = replace(HARD, largest_side_m=0.5)
+    settings = replace(LIMITS, largest_side_m=0.5)
     assert landmarks_of(located(frames, (3.1, 0.6), settings=settings)) == {100: "panel_size"}
 
 

@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import MappingSettings, SiftSettings
-from wayside.stages.mapping import SideClassifiers
-from wayside.stages.mapping.landmark_features import FEATURES
+from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
 from wayside.stages.mapping.tracker import track
 from wayside.stages.report import match_by_descriptors
 
@@ -26,7 +24,8 @@ def verdicts_of(tracked):
 
 
 def run(frames, settings=SETTINGS, classifier=None):
-    return list(track(iter(frames), settings, SideClassifiers(landmark=classifier)))
+    front = SideClassifiers(landmark=classifier or LandmarkClassifier())
+    return list(track(iter(frames), settings, front))
 
 
 def test_a_panel_is_measured_where_it_stands(panel, drive):
@@ -188,45 +187,30 @@ def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
     assert most <= TRACK.longest + TRACK.window_step
 
 
-def test_a_landmark_below_the_threshold_is_refused_with_its_candidates(panel, drive):
-    tracked = run(drive([panel(3.5, 1.2, 120.0)], 20), classifier=constant_model(-3.0))
+def test_a_landmark_below_the_threshold_is_refused_for_its_weakest_term(
+    panel, drive, evidence_model
+):
+    model = replace(
+        evidence_model(-3.0, score_mean=0.1, depth_sigma=-9.0), terms=("appearance", "rigidity")
+    )
+    frames = drive([panel(3.5, 1.2, 120.0)], 20)
+    tracked = run(frames, classifier=LandmarkClassifier(model))
     (landmark,) = landmarks_of(tracked)
-    assert landmark.verdict == "place_score"
-    assert landmark.score == pytest.approx(-3.0)
-    assert "place_score" in verdicts_of(tracked)
+    ratios = dict(landmark.evidence)
+    assert ratios["rigidity"] < ratios["appearance"]
+    assert landmark.score == pytest.approx(-3.0 + sum(ratios.values()))
+    assert landmark.verdict == "residual"
+    assert "residual" in verdicts_of(tracked)
     assert "sign" not in verdicts_of(tracked)
 
 
-def constant_model(value):
-    one = np.full((1, 1), -1, np.int32)
-    return TreeModel(
-        features=FEATURES,
-        bias=value,
-        feature=np.zeros((1, 1), np.int32),
-        split=np.zeros((1, 1), np.float32),
-        left=one,
-        right=one,
-        value=np.zeros((1, 1), np.float32),
-        threshold=0.0,
-        provenance="test",
-    )
-
-
-def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(panel, drive):
+def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(
+    panel, drive, evidence_model
+):
     plate = panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
     shield = panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)
     double = panel(3.5, 1.94, 120.0, wide=0.6, tall=0.78, score=3.0)
-    surest = TreeModel(
-        FEATURES,
-        0.0,
-        np.full((1, 3), FEATURES.index("score_mean"), np.int32),
-        np.array([[4, 0, 0]], np.float32),
-        np.array([[1, -1, -1]], np.int32),
-        np.array([[2, -1, -1]], np.int32),
-        np.array([[0, 1, 3]], np.float32),
-        0.0,
-        "made up: the plate is surer than the rest",
-    )
+    surest = LandmarkClassifier(evidence_model(score_mean=1.0))
     landmarks = landmarks_of(run(drive([plate, shield, double], 20), classifier=surest))
     heights = {round(p.height_m / BORDER, 2): p.verdict for p in landmarks}
     assert heights == {0.4: "sign", 0.78: "duplicate", 0.6: "sign"}

@@ -1,0 +1,139 @@
+"""Learn the landmark classifiers from rendered drives: `python -m wayside.pipeline.learn_landmarks`.
+
+The drives are others than those of `learn.py`: on images that a detector has learned from, its scores are higher than
+on the road.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+
+from wayside.pipeline.flow import Flow
+from wayside.pipeline.learn import LEARN_READ, learning_logs, write_model
+from wayside.pipeline.learning.landmarks import (
+    ACCEPT,
+    ACCEPT_BACK,
+    FALSE_ALARM,
+    FALSE_ALARM_BACK,
+    LandmarkSamples,
+    PosedDrive,
+    gather_landmarks,
+    joined,
+    learn_landmark_classifier,
+)
+from wayside.pipeline.learning.samples import read_truth
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.workers import StageClock
+from wayside.schemas.errors import InputError, WaysideError
+from wayside.stages.odometry import estimate_motion
+
+LENIENT = (0.0, 1.0, 2.0)
+"""Log odds by which the threshold of the box classifier is lowered: else few landmarks are no signs."""
+
+PROCESSES = 2
+"""How many drives are tracked at a time."""
+
+Notify = Callable[[str], None]
+
+
+def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str]:
+    """Learn `place.json` and `back_place.json` from the drives of a folder; the digests by file name.
+
+    folder: the models that the drives are tracked with; what is learned is written there.
+
+    Raises
+    ------
+    InputError
+        If there are no drives, one cannot be used, or they show too few landmarks.
+    OutputError
+        If a file cannot be written.
+    """
+    logs = learning_logs(drives)
+    with ProcessPoolExecutor(
+        PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
+    ) as processes:
+        samples = joined(list(processes.map(partial(_landmarks_of, folder), logs)))
+    digests: dict[str, str] = {}
+    for name, back, accept, false_alarm in (
+        ("place.json", False, ACCEPT, FALSE_ALARM),
+        ("back_place.json", True, ACCEPT_BACK, FALSE_ALARM_BACK),
+    ):
+        own = samples.side(back=back)
+        origin = provenance([log.stem for log in logs], own)
+        try:
+            model = learn_landmark_classifier(own, origin, accept, false_alarm)
+        except InputError as error:
+            notify(f"{name} not written, such landmarks are classified by their fit alone: {error}")
+        else:
+            digests[name] = write_model(folder / name, model, notify)
+    return digests
+
+
+def provenance(names: list[str], samples: LandmarkSamples) -> str:
+    """What a model was learned from: drives by name, with the number of landmarks of each."""
+    counts = [int((samples.drive == number).sum()) for number in range(len(names))]
+    listed = ", ".join(f"{n} ({count} landmarks)" for n, count in zip(names, counts, strict=True))
+    return (
+        f"rendered drives {listed}; a name ends in what was added to the seed of its specification"
+    )
+
+
+def _landmarks_of(folder: Path, log: Path) -> LandmarkSamples:
+    return gather_landmarks(_posed(folder, log))
+
+
+def _posed(folder: Path, log: Path) -> Iterator[PosedDrive]:
+    """A drive up to its motion, with its truth, once for each threshold of the box classifier."""
+    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
+    models = load_models(settings)
+    truth = read_truth(log.with_suffix(".truth.json"))
+    for lower in LENIENT:
+        classifier = models.box_classifier
+        if classifier is None:
+            raise InputError(f"{folder}: wanted a box classifier, found none")
+        classifier = replace(classifier, threshold=classifier.threshold - lower)
+        flow = Flow(settings, replace(models, box_classifier=classifier), StageClock())
+        frames = read_frames(log, LEARN_READ, ReadReport())
+        moved = estimate_motion(
+            flow.detect(frames), settings.motion, settings.ties, settings.adjustment
+        )
+        yield PosedDrive(
+            moved,
+            classifier,
+            models.back_classifier,
+            truth,
+            flow.panel_method(),
+            models.location_classes,
+        )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m wayside.pipeline.learn_landmarks", description=__doc__
+    )
+    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
+    given = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+    try:
+        learn_landmarks(given.drives, given.out, lambda text: print(text, flush=True))
+    except WaysideError as error:
+        print(f"wayside: {error}", file=sys.stderr)
+        return error.exit_status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
