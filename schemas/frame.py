@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
-NO_POSITION, DAMAGED = "no_position", "damaged"
+NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
 FRAME_STATUSES = (
     USED,
     THINNED,
@@ -24,9 +24,11 @@ FRAME_STATUSES = (
     NO_CALIBRATION,
     NO_POSITION,
     DAMAGED,
+    DUPLICATE,
 )
 """`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix;
-`damaged` images decode in part only; the rest as they say."""
+`damaged` images decode in part only; a `duplicate` is a copy of an earlier image, or shows no motion since the last used
+one; the rest as they say."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -249,7 +249,7 @@ FRAMES = Table(
             "prior of the motion",
             values=tuple(MOTION_SOURCES),
         ),
-        Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame"),
+        Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame; 0: a duplicate"),
         Column("ties", _WHOLE, "points", "tie points to the previous used frame"),
         Column("residual_straight_px", _SINGLE, "px", "eq. 7.5 with the motion of the prior"),
         Column("residual_px", _SINGLE, "px", "eq. 7.5 with the motion that was used"),
