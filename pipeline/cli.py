@@ -76,7 +76,8 @@ Spacing = Annotated[
 ]
 CameraTopic = Annotated[str | None, typer.Option(help="Image topic, where the log has several.")]
 Calibration = Annotated[
-    Path | None, typer.Option(help="ROS camera_info YAML instead of the log's calibration.")
+    Path | None,
+    typer.Option(help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration."),
 ]
 From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")]
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
@@ -276,7 +277,9 @@ def import_(
     images: Annotated[
         list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
     ],
-    calibration: Annotated[Path, typer.Option(help="Camera calibration, ROS camera_info YAML.")],
+    calibration: Annotated[
+        Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
+    ],
     spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
     overwrite: viewer.Overwrite = False,
@@ -285,7 +288,14 @@ def import_(
     from wayside.pipeline.importing import import_images
     from wayside.pipeline.lengths import parse_spacing
 
-    count = import_images(images, calibration, parse_spacing(spacing), out, overwrite=overwrite)
+    count = import_images(
+        images,
+        calibration,
+        parse_spacing(spacing),
+        out,
+        overwrite=overwrite,
+        warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
+    )
     typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
 
 

@@ -31,13 +31,14 @@ from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
+from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import FocalCheck
 
 Watcher = Callable[[TrackedFrame, ReadReport], None]
 
+_MOST_LISTED = 4
 
 OpenObserver = Callable[[ReadReport, Path], "RunObserver | None"]
 """Makes the observer of a run, from what reading chose and the folder for its files."""
@@ -251,6 +252,7 @@ def _process(
     flow = Flow(settings, models, clock, observer, journal)
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
+    duplicates: list[str] = []
     source = models.external
     accounting = None if source is None else BoxAccounting(source)
     read = _with_first(first, frames)
@@ -259,6 +261,8 @@ def _process(
     try:
         for settled in flow.track(read):
             statuses[settled.frame.status] += 1
+            if settled.frame.status == DUPLICATE:
+                duplicates.append(settled.frame.label)
             writer.append(settled)
             if accounting is not None:
                 accounting.take(settled)
@@ -276,6 +280,8 @@ def _process(
         if observer is not None:
             observer.close()
         raise
+    if duplicates:
+        report.notes.append(_duplicates(duplicates))
     inventory = writer.finish(path, signs)
     faults: list[str] = []
     recorded: bool | None = None
@@ -315,6 +321,15 @@ def _wrong_calibration(log: Path, report: ReadReport, error: float) -> str:
         f"the calibration ({report.calibration_source}) cannot be right: its focal length is about "
         f"{100 * abs(error):.0f} % too {'long' if error > 0 else 'short'} for the motion in the images, and positions "
         f"along the road with it; see `wayside calibrate {log}`"
+    )
+
+
+def _duplicates(labels: list[str]) -> str:
+    more = len(labels) - _MOST_LISTED
+    listed = ", ".join(labels[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    return (
+        f"duplicate images: {len(labels)} ({visible(listed)}); they are copies of an earlier one or show no motion "
+        "since the last used one, take no part, and add nothing to the distance travelled"
     )
 
 

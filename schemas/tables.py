@@ -264,6 +264,13 @@ FRAMES = Table(
             "frame is not used",
         ),
         Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),
+        Column("image_name", _TEXT, "", "name of the file that was imported; null: none was"),
+        Column(
+            "image_date",
+            _TEXT,
+            "",
+            "when it was taken, as its camera wrote it into the file (local time); null: unknown",
+        ),
     ),
 )
 

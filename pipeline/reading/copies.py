@@ -1,28 +1,47 @@
-"""Images that a log holds more than once, byte for byte."""
+"""Numbers of the images of a log: copies, which take none, and numbers that are missing."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from hashlib import blake2b
+
+_MOST_LISTED = 4
 
 
 class ImageNumbers:
     """Numbers of images along the way: a copy of an earlier image takes none, since nothing was travelled for it.
 
-    It keeps 16 bytes of each image. Two exposures of a camera never agree in every byte.
+    A copy agrees in every byte, which two exposures of a camera never do. 16 bytes of each image are kept.
     """
 
     def __init__(self) -> None:
         self._seen: set[bytes] = set()
         self._taken_by_copies = 0
-        self._latest: int | None = None
+        self._latest: tuple[int, str] | None = None
+        self._gaps: list[tuple[int, str]] = []
 
-    def take(self, number: int, data: memoryview) -> tuple[int, bool]:
+    def take(self, number: int, label: str, data: memoryview) -> tuple[int, bool]:
         """Number of the image less those that copies before it took, and whether it is a copy itself."""
         digest = blake2b(data, digest_size=16).digest() if len(data) else b""
         is_copy = digest in self._seen
-        if is_copy and self._latest is not None:
-            self._taken_by_copies += number - self._latest
         if digest:
             self._seen.add(digest)
-        self._latest = number
+        if self._latest is not None:
+            step = number - self._latest[0]
+            if step > 1:
+                self._gaps.append((step - 1, self._latest[1]))
+            if is_copy:
+                self._taken_by_copies += step
+        self._latest = number, label
         return number - self._taken_by_copies, is_copy
+
+    def notes(self) -> Iterator[str]:
+        """Which numbers are missing, in words."""
+        if self._gaps:
+            places = [f"{count} after {label}" for count, label in self._gaps[:_MOST_LISTED]]
+            more = len(self._gaps) - len(places)
+            yield (
+                f"missing numbers among the images: {sum(count for count, _ in self._gaps)} "
+                f"({', '.join(places)}{f' and {more} more gaps' if more else ''}); the step across a gap is longer by "
+                "one spacing for each"
+            )

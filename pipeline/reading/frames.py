@@ -274,6 +274,7 @@ class _Reader:
                 f"({topic.fault})",
             )
         report.notes += [*map(str, report.remarks), *report.unchecked]
+        report.notes += self.selection.numbers.notes()
         if self.poses is not None and self.poses.assumed_mount:
             report.notes.append(
                 "the log does not say how the camera is mounted: it is taken to look straight ahead"
@@ -311,6 +312,7 @@ class _Selection:
         self.spacing_m = plan.spacing_m
         self.thinning = Thinning(settings.thin_m, plan.spacing_m)
         self.numbers = ImageNumbers()
+        self.names, self.dates = plan.survey.image_names, plan.survey.image_dates
         self.first_ns: int | None = None
         self.inside = 0
         self.last_used: int | None = None
@@ -328,8 +330,10 @@ class _Selection:
         if image is not None:
             encoding, width, height = _format_and_size(image)
         status, number = OUTSIDE, one.number
+        name = self.names.get(str(one.log_time_ns), "")
         if self._is_inside(one.time_ns):
-            number, is_copy = self.numbers.take(number, _NOTHING if image is None else image.data)
+            data = _NOTHING if image is None else image.data
+            number, is_copy = self.numbers.take(number, name or f"frame {one.index}", data)
             known = (width, height), camera, pose, fix
             status = DUPLICATE if is_copy else self._status(image, number, *known)
         used = status == USED and image is not None
@@ -353,6 +357,8 @@ class _Selection:
             fix=fix,
             spacing_m=spacing_m,
             settled_time_ns=one.settled_ns,
+            name=name,
+            date=self.dates.get(str(one.log_time_ns), ""),
         )
 
     def _is_inside(self, time_ns: int) -> bool:

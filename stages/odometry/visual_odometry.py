@@ -38,10 +38,10 @@ def estimate_motion(
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
-    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame. An image
-    that shows no motion since the last used one becomes a frame with the status `duplicate`, without candidates: its
-    rays have no baseline, and a panel would get two measurements of one error. Slow motion adds up, since the used image
-    stays the one that others are compared with.
+    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
+    An image that shows no motion since the last used one becomes a frame with the status `duplicate`, without
+    candidates: rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up,
+    since images are compared with the one that was used last.
 
     Raises
     ------
