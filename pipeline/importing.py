@@ -153,8 +153,9 @@ def _numbered(files: list[Path], copies: dict[Path, Path]) -> tuple[list[Path], 
     if _counted(files) is not None or counts is None:
         return files, count_images(files)
     known = dict(zip(originals, counts, strict=True))
-    ordered = sorted(files, key=lambda file: (known[copies.get(file, file)], file in copies))
-    return ordered, [known[copies.get(file, file)] for file in ordered]
+    number = {file: known[copies.get(file) or file] for file in files}
+    ordered = sorted(files, key=lambda file: (number[file], file in copies))
+    return ordered, [number[file] for file in ordered]
 
 
 def copies_among(files: list[Path]) -> dict[Path, Path]:

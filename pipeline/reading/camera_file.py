@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,13 @@ class _Loader(yaml.SafeLoader):
     """The safe loader, which also takes the matrices of OpenCV for the mappings they are."""
 
 
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix",
-    lambda loader, node: loader.construct_mapping(node, deep=True),
-)
+def _opencv_matrix(loader: _Loader, node: yaml.Node) -> dict[Hashable, Any]:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.YAMLError("a matrix of OpenCV that has no named entries")
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 
 
 def read_camera_file(path: Path) -> Camera:
