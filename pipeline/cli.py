@@ -14,7 +14,7 @@ from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
-from wayside.pipeline.cli_running import check_folders, exit_with, process
+from wayside.pipeline.cli_running import exit_with, process, process_all
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -158,20 +158,15 @@ def run(
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
     every_region = observations is Listed.all
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
-    check_folders(logs, folders, overwrite=overwrite)
-    ends = [
-        process(
-            log,
-            folder,
-            chosen,
-            viewing,
-            every_region=every_region,
-            overwrite=overwrite,
-            resume=resume,
-        )
-        for log, folder in zip(logs, folders, strict=True)
-    ]
-    exit_with(ends)
+    process_all(
+        logs,
+        folders,
+        chosen,
+        viewing,
+        every_region=every_region,
+        overwrite=overwrite,
+        resume=resume,
+    )
 
 
 @app.command(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from hashlib import blake2b
 
 _MOST_LISTED = 4
@@ -45,3 +45,13 @@ class ImageNumbers:
                 f"({', '.join(places)}{f' and {more} more gaps' if more else ''}); the step across a gap is longer by "
                 "one spacing for each"
             )
+
+
+def describe_duplicates(labels: Sequence[str]) -> str:
+    """A note on images of the status `duplicate`, by their names or frames."""
+    more = len(labels) - _MOST_LISTED
+    listed = ", ".join(labels[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    return (
+        f"duplicate images: {len(labels)} ({listed}); they are copies of an earlier one or show no motion since the "
+        "last used one, take no part, and add nothing to the distance travelled"
+    )
