@@ -12,6 +12,7 @@ import typer
 import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
+from wayside.pipeline import cli_joining as joining
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import exit_with, process, process_all
@@ -334,6 +335,7 @@ app.command(
     epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
     "`wayside evidence out --log /archive/drive.mcap`"
 )(viewer.evidence)
+app.command(epilog=joining.JOIN_EPILOG)(joining.join)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 
