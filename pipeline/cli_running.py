@@ -36,17 +36,20 @@ def process_all(
 ) -> None:
     """Run logs one after the other and end with the gravest status.
 
-    Of several, one that cannot be run is told and the others are done, and one whose result stands already, made of the
-    same log with the same settings and models, is passed over (not with `overwrite`, nor where a viewer is to see it).
+    Of several, all places of results are looked at before the first is run. One that cannot be run is told and the
+    others are done; one whose result stands already, made of the same log with the same settings and models, is passed
+    over (not with `overwrite`, nor where a viewer is to see it).
 
     Raises
     ------
     UsageError
         Two logs would be written to one folder.
+    OutputError
+        Something stands in the place of a result.
     InterruptionError
         Somebody ended the work: of all logs.
     """
-    from wayside.pipeline.earlier_result import is_finished
+    from wayside.pipeline.earlier_result import check_earlier, is_finished
     from wayside.pipeline.journal import result_key
     from wayside.pipeline.model_files import load_models
     from wayside.pipeline.output_folder import finish_replacement
@@ -65,12 +68,14 @@ def process_all(
             f"wanted logs of different names, as each gets a folder of its name, found two for {twice}; "
             "run them one by one"
         )
+    for log, folder in zip(logs, folders, strict=True):
+        finish_replacement(folder)
+        check_earlier(folder, log, overwrite=overwrite)
     digests = load_models(settings).digests()
     ends: list[tuple[int, str]] = []
     for number, (log, folder) in enumerate(zip(logs, folders, strict=True), 1):
         typer.echo(visible(f"log {number} of {len(logs)}: {log}"))
         try:
-            finish_replacement(folder)
             key = result_key(log, settings, digests, every_region=every_region)
             if viewing is None and not overwrite and is_finished(folder, key):
                 ends.append((0, f"unchanged, result in {folder} kept"))

@@ -79,10 +79,10 @@ class MotionSettings:
         0.4,
         "",
         "share of an image's corners found again at the same place from which the camera has not moved",
-        origin="measured: at most 0.26 on drives (demo and real ones), at least 0.41 on images shaken by up to 2 px, "
+        origin="measured: at most 0.26 on drives (demo and real ones), at least 0.43 on images shaken by 1 px, "
         "saved again at JPEG quality 60, or with a third of them moving",
         expert=True,
-        low=0,
+        low=0.05,
         high=1,
     )
     shortest_m: float = setting(0.02, "m", "shortest step", expert=True, low=0)
