@@ -60,7 +60,8 @@ class BoxAccounting:
         frame = settled.frame
         if not isinstance(self._source, BoxFile):
             self._given += settled.region_count
-            self._left_out["other_class"] += settled.region_count - len(table)
+            reason = "unused_image" if settled.motion is None else "other_class"
+            self._left_out[reason] += settled.region_count - len(table)
             return
         boxes = self._source.of(frame)
         number = self._source.number_of(frame)

@@ -12,9 +12,10 @@ import typer
 import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
+from wayside.pipeline import cli_joining as joining
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
-from wayside.pipeline.cli_running import check_folders, exit_with, process
+from wayside.pipeline.cli_running import exit_with, process, process_all
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -76,7 +77,8 @@ Spacing = Annotated[
 ]
 CameraTopic = Annotated[str | None, typer.Option(help="Image topic, where the log has several.")]
 Calibration = Annotated[
-    Path | None, typer.Option(help="ROS camera_info YAML instead of the log's calibration.")
+    Path | None,
+    typer.Option(help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration."),
 ]
 From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")]
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
@@ -157,20 +159,15 @@ def run(
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
     every_region = observations is Listed.all
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
-    check_folders(logs, folders, overwrite=overwrite)
-    ends = [
-        process(
-            log,
-            folder,
-            chosen,
-            viewing,
-            every_region=every_region,
-            overwrite=overwrite,
-            resume=resume,
-        )
-        for log, folder in zip(logs, folders, strict=True)
-    ]
-    exit_with(ends)
+    process_all(
+        logs,
+        folders,
+        chosen,
+        viewing,
+        every_region=every_region,
+        overwrite=overwrite,
+        resume=resume,
+    )
 
 
 @app.command(
@@ -276,7 +273,9 @@ def import_(
     images: Annotated[
         list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
     ],
-    calibration: Annotated[Path, typer.Option(help="Camera calibration, ROS camera_info YAML.")],
+    calibration: Annotated[
+        Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
+    ],
     spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
     overwrite: viewer.Overwrite = False,
@@ -285,7 +284,14 @@ def import_(
     from wayside.pipeline.importing import import_images
     from wayside.pipeline.lengths import parse_spacing
 
-    count = import_images(images, calibration, parse_spacing(spacing), out, overwrite=overwrite)
+    count = import_images(
+        images,
+        calibration,
+        parse_spacing(spacing),
+        out,
+        overwrite=overwrite,
+        warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
+    )
     typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
 
 
@@ -329,6 +335,7 @@ app.command(
     epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
     "`wayside evidence out --log /archive/drive.mcap`"
 )(viewer.evidence)
+app.command(epilog=joining.JOIN_EPILOG)(joining.join)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 

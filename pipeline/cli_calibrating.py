@@ -52,7 +52,7 @@ def calibrate(
         str | None, typer.Option(help="Log: image topic, where it has several.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Log: ROS camera_info YAML to start from.")
+        Path | None, typer.Option(help="Log: YAML of ROS, OpenCV or Kalibr to start from.")
     ] = None,
     start: Annotated[
         str | None, typer.Option("--from", help="Log: start here, 90s or 1:30.")

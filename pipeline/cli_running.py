@@ -8,15 +8,37 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from wayside.schemas.errors import PARTS_LOST, InterruptionError, OutputError, UsageError
+from wayside.pipeline.process import report_error
+from wayside.schemas.errors import (
+    PARTS_LOST,
+    InputError,
+    InterruptionError,
+    OutputError,
+    StageError,
+    UsageError,
+    WaysideError,
+)
 
 if TYPE_CHECKING:
     from wayside.pipeline.view.sinks import Viewing
     from wayside.schemas.settings import Settings
 
 
-def check_folders(logs: list[Path], folders: list[Path], *, overwrite: bool) -> None:
-    """Make sure, before the first of several logs is run, that the result of each may be written.
+def process_all(
+    logs: list[Path],
+    folders: list[Path],
+    settings: Settings,
+    viewing: Viewing | None,
+    *,
+    every_region: bool = False,
+    overwrite: bool = False,
+    resume: bool = False,
+) -> None:
+    """Run logs one after the other and end with the gravest status.
+
+    Of several, all places of results are looked at before the first is run. One that cannot be run is told and the
+    others are done; one whose result stands already, made of the same log with the same settings and models, is passed
+    over (not with `overwrite`, nor where a viewer is to see it).
 
     Raises
     ------
@@ -24,12 +46,22 @@ def check_folders(logs: list[Path], folders: list[Path], *, overwrite: bool) -> 
         Two logs would be written to one folder.
     OutputError
         Something stands in the place of a result.
+    InterruptionError
+        Somebody ended the work: of all logs.
     """
-    if len(logs) == 1:
-        return  # the run itself looks before it begins
-    from wayside.pipeline.earlier_result import check_earlier
+    from wayside.pipeline.earlier_result import check_earlier, is_finished
+    from wayside.pipeline.journal import result_key
+    from wayside.pipeline.model_files import load_models
     from wayside.pipeline.output_folder import finish_replacement
+    from wayside.pipeline.visible_text import visible
 
+    def run_one(log: Path, folder: Path) -> int:
+        options = {"every_region": every_region, "overwrite": overwrite, "resume": resume}
+        return process(log, folder, settings, viewing, **options)
+
+    if len(logs) == 1:
+        exit_with([run_one(logs[0], folders[0])])
+        return
     if len(set(folders)) < len(folders):
         twice = next(folder for folder in folders if folders.count(folder) > 1)
         raise UsageError(
@@ -39,6 +71,28 @@ def check_folders(logs: list[Path], folders: list[Path], *, overwrite: bool) -> 
     for log, folder in zip(logs, folders, strict=True):
         finish_replacement(folder)
         check_earlier(folder, log, overwrite=overwrite)
+    digests = load_models(settings).digests()
+    ends: list[tuple[int, str]] = []
+    for number, (log, folder) in enumerate(zip(logs, folders, strict=True), 1):
+        typer.echo(visible(f"log {number} of {len(logs)}: {log}"))
+        try:
+            key = result_key(log, settings, digests, every_region=every_region)
+            if viewing is None and not overwrite and is_finished(folder, key):
+                ends.append((0, f"unchanged, result in {folder} kept"))
+                continue
+            status = run_one(log, folder)
+        except InterruptionError:
+            raise
+        except WaysideError as error:
+            status = report_error(error, debug="--debug" in sys.argv[1:])
+            ends.append((status, f"not done, exit status {status}"))
+        else:
+            words = f"done, result in {folder}"
+            ends.append((status, f"{words}, exit status {status}" if status else words))
+    typer.echo("")
+    for log, (_, words) in zip(logs, ends, strict=True):
+        typer.echo(visible(f"{log}: {words}"))
+    exit_with([status for status, _ in ends])
 
 
 def process(
@@ -103,7 +157,17 @@ def process(
     return PARTS_LOST if result.lost else 0
 
 
+_GRAVEST = (
+    StageError.exit_status,
+    OutputError.exit_status,
+    InputError.exit_status,
+    UsageError.exit_status,
+    PARTS_LOST,
+)
+
+
 def exit_with(statuses: list[int]) -> None:
-    """End with the gravest of the statuses: an output that is not written, then parts that are lost."""
-    if any(statuses):
-        raise typer.Exit(max(statuses))
+    """End with the gravest of the statuses: what is not done at all, then parts that are lost."""
+    for status in _GRAVEST:
+        if status in statuses:
+            raise typer.Exit(status)

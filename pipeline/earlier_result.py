@@ -95,6 +95,14 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     return EarlierResult(folder, recorded, overwrite)
 
 
+def is_finished(folder: Path, key: str | None) -> bool:
+    """Whether the result in a folder is of the same log, settings and models (`result_key`), and as its run left it."""
+    run = _read_run(folder)
+    if run is None or key is None or run.get("result_key") != key:
+        return False
+    return all(_is_as_stated(folder, name, run) for name in run["files"])
+
+
 def _has_recording(run: dict[str, Any]) -> bool:
     """Whether a run left a recording; before it stated so, only whether one was seen by a viewer."""
     return run.get("recording", run.get("view_images")) is not None

@@ -30,6 +30,7 @@ from wayside.pipeline.rows import (
 )
 from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detections import VERDICTS
+from wayside.schemas.frame import DUPLICATE
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.signs import Sign
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
@@ -191,7 +192,10 @@ class InventoryWriter:
         frames = values["frame"]
         values |= _columns(POSE_COLUMNS, [pose_row(path.poses.get(frame)) for frame in frames])
         values["station_m"] = [path.stations.get(frame) for frame in frames]
-        values["baseline_m"] = [path.baselines.get(frame) for frame in frames]
+        values["baseline_m"] = [
+            0.0 if status == DUPLICATE else path.baselines.get(frame)
+            for frame, status in zip(frames, values["status"], strict=True)
+        ]
         with ParquetFile(self._folder / FRAMES.file, FRAMES.schema) as sink:
             sink.write([record_batch(FRAMES, values)])
 

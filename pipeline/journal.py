@@ -30,7 +30,7 @@ import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.earlier_result import log_fingerprint
+from wayside.pipeline.earlier_result import file_digest, log_fingerprint
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.writing import create, not_written
@@ -46,7 +46,7 @@ _PACKAGES = ("lz4", "numba", "numpy", "opencv-python-headless", "scipy")
 
 
 def journal_key(log: Path, settings: Settings, models: Models) -> dict[str, Any]:
-    """All that the results of an image depend on: the log, settings, models, code, packages and processor.
+    """All that the results of an image depend on: the log, settings, models, files, code, packages and processor.
 
     Raises
     ------
@@ -56,13 +56,33 @@ def journal_key(log: Path, settings: Settings, models: Models) -> dict[str, Any]
     fingerprint = log_fingerprint(log)
     if fingerprint is None:
         raise UsageError(f"--resume: wanted a log that can be read again, found none at {log}")
+    return _key(fingerprint, settings, models.digests()) | {
+        "machine": [platform.machine(), platform.processor(), platform.python_version()],
+    }
+
+
+def result_key(
+    log: Path, settings: Settings, digests: dict[str, str], *, every_region: bool
+) -> str | None:
+    """Digest of all that the tables of a run depend on, models by their `digests`; None for what is no file."""
+    fingerprint = log_fingerprint(log)
+    if fingerprint is None:
+        return None
+    key = _key(fingerprint, settings, digests) | {"every_region": every_region}
+    return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+
+
+def _key(fingerprint: str, settings: Settings, digests: dict[str, str]) -> dict[str, Any]:
     return {
         "log": fingerprint,
         "settings": settings_digest(settings),
-        "models": models.digests(),
+        "models": digests,
+        "files": [
+            file_digest(Path(name)) if name and Path(name).is_file() else name
+            for name in (settings.read.calibration, settings.models.classes)
+        ],
         "code": _code_digest(),
         "packages": {name: version(name) for name in _PACKAGES},
-        "machine": [platform.machine(), platform.processor(), platform.python_version()],
     }
 
 

@@ -144,7 +144,7 @@ def run(
     spacing
         Distance between images where the log has no poses: metres, or a text such as `"26.4ft"`.
     calibration
-        ROS camera_info YAML instead of the log's calibration.
+        YAML of ROS camera_info, OpenCV or Kalibr instead of the log's calibration.
     camera
         Image topic, where the log has several.
     workers

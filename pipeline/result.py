@@ -35,7 +35,7 @@ def read_table(
     out
         Folder written by `wayside run`.
     table, columns
-        Which table, and which of its columns; None: all.
+        Which table, and which of its columns; None: all. Columns that an earlier version did not write come as null.
     where
         Only rows that hold these texts, or one of these numbers, by column name, listed in `columns` or not.
 
@@ -51,9 +51,12 @@ def read_table(
     wanted = table.schema.names if columns is None else list(columns)
     try:
         present = pq.read_schema(file).names
-        absent = [name for name in wanted if name not in present]
-        if absent:
-            raise InputError(f"{file} lacks the column {absent[0]}: it was not written by wayside")
+        absent = [table.schema.field(name) for name in wanted if name not in present]
+        for column in absent:
+            if not column.nullable:
+                raise InputError(
+                    f"{file} lacks the column {column.name}: it was not written by wayside"
+                )
         conditions = [
             pc.field(name) == held
             if isinstance(held, str)
@@ -61,7 +64,10 @@ def read_table(
             for name, held in (where or {}).items()
         ]
         filters = reduce(and_, conditions) if conditions else None
-        return pq.read_table(file, columns=wanted, filters=filters)
+        found = pq.read_table(file, columns=[n for n in wanted if n in present], filters=filters)
+        for column in absent:
+            found = found.append_column(column, pa.nulls(len(found), column.type))
+        return found.select(wanted)
     except (pa.ArrowException, OSError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
 

@@ -15,7 +15,15 @@ from wayside.schemas.motion import Motion
 from wayside.schemas.signs import Sign
 
 FRAME_COLUMNS = (
-    *("frame", "log_time_ns", "header_time_ns", "status", "motion_source"),
+    *(
+        "frame",
+        "log_time_ns",
+        "header_time_ns",
+        "status",
+        "image_name",
+        "image_date",
+        "motion_source",
+    ),
     *("ties", "residual_straight_px", "residual_px", "adjusted", "iterations"),
     *("regions", "left_out", "candidates"),
 )
@@ -26,7 +34,8 @@ _UPPER_TRIANGLE = np.triu_indices(3)
 def frame_row(tracked: TrackedFrame) -> tuple[Any, ...]:
     """`FRAME_COLUMNS` of a frame."""
     frame, motion = tracked.frame, tracked.motion
-    head = (frame.index, frame.log_time_ns, frame.header_time_ns, frame.status)
+    times = (frame.log_time_ns, frame.header_time_ns)
+    head = (frame.index, *times, frame.status, frame.name or None, frame.date or None)
     if motion is None:
         return (*head, *(None,) * (len(FRAME_COLUMNS) - len(head)))
     counts = (tracked.region_count, tracked.left_out, len(tracked.candidates))

@@ -18,11 +18,12 @@ from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_
 from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
-from wayside.pipeline.journal import Journal, journal_key, remove_journal
+from wayside.pipeline.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
 from wayside.pipeline.provenance import learned_from
+from wayside.pipeline.reading.copies import describe_duplicates
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.settings_file import settings_digest
@@ -31,7 +32,7 @@ from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, Frame
+from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import FocalCheck
@@ -223,7 +224,7 @@ def process_log(
                 log, output.part, settings, models, run, every_region, observe, rate, journal
             )
         assert run.result is not None
-        _write_run(run.result, output.part, settings, models, arguments)
+        _write_run(run.result, output.part, settings, models, arguments, every_region=every_region)
         output.commit(drop_recording=earlier.recorded and not run.result.recorded)
         run.committed = True
         remove_journal(folder)
@@ -251,6 +252,7 @@ def _process(
     flow = Flow(settings, models, clock, observer, journal)
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
+    duplicates: list[str] = []
     source = models.external
     accounting = None if source is None else BoxAccounting(source)
     read = _with_first(first, frames)
@@ -259,6 +261,8 @@ def _process(
     try:
         for settled in flow.track(read):
             statuses[settled.frame.status] += 1
+            if settled.frame.status == DUPLICATE:
+                duplicates.append(settled.frame.label)
             writer.append(settled)
             if accounting is not None:
                 accounting.take(settled)
@@ -276,6 +280,8 @@ def _process(
         if observer is not None:
             observer.close()
         raise
+    if duplicates:
+        report.notes.append(describe_duplicates(duplicates))
     inventory = writer.finish(path, signs)
     faults: list[str] = []
     recorded: bool | None = None
@@ -330,11 +336,18 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
 
 
 def _write_run(
-    result: RunResult, part: Path, settings: Settings, models: Models, arguments: list[str]
+    result: RunResult,
+    part: Path,
+    settings: Settings,
+    models: Models,
+    arguments: list[str],
+    *,
+    every_region: bool,
 ) -> None:
     """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
     used = result.frames.get(USED, 0)
     rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
+    digests = models.digests()
     content: dict[str, Any] = {
         "wayside": version("wayside"),
         "arguments": arguments,
@@ -346,7 +359,8 @@ def _write_run(
         "recording": RECORDING if result.recorded else None,
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
-        "models": models.digests(),
+        "models": digests,
+        "result_key": result_key(result.log, settings, digests, every_region=every_region),
         "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
         "detector": None if result.boxes is None else result.boxes.source,
         "world": result.inventory.path.world,

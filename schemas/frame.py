@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
-NO_POSITION, DAMAGED = "no_position", "damaged"
+NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
 FRAME_STATUSES = (
     USED,
     THINNED,
@@ -24,9 +24,11 @@ FRAME_STATUSES = (
     NO_CALIBRATION,
     NO_POSITION,
     DAMAGED,
+    DUPLICATE,
 )
 """`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix;
-`damaged` images decode in part only; the rest as they say."""
+`damaged` images decode in part only; a `duplicate` is a copy of an earlier image, or shows no motion since the last
+used one; the rest as they say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +113,8 @@ class Frame:
     `data` holds the bytes as recorded: a compressed image (`encoding` "jpeg", "png", ...) or rows of
     `step` bytes in a raw `encoding` ("bgr8", "rgb8", "mono8", ...). Where `status` is not `used`, `data` may be empty.
     `spacing_m` is the nominal distance from the previous used frame (None: unknown). `settled_time_ns` is the capture
-    time where clocks were set or wrong, so that neither header nor log time tell it (None: they do).
+    time where clocks were set or wrong, so that neither header nor log time tell it (None: they do). `name`: of the
+    file that was imported; `date`: when it was taken, as its camera wrote it (empty: unknown).
     """
 
     index: int
@@ -128,6 +131,13 @@ class Frame:
     fix: Fix | None = None
     spacing_m: float | None = None
     settled_time_ns: int | None = None
+    name: str = ""
+    date: str = ""
+
+    @property
+    def label(self) -> str:
+        """The name of its file, else its number."""
+        return self.name or f"frame {self.index}"
 
     @property
     def frame(self) -> Frame:

@@ -254,7 +254,7 @@ FRAMES = Table(
             "prior of the motion",
             values=tuple(MOTION_SOURCES),
         ),
-        Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame"),
+        Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame; 0: a duplicate"),
         Column("ties", _WHOLE, "points", "tie points to the previous used frame"),
         Column("residual_straight_px", _SINGLE, "px", "eq. 7.5 with the motion of the prior"),
         Column("residual_px", _SINGLE, "px", "eq. 7.5 with the motion that was used"),
@@ -269,6 +269,13 @@ FRAMES = Table(
             "frame is not used",
         ),
         Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),
+        Column("image_name", _TEXT, "", "name of the file that was imported; null: none was"),
+        Column(
+            "image_date",
+            _TEXT,
+            "",
+            "when it was taken, as its camera wrote it into the file (local time); null: unknown",
+        ),
     ),
 )
 

@@ -89,6 +89,11 @@ def _measurement(sign: dict[str, Any]) -> list[Figure]:
     return [
         Figure("Views", str(sign["views"]), frames),
         Figure("Residual, RMS", UNKNOWN if residual is None else f"{residual:.2f} px"),
+        *(
+            [Figure("Best image", name, sign["image_date"])]
+            if (name := sign.get("image_name"))
+            else []
+        ),
     ]
 
 

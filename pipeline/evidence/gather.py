@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _LONGEST_ID = 240
-_FRAME_COLUMNS = ("frame", "log_time_ns", "status", "x", "y", "z")
+_FRAME_COLUMNS = ("frame", "log_time_ns", "status", "x", "y", "z", "image_name", "image_date")
 _VIEW_COLUMNS = ("sign_id", "frame", "box", "residual_px")
 _SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != "geometry")
 
@@ -30,6 +30,8 @@ class SignView:
     box: tuple[float, float, float, float]
     residual_px: float | None
     range_m: float | None
+    image: str = ""
+    """Name of the image's file; empty where it was not imported."""
 
     @property
     def area_px(self) -> float:
@@ -68,6 +70,8 @@ class DriveMap:
     path: NDArray[np.float64]
     signs: NDArray[np.float64]
     log_times_ns: dict[int, int]
+    images: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Name and date of the files that were imported, by frame."""
 
 
 def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
@@ -111,6 +115,11 @@ def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
         path,
         _positions(signs),
         {row["frame"]: row["log_time_ns"] for row in frames},
+        {
+            row["frame"]: (visible(row["image_name"]), visible(row.get("image_date") or ""))
+            for row in frames
+            if row.get("image_name")
+        },
     )
 
 
@@ -133,8 +142,10 @@ def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap)
             )
         camera = drive.cameras.get(row["frame"])
         distance = None if camera is None else float(np.linalg.norm(position - camera))
-        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance))
-    return Evidence(sign, tuple(views))
+        name, _ = drive.images.get(row["frame"], ("", ""))
+        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance, name))
+    name, date = drive.images.get(sign["best_frame"], ("", ""))
+    return Evidence(sign | {"image_name": name, "image_date": date}, tuple(views))
 
 
 def _require_file_name(out: Path, name: str) -> None:

@@ -115,6 +115,11 @@ def _facts(sign: dict[str, Any]) -> list[tuple[str, str]]:
         ("Beside", _metres(_number(None if lateral is None else abs(lateral))) + side),
         ("Size", _metres(f"{_number(sign['panel_width_m'])} x {_number(sign['panel_height_m'])}")),
         ("Views", str(sign["views"])),
+        *(
+            [("Image", f"{name} {sign['image_date']}".strip())]
+            if (name := sign.get("image_name"))
+            else []
+        ),
     ]
 
 

@@ -45,6 +45,7 @@ _H1, _H2, _BODY, _SMALL = 42, 22, 19, 17
 _FIGURES = MARGIN + BIG[0] + 2 * GAP
 _VALUE_END, _REMARK_END = _FIGURES + 490, WIDTH - MARGIN
 _ROW, _GROUP_GAP = 29.5, 17
+_LONGEST_VALUE = 360
 
 
 def draw_sheet(
@@ -106,7 +107,8 @@ def _draw_figures(page: Canvas, evidence: Evidence, world: str) -> None:
         baseline += _ROW + 4
         for figure in figures:
             page.text((_FIGURES, baseline), figure.label, _BODY, FAINT)
-            page.text((_VALUE_END, baseline), figure.value, _BODY, TEXT, MEDIUM, right=True)
+            value = shortened(figure.value, _BODY, MEDIUM, _LONGEST_VALUE)
+            page.text((_VALUE_END, baseline), value, _BODY, TEXT, MEDIUM, right=True)
             page.text((_REMARK_END, baseline), figure.remark, _BODY, FAINT, right=True)
             baseline += _ROW
         baseline += _GROUP_GAP
@@ -177,7 +179,8 @@ def _draw_view(
     baseline = y + height + 25
     distance = "" if view.range_m is None else f"{view.range_m:.1f} m"
     residual = "" if view.residual_px is None else f"{view.residual_px:.2f} px"
-    page.text((x, baseline), f"frame {view.frame}", _SMALL, TEXT, MEDIUM)
+    label = shortened(view.image or f"frame {view.frame}", _SMALL, MEDIUM, width - _RESIDUAL - 64)
+    page.text((x, baseline), label, _SMALL, TEXT, MEDIUM)
     page.text((x + width - _RESIDUAL, baseline), distance, _SMALL, FAINT, right=True)
     page.text((x + width, baseline), residual, _SMALL, FAINT, right=True)
 

@@ -1,8 +1,9 @@
-"""Camera calibrations as files of the form ROS tools write (camera_info YAML)."""
+"""Camera calibrations as files: camera_info of ROS, FileStorage of OpenCV, camchain of Kalibr; all of them YAML."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Hashable, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,31 @@ LARGEST_FILE = 1 << 16
 """Characters that are read: a calibration has about a thousand."""
 _MOST_NUMBERS = 64
 _EXAMPLE = "image_width, image_height, camera_matrix, distortion_model and distortion_coefficients"
+_OPENCV_HEAD = re.compile(r"\A\ufeff?%YAML[^\n]*\n")
+"""First line of OpenCV: `%YAML:1.0` up to its version 4 is no YAML directive, and 1.2 one that PyYAML warns of."""
+_SIZE_KEYS = (("image_width", "image_height"), ("image_Width", "image_Height"), ("width", "height"))
+_MATRIX_KEYS = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K")
+_LENS_KEYS = (
+    *("distortion_coefficients", "Distortion_Coefficients"),
+    *("distCoeffs", "dist_coeffs", "D"),
+)
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader, which also takes the matrices of OpenCV for the mappings they are."""
+
+
+def _opencv_matrix(loader: _Loader, node: yaml.Node) -> dict[Hashable, Any]:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.YAMLError("a matrix of OpenCV that has no named entries")
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 
 
 def read_camera_file(path: Path) -> Camera:
-    """Camera of a ROS camera_info YAML file.
+    """Camera of a calibration file of ROS, OpenCV or Kalibr.
 
     Raises
     ------
@@ -39,7 +61,10 @@ def read_camera_file(path: Path) -> Camera:
 
 
 def parse_camera(text: str, name: str) -> Camera:
-    """Camera of the text of a ROS camera_info YAML file; `name` is for errors.
+    """Camera of the text of a calibration file of ROS, OpenCV or Kalibr; `name` is for errors.
+
+    Of OpenCV: image size, matrix and distortion under the names its samples and tools give them, 4, 5, 8, 12 or 14
+    coefficients. Of Kalibr: `cam0`, model `pinhole`, distortion `radtan` or `none`.
 
     Raises
     ------
@@ -49,25 +74,58 @@ def parse_camera(text: str, name: str) -> Camera:
     try:
         if len(text) > LARGEST_FILE:
             raise ContentError(f"over {LARGEST_FILE} characters")
-        content = yaml.safe_load(text)
+        content = yaml.load(_OPENCV_HEAD.sub("", text), _Loader)
         if not isinstance(content, dict):
             raise ContentError("it has no named entries")
-        missing = [k for k in ("image_width", "image_height", "camera_matrix") if k not in content]
-        if missing:
-            raise ContentError(f"it has no {missing[0]}")
-        return make_camera(
-            (int(content["image_width"]), int(content["image_height"])),
-            _numbers(content["camera_matrix"]),
-            str(content.get("distortion_model") or ""),
-            _numbers(content.get("distortion_coefficients", ())),
-        )
+        return _kalibr(content["cam0"]) if "cam0" in content else _matrices(content)
     except (yaml.YAMLError, TypeError, ValueError, OverflowError, RecursionError) as error:
         broken = isinstance(error, (yaml.YAMLError, RecursionError))
         what = "no YAML" if broken else f"a fault: {error}"
         raise InputError(
-            f"{name}: wanted a camera calibration (ROS camera_info YAML), found {what}; "
-            f"such a file has {_EXAMPLE}"
+            f"{name}: wanted a camera calibration (YAML of ROS camera_info, OpenCV or Kalibr), found {what}; "
+            f"a file of ROS has {_EXAMPLE}"
         ) from error
+
+
+def _matrices(content: dict[str, Any]) -> Camera:
+    """Camera of ROS or OpenCV."""
+    sizes = [pair for pair in _SIZE_KEYS if pair[0] in content or pair[1] in content]
+    width, height = sizes[0] if sizes else _SIZE_KEYS[0]
+    matrix = next((k for k in _MATRIX_KEYS if k in content), _MATRIX_KEYS[0])
+    missing = [k for k in (width, height, matrix) if k not in content]
+    if missing:
+        raise ContentError(f"it has no {missing[0]}")
+    lens = next((k for k in _LENS_KEYS if k in content), "")
+    fisheye = content.get("fisheye_model") not in (None, 0, False)
+    return make_camera(
+        (int(content[width]), int(content[height])),
+        _numbers(content[matrix]),
+        "fisheye" if fisheye else str(content.get("distortion_model") or ""),
+        _numbers(content.get(lens, ())),
+    )
+
+
+def _kalibr(content: Any) -> Camera:
+    """Camera of an entry of a camchain: intrinsics fu, fv, pu, pv; resolution; distortion k1, k2, p1, p2."""
+    if not isinstance(content, dict):
+        raise ContentError("its cam0 has no named entries")
+    missing = [k for k in ("camera_model", "intrinsics", "resolution") if k not in content]
+    if missing:
+        raise ContentError(f"its cam0 has no {missing[0]}")
+    model, numbers = str(content["camera_model"]), _numbers(content["intrinsics"])
+    if model != "pinhole" or len(numbers) != 4:
+        raise ContentError(
+            f"its camera model {model} with {len(numbers)} numbers is not understood; pinhole with 4 is"
+        )
+    fu, fv, pu, pv = numbers
+    width, height = _numbers(content["resolution"])
+    lens = str(content.get("distortion_model") or "none")
+    return make_camera(
+        (int(width), int(height)),
+        (fu, 0.0, pu, 0.0, fv, pv, 0.0, 0.0, 1.0),
+        "" if lens == "none" else lens,
+        _numbers(content.get("distortion_coeffs", ())),
+    )
 
 
 def format_camera(camera: Camera, name: str, comments: Sequence[str] = ()) -> str:

@@ -13,6 +13,7 @@ from wayside.pipeline.reading.contents import (
     FixContent,
     ImageContent,
 )
+from wayside.pipeline.reading.copies import ImageNumbers
 from wayside.pipeline.reading.image_headers import format_word, read_image_header
 from wayside.pipeline.reading.inspection import Inspection, inspect_log
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
@@ -26,6 +27,7 @@ from wayside.pipeline.reading.survey import topic_key
 from wayside.pipeline.reading.thinning import Thinning, position_of
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
+    DUPLICATE,
     NO_CALIBRATION,
     NO_POSITION,
     OUTSIDE,
@@ -272,6 +274,7 @@ class _Reader:
                 f"({topic.fault})",
             )
         report.notes += [*map(str, report.remarks), *report.unchecked]
+        report.notes += self.selection.numbers.notes()
         if self.poses is not None and self.poses.assumed_mount:
             report.notes.append(
                 "the log does not say how the camera is mounted: it is taken to look straight ahead"
@@ -308,6 +311,8 @@ class _Selection:
         self.settings = settings
         self.spacing_m = plan.spacing_m
         self.thinning = Thinning(settings.thin_m, plan.spacing_m)
+        self.numbers = ImageNumbers()
+        self.names, self.dates = plan.survey.image_names, plan.survey.image_dates
         self.first_ns: int | None = None
         self.inside = 0
         self.last_used: int | None = None
@@ -324,13 +329,19 @@ class _Selection:
         encoding, width, height = "", 0, 0
         if image is not None:
             encoding, width, height = _format_and_size(image)
-        status = self._status(one, camera, (width, height), pose, fix)
+        status, number = OUTSIDE, one.number
+        name = self.names.get(str(one.log_time_ns), "")
+        if self._is_inside(one.time_ns):
+            data = _NOTHING if image is None else image.data
+            number, is_copy = self.numbers.take(number, name or f"frame {one.index}", data)
+            known = (width, height), camera, pose, fix
+            status = DUPLICATE if is_copy else self._status(image, number, *known)
         used = status == USED and image is not None
         spacing_m = None
         if used:
             if self.spacing_m and self.last_used is not None:
-                spacing_m = self.spacing_m * (one.number - self.last_used)
-            self.last_used = one.number
+                spacing_m = self.spacing_m * (number - self.last_used)
+            self.last_used = number
         return Frame(
             index=one.index,
             log_time_ns=one.log_time_ns,
@@ -346,24 +357,29 @@ class _Selection:
             fix=fix,
             spacing_m=spacing_m,
             settled_time_ns=one.settled_ns,
+            name=name,
+            date=self.dates.get(str(one.log_time_ns), ""),
         )
+
+    def _is_inside(self, time_ns: int) -> bool:
+        """Whether a time lies in the part asked for."""
+        settings = self.settings
+        passed_s = (time_ns - (self.first_ns or 0)) / 1e9
+        return passed_s >= settings.from_s and not 0 < settings.until_s < passed_s
 
     def _status(
         self,
-        one: _Waiting,
-        camera: Camera | None,
+        image: ImageContent | None,
+        number: int,
         size: tuple[int, int],
+        camera: Camera | None,
         pose: PosePrior | None,
         fix: Fix | None,
     ) -> str:
-        settings = self.settings
-        passed_s = (one.time_ns - (self.first_ns or 0)) / 1e9
-        if passed_s < settings.from_s or (settings.until_s and passed_s > settings.until_s):
-            return OUTSIDE
         self.inside += 1
-        if (self.inside - 1) % settings.every:
+        if (self.inside - 1) % self.settings.every:
             return SKIPPED
-        if one.image is None:
+        if image is None:
             return UNDECODABLE
         if camera is None:
             return NO_CALIBRATION
@@ -371,7 +387,7 @@ class _Selection:
             return WRONG_SIZE
         if self.last_used is None and pose is None and fix is None and not self.spacing_m:
             return NO_POSITION
-        return USED if self.thinning.keeps(one.number, position_of(pose, fix)) else THINNED
+        return USED if self.thinning.keeps(number, position_of(pose, fix)) else THINNED
 
 
 def _format_and_size(image: ImageContent) -> tuple[str, int, int]:

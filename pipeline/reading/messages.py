@@ -44,6 +44,9 @@ _TYPES: dict[str, tuple[Kind, _Read]] = {
     "sensor_msgs/msg/NavSatFix": (Kind.FIX, ros2.nav_sat_fix),
 }
 
+ROS_TYPES = tuple(name for name in _TYPES if "/" in name)
+"""Types of ROS that are understood."""
+
 
 class MessageError(ValueError):
     """A message that cannot be decoded."""

@@ -195,7 +195,7 @@ def _choose_calibration(
     found = "; ".join(f"{t.name}, but {t.fault}" for t in topics) or "none"
     raise InputError(
         f"{survey.path}: wanted the calibration of {camera.name}, found {found}{_lost(survey)}; "
-        "give it with --calibration camera.yaml (ROS camera_info)"
+        "give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)"
     )
 
 

@@ -38,8 +38,10 @@ def scan(
         stream = path.open("rb")
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         reason = error.strerror if isinstance(error, OSError) else str(error)
+        advice = f"`wayside join {path} -o drive.mcap` makes a log of a ROS 2 bag directory"
         raise InputError(
-            f"{path}: wanted a log to read, found: {reason or error}; check the name"
+            f"{path}: wanted a log to read, found: {reason or error}; "
+            f"{advice if path.is_dir() else 'check the name'}"
         ) from error
     with stream:
         try:

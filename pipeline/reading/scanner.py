@@ -125,8 +125,8 @@ class Scanner:
         if found != MAGIC:
             what = f"a file that begins with {found!r}" if found else "an empty file"
             raise InputError(
-                f"{self.path}: wanted an MCAP log, found {what}; convert other recordings to MCAP, "
-                "or make a log of numbered images with `wayside import`"
+                f"{self.path}: wanted an MCAP log, found {what}; make a log of ROS bags with `wayside join`, "
+                "of numbered images with `wayside import`, and convert other recordings to MCAP"
             )
         if self.size <= 2 * len(MAGIC):
             raise InputError(

@@ -27,6 +27,8 @@ from wayside.schemas.frame import Camera
 
 METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
 """Metadata record by which `wayside import` tells the distance between images."""
+NAMES_METADATA, DATES_METADATA = "wayside.image_names", "wayside.image_dates"
+"""Metadata records of `wayside import`: name of each image's file, and when it was taken, by log time in ns."""
 
 _MOST_ATTACHMENTS = 16
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
@@ -96,6 +98,8 @@ class LogSurvey:
     attachments_tried: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
+    image_names: dict[str, str] = field(default_factory=dict)
+    image_dates: dict[str, str] = field(default_factory=dict)
 
     def of_kind(self, *kinds: Kind) -> list[Topic]:
         """Topics of some kinds, by name."""
@@ -206,6 +210,10 @@ def _fail(topic: Topic, offset: int, why: str) -> None:
 
 
 def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
+    if record.name == NAMES_METADATA:
+        survey.image_names.update(record.values)
+    if record.name == DATES_METADATA:
+        survey.image_dates.update(record.values)
     if record.name != METADATA_NAME:
         return
     try:

@@ -75,6 +75,16 @@ class MotionSettings:
         45.0, "px", "the same with the rotation of the step before", expert=True, low=0
     )
     first_slack_px: float = setting(120.0, "px", "the same with neither", expert=True, low=0)
+    standing_share: float = setting(
+        0.4,
+        "",
+        "share of an image's corners found again at the same place from which the camera has not moved",
+        origin="measured: at most 0.26 on drives (demo and real ones), at least 0.43 on images shaken by 1 px, "
+        "saved again at JPEG quality 60, or with a third of them moving",
+        expert=True,
+        low=0.05,
+        high=1,
+    )
     shortest_m: float = setting(0.02, "m", "shortest step", expert=True, low=0)
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1

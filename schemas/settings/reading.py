@@ -13,7 +13,7 @@ class ReadSettings:
 
     camera: str = setting("", "topic", "image topic to use; empty: the only one there is")
     calibration: str = setting(
-        "", "file", "ROS camera_info YAML that replaces the log's calibration"
+        "", "file", "YAML of ROS camera_info, OpenCV or Kalibr that replaces the log's calibration"
     )
     spacing_m: float = setting(
         0.0, "m", "distance between images where the log has no poses; 0: unknown", low=0

@@ -7,13 +7,13 @@ the prior; tie points over the whole image measure the motion; a two-view adjust
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot, inf, nan, radians, sqrt
 
 import numpy as np
 
-from wayside.schemas.detections import Detections
-from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.detections import Candidates, Detections, Regions
+from wayside.schemas.frame import DUPLICATE, Frame, Image, Pose
 from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
 from wayside.stages.geometry import halfway_direction, pair_midpoint, pair_residual
@@ -26,6 +26,7 @@ from wayside.stages.odometry.relative_pose import (
     RelativePoseEstimator,
     estimate_relative_pose,
 )
+from wayside.stages.odometry.standing import shows_no_motion
 from wayside.stages.odometry.tie_points import KeypointImage
 
 
@@ -38,6 +39,9 @@ def estimate_motion(
     """Add the camera's motion to each image.
 
     Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
+    An image that shows no motion since the last used one becomes a frame with the status `duplicate`, without
+    candidates: rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up,
+    since images are compared with the one that was used last.
 
     Raises
     ------
@@ -46,9 +50,23 @@ def estimate_motion(
     """
     odometry = VisualOdometry(settings, ties, adjustment)
     for item in images:
-        used = item.frame.used
-        motion = odometry.advance(KeypointImage.of(item), item.frame) if used else None
-        yield PosedDetections(item, motion)
+        if not item.frame.used:
+            yield PosedDetections(item, None)
+            continue
+        image = KeypointImage.of(item)
+        if shows_no_motion(odometry.image, image, settings, ties):
+            yield PosedDetections(_left_out(item), None)
+        else:
+            yield PosedDetections(item, odometry.advance(image, item.frame))
+
+
+def _left_out(item: Detections) -> Detections:
+    """A duplicate: neither pixels nor candidates; the number of its regions stays, so that none is lost uncounted."""
+    frame = replace(item.frame, status=DUPLICATE)
+    segmentation = replace(
+        item.segmentation, image=Image(frame, None, None), regions=Regions.empty(), left_out=0
+    )
+    return Detections(segmentation, Candidates.of(Regions.empty()))
 
 
 @dataclass(slots=True)

@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import cv2
@@ -6,6 +7,7 @@ import pytest
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
+from PIL import Image
 
 from wayside.pipeline.importing import count_images, import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -28,7 +30,9 @@ def calibration(tmp_path):
 
 
 def write_image(path, width=32, height=24):
-    pixels = np.random.default_rng(len(path.name)).integers(0, 256, (height, width, 3), np.uint8)
+    pixels = np.random.default_rng(list(path.name.encode())).integers(
+        0, 256, (height, width, 3), np.uint8
+    )
     assert cv2.imwrite(str(path), pixels)
     return path
 
@@ -138,3 +142,77 @@ def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path, calibration
     file = write_image(tmp_path / "1.jpg")
     with pytest.raises(OutputError, match="wanted to write a file here, found: No such file"):
         import_images([file], calibration, 8.0, tmp_path / "none" / "drive.mcap")
+
+
+def imported(files, calibration, out):
+    """The frames of the log of these images, and what was said of them."""
+    said = []
+    import_images(files, calibration, 10.0, out, warn=said.append)
+    return frames_of(out), said
+
+
+def test_names_of_images_travel_in_the_log(tmp_path, calibration):
+    files = [write_image(tmp_path / name) for name in ("US 36_0007.jpg", "US 36_0008.jpg")]
+    frames, said = imported(files, calibration, tmp_path / "drive.mcap")
+    assert [f.name for f in frames] == ["US 36_0007.jpg", "US 36_0008.jpg"]
+    assert [f.date for f in frames] == ["", ""]
+    assert said == []
+
+
+@pytest.mark.parametrize(
+    ("tag", "written", "read"),
+    [
+        (0x9003, "2009:05:14 10:31:07", "2009-05-14 10:31:07"),
+        (0x0132, "2009:05:14 10:31:07", "2009-05-14 10:31:07"),
+        (0x9003, "    :  :     :  :  ", ""),
+    ],
+)
+def test_dates_that_cameras_wrote_travel_in_the_log(tmp_path, calibration, tag, written, read):
+    exif = Image.Exif()
+    (exif if tag == 0x0132 else exif.get_ifd(0x8769))[tag] = written
+    file = tmp_path / "1.jpg"
+    Image.open(write_image(tmp_path / "plain.png")).save(file, exif=exif)
+    frames, _ = imported([file], calibration, tmp_path / "drive.mcap")
+    assert [f.date for f in frames] == [read]
+
+
+def test_a_copy_that_was_numbered_anew_is_said_and_adds_no_distance(tmp_path, calibration):
+    files = [write_image(tmp_path / f"{n}.jpg") for n in (1, 2, 4, 5)]
+    files.append(Path(shutil.copy(tmp_path / "2.jpg", tmp_path / "3.jpg")))
+    frames, said = imported(files, calibration, tmp_path / "drive.mcap")
+    assert [f.status for f in frames] == ["used", "used", "duplicate", "used", "used"]
+    assert [f.spacing_m for f in frames] == [None, 10.0, None, 10.0, 10.0]
+    assert ["3.jpg of 2.jpg" in words for words in said] == [True]
+
+
+def test_a_copy_under_a_name_of_the_file_manager_leaves_the_numbers_of_the_others(
+    tmp_path, calibration
+):
+    files = [write_image(tmp_path / f"{n:04d}.jpg") for n in (1, 2, 4)]
+    files += [
+        Path(shutil.copy(tmp_path / "0002.jpg", tmp_path / f"0002 ({n}).jpg")) for n in (1, 2)
+    ]
+    frames, said = imported(files, calibration, tmp_path / "drive.mcap")
+    assert [f.name for f in frames if f.used] == ["0001.jpg", "0002.jpg", "0004.jpg"]
+    assert [f.spacing_m for f in frames if f.used] == [None, 10.0, 20.0]
+    assert len({f.name for f in frames}) == 5
+    assert len(said) == 2  # copies, and the number that is missing
+
+
+def test_missing_numbers_are_said_by_import_and_by_a_run(tmp_path, calibration):
+    files = [write_image(tmp_path / f"P{n}.jpg") for n in (12, 14, 15, 18)]
+    _, said = imported(files, calibration, tmp_path / "drive.mcap")
+    report = ReadReport()
+    list(read_frames(tmp_path / "drive.mcap", ReadSettings(), report))
+    for words in (*said, *report.notes):
+        assert "missing numbers" in words
+        assert "1 after P12.jpg, 2 after P15.jpg" in words
+    assert (len(said), len(report.notes)) == (1, 1)
+
+
+def test_numbers_that_tell_nothing_are_said(tmp_path, calibration):
+    files = [write_image(tmp_path / f"P{n}.jpg") for n in (10, 25, 31)]
+    _, said = imported(files, calibration, tmp_path / "drive.mcap")
+    assert [words.split(":")[0] for words in said] == [
+        "the numbers in the names do not rise evenly"
+    ]

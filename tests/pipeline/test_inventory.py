@@ -267,3 +267,16 @@ def test_a_panel_seen_from_behind_is_a_back_however_sure(tmp_path):
     (row,) = pq.read_table(tmp_path / SIGNS.file).to_pylist()
     assert (row["status"], row["color"]) == ("back", None)
     assert row["confidence"] == pytest.approx(0.45, abs=0.01)
+
+
+def test_a_duplicate_is_at_no_distance_and_imported_images_keep_their_names(tmp_path):
+    start, copy, end = settled(0), settled(1, used=False), settled(2)
+    named = dataclasses.replace(start.frame, name="US36_0001.jpg", date="2009-05-14 10:31:07")
+    start = dataclasses.replace(start, frame=named)
+    twice = dataclasses.replace(copy.frame, status="duplicate", name="US36_0002.jpg")
+    write(tmp_path, [start, dataclasses.replace(copy, frame=twice), end])
+    rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    assert [r["baseline_m"] for r in rows] == [None, 0.0, 8.0]
+    assert [r["station_m"] for r in rows] == [0.0, None, 16.0]
+    assert [r["image_name"] for r in rows] == ["US36_0001.jpg", "US36_0002.jpg", None]
+    assert [r["image_date"] for r in rows] == ["2009-05-14 10:31:07", None, None]

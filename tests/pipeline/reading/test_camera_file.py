@@ -1,5 +1,7 @@
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -117,3 +119,70 @@ def test_a_written_camera_is_read_back_as_it_was(camera, name):
     assert parse_camera(text, "camera.yaml") == (
         camera if any(camera.distortion) else replace(camera, distortion=())
     )
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ("image_width", "image_height", "camera_matrix", "distortion_coefficients"),
+        ("image_Width", "image_Height", "Camera_Matrix", "Distortion_Coefficients"),
+        ("width", "height", "K", "D"),
+    ],
+)
+@pytest.mark.parametrize("coefficients", [5, 8, 14])
+def test_a_file_that_opencv_wrote_is_read(tmp_path, keys, coefficients):
+    path = tmp_path / "camera.yml"
+    distortion = np.random.default_rng(coefficients).normal(0, 0.1, (coefficients, 1))
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("calibration_time", "Thu 14 May 2009 10:31:07 AM")
+    storage.write(keys[0], 640)
+    storage.write(keys[1], 480)
+    storage.write(keys[2], CAMERA.matrix)
+    storage.write(keys[3], distortion)
+    storage.release()
+    head, rest = path.read_text().split("\n", 1)
+    assert head == "%YAML 1.2"  # OpenCV 5
+    for first_line in (head, "%YAML:1.0"):  # OpenCV to version 4
+        path.write_text(f"{first_line}\n{rest}")
+        wanted = replace(CAMERA, distortion=tuple(distortion.ravel().tolist()))
+        assert read_camera_file(path) == wanted
+
+
+# camchain-imucam.yaml as kalibr_calibrate_cameras writes it
+KALIBR = """cam0:
+  cam_overlaps: []
+  camera_model: pinhole
+  distortion_coeffs: [-0.361976, 0.110510, 0.001014, 0.000505]
+  distortion_model: radtan
+  intrinsics: [438.78, 437.35, 305.59, 243.74]
+  resolution: [640, 480]
+  rostopic: /cam0/image_raw
+"""
+
+
+def test_a_camchain_of_kalibr_is_read():
+    assert parse_camera(KALIBR, "c.yaml") == replace(CAMERA, distortion=CAMERA.distortion[:4])
+    plain = KALIBR.replace("radtan", "none").replace(
+        "[-0.361976, 0.110510, 0.001014, 0.000505]", "[]"
+    )
+    assert parse_camera(plain, "c.yaml") == replace(CAMERA, distortion=())
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (KALIBR.replace("radtan", "equidistant"), "equidistant"),
+        (KALIBR.replace("pinhole", "omni"), "camera model omni"),
+        (KALIBR.replace("intrinsics: [", "intrinsics: [1.0, "), "with 5 numbers"),
+        (KALIBR.replace("resolution", "size"), "cam0 has no resolution"),
+        (KALIBR.replace("[640, 480]", "[640]"), "a fault"),
+        ("cam0: 1", "no named entries"),
+        ("%YAML:1.0\n---\n" + ROS.replace("image_width", "w"), "no image_width"),
+        ("%YAML:1.0\n---\nfisheye_model: 1\n" + ROS, "fisheye"),
+        ("%YAML:1.0\n---\ncamera_matrix: !!python/object:os.system []\n", "no YAML"),
+    ],
+)
+def test_faults_of_files_of_other_tools_are_named(text, found):
+    with pytest.raises(InputError) as error:
+        parse_camera(text, "camera.yaml")
+    assert found in str(error.value)

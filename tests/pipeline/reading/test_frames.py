@@ -4,6 +4,8 @@ import struct
 import cv2
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -669,3 +671,37 @@ def test_another_way_of_naming_ros_types_is_understood(new_log):
     log.writer.register_schema = lambda name, *rest: register(name.replace("/msg/", "/"), *rest)
     frames, _ = read(fill(log))
     assert len(frames) == 8
+
+
+def copied(log, order):
+    """A log whose images are those of `order`, each at a time of its own."""
+    for place, index in enumerate(order):
+        time = place * STEP
+        log.add("/camera/calibration", "calibration", time, late=1_000_000)
+        log.add("/camera/image", "image", time, late=LATENCY, data=image(index), format="jpeg")
+    return log.finish()
+
+
+@given(order=st.lists(st.integers(0, 5), min_size=1, max_size=12))
+@settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_images_that_are_used_are_a_spacing_apart_however_often_they_were_copied(new_log, order):
+    frames, _ = read(copied(new_log("protobuf"), order), spacing_m=8.0)
+    first = [order.index(i) for i in order]
+    copies = [i for i, known in enumerate(first) if known < i]
+    assert [f.index for f in frames if f.status == "duplicate"] == copies
+    assert [f.spacing_m for f in frames if f.used] == [None] + [8.0] * (len({*order}) - 1)
+    assert all(len(f.data) == 0 and f.spacing_m is None for f in frames if not f.used)
+
+
+def test_copies_do_not_count_among_every_second_image(new_log):
+    frames, _ = read(copied(new_log("protobuf"), [0, 0, 1, 2, 3, 3]), spacing_m=8.0, every=2)
+    statuses = ["used", "duplicate", "skipped", "used", "skipped", "duplicate"]
+    assert [f.status for f in frames] == statuses
+    assert [f.spacing_m for f in frames if f.used] == [None, 16.0]
+
+
+def test_copies_in_the_part_that_is_left_out_are_not_looked_for(new_log):
+    frames, _ = read(copied(new_log("protobuf"), [0, 1, 0, 2]), spacing_m=8.0, from_s=0.3)
+    assert [f.status for f in frames] == ["outside", "outside", "used", "used"]

@@ -12,7 +12,17 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import Candidates, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import SKIPPED, USED, Camera, Fix, Frame, Image, Pose, PosePrior
+from wayside.schemas.frame import (
+    DUPLICATE,
+    SKIPPED,
+    USED,
+    Camera,
+    Fix,
+    Frame,
+    Image,
+    Pose,
+    PosePrior,
+)
 from wayside.schemas.settings import (
     AdjustmentSettings,
     FeatureSettings,
@@ -353,3 +363,73 @@ def test_ties_keep_what_a_window_adjusts_them_by():
     earlier, later = (m.ties.rows for m in found[:2])
     common = np.intersect1d(earlier[:, 1], later[:, 0])
     assert (common >= 0).sum() > 10
+
+
+def saved_again(image, quality):
+    """The image as JPEG of another quality."""
+    content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return cv2.imdecode(content, cv2.IMREAD_GRAYSCALE)
+
+
+def assert_nothing_gained(images, at, extra, **known):
+    """The motion is the same with `extra` images after the first `at` ones, which come out as duplicates."""
+    plain = motions(images, **{name: values[: len(images)] for name, values in known.items()})
+    order = [*range(at), *[at - 1] * len(extra), *range(at, len(images))]
+    given = [*images[:at], *extra, *images[at:]]
+    known = {name: [values[i] for i in order] for name, values in known.items()}
+    settings = MotionSettings(), TieSettings(), AdjustmentSettings()
+    found = list(estimate_motion(detections_of(given, **known), *settings))
+    statuses = [item.frame.status for item in found]
+    assert statuses == [USED] * at + [DUPLICATE] * len(extra) + [USED] * (len(images) - at)
+    used = [item.motion for item in found if item.motion is not None]
+    assert [m.baseline_m for m in used] == [m.baseline_m for m in plain]
+    np.testing.assert_array_equal(used[-1].pose.centre, plain[-1].pose.centre)
+
+
+def test_copies_saved_again_add_nothing_to_the_way():
+    images = painted(7, 2.0)[1][:3]
+    extra = [saved_again(images[1], quality) for quality in (90, 60)]
+    assert_nothing_gained(images, 2, [images[1], *extra], spacing_m=[SPACING] * 3)
+
+
+def test_a_camera_that_hangs_adds_nothing_whatever_the_poses_say():
+    poses, images = painted(7, 0.0)
+    places = [PosePrior(pose, 0.02, 0.002, "poses") for pose in poses]
+    assert_nothing_gained(images[:3], 2, [saved_again(images[1], 80)], pose=places)
+
+
+def test_a_vehicle_that_stands_while_others_drive_by_adds_nothing_to_the_way():
+    poses = drive_poses(3)
+    scene = Scene(poses)
+
+    def view(i, ahead_m):
+        cars = [
+            poses[i].to_world(np.array([x, y, ahead_m]))
+            for x in (-3.0, -1.0, 1.0, 3.0)
+            for y in (-0.5, 1.5)
+        ]
+        return scene.image(poses[i], cars)
+
+    images = [view(i, 18.0) for i in range(3)]
+    extra = [saved_again(view(1, ahead_m), 90) for ahead_m in (14.0, 27.0)]
+    assert_nothing_gained(images, 2, extra, spacing_m=[SPACING] * 3)
+
+
+def test_slow_motion_adds_up():
+    start, *_ = drive_poses(1)
+    creep = [Pose(start.rotation, start.centre + np.array([0, 0, 0.4 * i])) for i in range(6)]
+    scene = Scene(drive_poses(4))
+    images = [scene.image(pose) for pose in creep]
+    places = [PosePrior(pose, 0.02, 0.002, "poses") for pose in creep]
+    settings = MotionSettings(), TieSettings(), AdjustmentSettings()
+    found = list(estimate_motion(detections_of(images, pose=places), *settings))
+    used = [i for i, item in enumerate(found) if item.motion is not None]
+    assert 1 < len(used) < 6
+    gone = sum(found[i].motion.baseline_m for i in used[1:])
+    assert gone == pytest.approx(0.4 * used[-1], abs=0.05)
+
+
+def test_images_without_texture_are_no_duplicates():
+    blank = np.full((900, 1200), 90, np.uint8)
+    found = motions([blank] * 3, spacing_m=[SPACING] * 3)
+    assert [m.baseline_m for m in found] == [0, SPACING, SPACING]

@@ -1,0 +1,115 @@
+"""Several logs in one command: what becomes of each, and the exit status."""
+
+import pytest
+import typer
+
+from wayside.pipeline import cli_running, model_files
+from wayside.pipeline.cli_running import process_all
+from wayside.pipeline.earlier_result import file_digest
+from wayside.pipeline.journal import result_key
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
+
+SETTINGS, _ = load_settings()
+
+
+class NoModels:
+    """Stands for the models, whose digests take seconds."""
+
+    def digests(self):
+        return {"judge": "0"}
+
+
+@pytest.fixture
+def drives(tmp_path, monkeypatch):
+    """Runs logs whose content names what becomes of them: a status, or an error."""
+    errors = {"input": InputError, "output": OutputError, "ctrl-c": InterruptionError}
+    ran = []
+
+    def process(log, folder, settings, viewing, **options):
+        ran.append(log.name)
+        content = log.read_text() if log.exists() else "input"
+        if content in errors:
+            raise errors[content](f"{log}: made up")
+        folder.mkdir(parents=True, exist_ok=True)
+        table = folder / "signs.parquet"
+        table.write_text(content)
+        key = result_key(log, settings, NoModels().digests(), every_region=options["every_region"])
+        files = f'{{"signs.parquet": {{"sha256": "{file_digest(table)}"}}}}'
+        about = f'{{"wayside": "1", "log": "{log.name}", "result_key": "{key}", "files": {files}}}'
+        (folder / "run.json").write_text(about)
+        return int(content)
+
+    monkeypatch.setattr(cli_running, "process", process)
+    monkeypatch.setattr(model_files, "load_models", lambda settings: NoModels())
+
+    def run(contents, settings=SETTINGS, **options):
+        ran.clear()
+        logs = [tmp_path / f"{name}.mcap" for name in contents]
+        for log, content in zip(logs, contents.values(), strict=True):
+            log.write_text(content)
+        folders = [tmp_path / "out" / log.stem for log in logs]
+        try:
+            process_all(logs, folders, settings, None, **options)
+        except typer.Exit as end:
+            return end.exit_code, list(ran)
+        return 0, list(ran)
+
+    return run
+
+
+def test_a_log_that_cannot_be_used_is_told_and_the_others_are_done(drives, capsys):
+    assert drives({"a": "0", "b": "input", "c": "0"}) == (3, ["a.mcap", "b.mcap", "c.mcap"])
+    said = capsys.readouterr()
+    assert "b.mcap: made up" in said.err
+    lines = said.out.split("\n\n")[-1].splitlines()
+    assert [line.rpartition(": ")[2].split(" in ")[0] for line in lines] == [
+        "done, result",
+        "not done, exit status 3",
+        "done, result",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("contents", "status"),
+    [(("0", "4"), 4), (("4", "input"), 3), (("output", "input", "4"), 5), (("0", "0"), 0)],
+)
+def test_the_gravest_status_is_that_of_the_command(drives, contents, status):
+    assert drives(dict(zip("abc", contents, strict=False)))[0] == status
+
+
+def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path, capsys):
+    contents = {"a": "0", "b": "0"}
+    drives(contents)
+    assert drives(contents) == (0, [])
+    assert capsys.readouterr().out.count("unchanged, result in") == 2
+    assert drives(contents, overwrite=True)[1] == ["a.mcap", "b.mcap"]
+    assert drives(contents, every_region=True)[1] == ["a.mcap", "b.mcap"]
+    drives(contents)
+    other, _ = load_settings(options={"read.every": 2})
+    assert drives(contents, other)[1] == ["a.mcap", "b.mcap"]
+    drives(contents)
+    assert drives(contents | {"b": "4"}) == (4, ["b.mcap"])
+    assert drives(contents) == (0, ["b.mcap"])
+    (tmp_path / "out" / "b" / "signs.parquet").unlink()
+    assert drives(contents)[1] == ["b.mcap"]
+
+
+def test_a_calibration_that_changed_is_a_change(drives, tmp_path):
+    camera = tmp_path / "camera.yaml"
+    camera.write_text("one")
+    given, _ = load_settings(options={"read.calibration": str(camera)})
+    drives({"a": "0", "b": "0"}, given)
+    assert drives({"a": "0", "b": "0"}, given)[1] == []
+    camera.write_text("another")
+    assert drives({"a": "0", "b": "0"}, given)[1] == ["a.mcap", "b.mcap"]
+
+
+def test_ctrl_c_ends_all_logs(drives):
+    with pytest.raises(InterruptionError):
+        drives({"a": "ctrl-c", "b": "0"})
+
+
+def test_two_logs_of_one_name_are_refused_before_any_is_run(tmp_path):
+    with pytest.raises(UsageError, match="different names"):
+        process_all([tmp_path / "a.mcap"] * 2, [tmp_path] * 2, SETTINGS, None)

@@ -1,0 +1,160 @@
+"""Parts of drives and ROS bags, written by the stock writers, joined to one log."""
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_typestore
+
+from wayside.pipeline.joining import join_logs
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import ReadSettings
+
+START, STEP = 1_700_000_000 * 10**9, 10**9 // 4
+K = [40.0, 0.0, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
+
+
+def image(index):
+    pixels = np.random.default_rng(index).integers(0, 256, (24, 32, 3), np.uint8)
+    return cv2.imencode(".jpg", pixels)[1]
+
+
+def messages(store, indices):
+    """Topic, type, time and message of images with one calibration and a type that is not understood."""
+    make = store.types
+    ros1 = "seq" in [name for name, _ in store.fielddefs["std_msgs/msg/Header"][1]]
+
+    def header(index):
+        stamp = make["builtin_interfaces/msg/Time"](*divmod(START + index * STEP, 10**9))
+        start = (index,) if ros1 else ()
+        return make["std_msgs/msg/Header"](*start, stamp, "camera")
+
+    region = make["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    info = make["sensor_msgs/msg/CameraInfo"]
+    for index in indices:
+        time = START + index * STEP
+        lens = (24, 32, "plumb_bob", np.zeros(5), np.array(K), np.eye(3).ravel(), np.zeros(12))
+        calibration = info(header(index), *lens, 0, 0, region)
+        yield "/camera/camera_info", "sensor_msgs/msg/CameraInfo", time, calibration
+        picture = make["sensor_msgs/msg/CompressedImage"](header(index), "jpeg", image(index))
+        yield "/camera/image", "sensor_msgs/msg/CompressedImage", time, picture
+        words = make["std_msgs/msg/String"]("nothing for wayside")
+        yield "/words", "std_msgs/msg/String", time, words
+
+
+def write_ros2(folder, indices, plugin, parts=1):
+    """A bag directory; rosbags writes no split bags, so its only file is divided by hand where it is of MCAP."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Ros2Writer(folder, version=9, storage_plugin=plugin) as writer:
+        known = {}
+        for topic, kind, time, message in messages(store, indices):
+            if topic not in known:
+                known[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(known[topic], time, store.serialize_cdr(message, kind))
+    return folder
+
+
+def write_ros1(path, indices):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Ros1Writer(path) as writer:
+        known = {}
+        for topic, kind, time, message in messages(store, indices):
+            if topic not in known:
+                known[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(known[topic], time, store.serialize_ros1(message, kind))
+    return path
+
+
+def assert_images(log, indices):
+    frames = list(read_frames(log, ReadSettings(spacing_m=8.0), ReadReport()))
+    assert [bytes(f.data) for f in frames] == [image(i).tobytes() for i in indices]
+    assert [f.header_time_ns for f in frames] == [START + i * STEP for i in indices]
+    assert {f.camera.fy for f in frames} == {41.0}
+    assert {f.status for f in frames} == {"used"}
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_ros2_bag_directory_becomes_a_log(tmp_path, plugin):
+    bag = write_ros2(tmp_path / "bag", range(5), plugin)
+    joined = join_logs([bag], tmp_path / "drive.mcap")
+    assert joined.topics == (3 if plugin is StoragePlugin.MCAP else 2)
+    assert_images(tmp_path / "drive.mcap", range(5))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["bag", "drive.mcap"]
+
+
+def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
+    first = write_ros2(tmp_path / "bag", range(3), StoragePlugin.MCAP)
+    second = write_ros2(tmp_path / "other", range(3, 5), StoragePlugin.MCAP)
+    (part,) = second.glob("*.mcap")
+    part.rename(first / "bag_1.mcap")
+    listing = first / "metadata.yaml"
+    (name,) = (p.name for p in first.glob("*.mcap") if p.name != "bag_1.mcap")
+    content = yaml.safe_load(listing.read_text())
+    content["rosbag2_bagfile_information"]["relative_file_paths"] = [name, "bag_1.mcap"]
+    listing.write_text(yaml.safe_dump(content))
+    assert len(join_logs([first], tmp_path / "drive.mcap").parts) == 2
+    assert_images(tmp_path / "drive.mcap", range(5))
+    (first / "bag_1.mcap").unlink()
+    with pytest.raises(InputError, match=r"found no bag_1\.mcap"):
+        join_logs([first], tmp_path / "again.mcap")
+
+
+def test_ros1_bags_of_one_drive_become_a_log(tmp_path):
+    bags = [write_ros1(tmp_path / f"{i}.bag", range(2 * i, 2 * i + 2)) for i in range(3)]
+    assert len(join_logs(bags, tmp_path / "drive.mcap").parts) == 3
+    assert_images(tmp_path / "drive.mcap", range(6))
+
+
+def test_parts_of_mcap_keep_every_message_metadata_and_attachment(tmp_path):
+    parts = []
+    for number in range(2):
+        parts.append(tmp_path / f"part_{number}.mcap")
+        with parts[-1].open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            for unused in range(number):  # the parts number the same channel differently
+                writer.register_channel(f"/none{unused}", "json", 0)
+            schema = writer.register_schema("any.Type", "jsonschema", b"{}")
+            channel = writer.register_channel("/any", "json", schema)
+            for index in range(3):
+                time = 10 * number + index
+                writer.add_message(channel, time, f'{{"i": {time}}}'.encode(), time, time)
+            writer.add_metadata(f"m{number}", {"part": str(number)})
+            writer.add_attachment(0, 0, f"a{number}", "text/plain", b"attached")
+            writer.finish()
+    joined = join_logs(parts, tmp_path / "drive.mcap")
+    assert (joined.messages, joined.topics, joined.lost) == (6, 1, ())
+    with (tmp_path / "drive.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        found = [(c.topic, m.sequence, m.data) for _, c, m in reader.iter_messages()]
+        assert [m.name for m in reader.iter_metadata()] == ["m0", "m1"]
+        assert [a.name for a in reader.iter_attachments()] == ["a0", "a1"]
+    times = [0, 1, 2, 10, 11, 12]
+    assert found == [("/any", time, f'{{"i": {time}}}'.encode()) for time in times]
+
+
+def test_what_of_a_part_is_cut_off_is_told_and_the_rest_is_joined(tmp_path):
+    bags = [
+        write_ros2(tmp_path / f"b{i}", range(9 * i, 9 * i + 9), StoragePlugin.MCAP) for i in (0, 1)
+    ]
+    parts = [next(bag.glob("*.mcap")) for bag in bags]
+    parts[0].write_bytes(parts[0].read_bytes()[: parts[0].stat().st_size // 2])
+    joined = join_logs(parts, tmp_path / "drive.mcap")
+    assert joined.lost
+    frames = list(read_frames(tmp_path / "drive.mcap", ReadSettings(spacing_m=8.0), ReadReport()))
+    assert 9 < len(frames) < 18
+
+
+@pytest.mark.parametrize("name", ["drive.bag", "drive.db3", "drive.mcap", "bag"])
+def test_a_part_that_is_no_log_is_named(tmp_path, name):
+    path = tmp_path / name
+    path.mkdir() if name == "bag" else path.write_text("no log")
+    with pytest.raises(InputError, match=name):
+        join_logs([path], tmp_path / "out.mcap")
+    assert [p.name for p in tmp_path.iterdir()] == [name]
