@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
+if TYPE_CHECKING:
+    from wayside.pipeline.reviewing.review import Review
+
 LABEL_EPILOG = (
     "Examples: `wayside label out -o page` · `wayside label drive.mcap --spacing 26.4ft -o page` · "
     "`wayside label drive.marks.json -o labels.parquet` · "
+    "`wayside label out --review review.json -o labels.parquet` · "
     "`wayside label coco.json --classes classes.toml -o labels.parquet`"
 )
 _RESULT = "result"
@@ -43,6 +47,10 @@ def label(
         Path | None,
         typer.Option(help="TOML: which classes of COCO, VOC and YOLO are signs, and their looks."),
     ] = None,
+    review: Annotated[
+        Path | None,
+        typer.Option(help="OUT to labels: its corrections; default: review.json or .csv in OUT."),
+    ] = None,
     spacing: Annotated[
         str | None, typer.Option(help="Log: distance between images, as of `run`.")
     ] = None,
@@ -56,7 +64,7 @@ def label(
 ) -> None:
     """Write a page of candidates to mark by keyboard, those first that teach the most; turn marks into labels."""
     if out.suffix.lower() == ".parquet":
-        _convert(sources, out, classes, overwrite=overwrite)
+        _convert(sources, out, classes, review, overwrite=overwrite)
         return
     if len(sources) != 1:
         raise UsageError(
@@ -73,11 +81,22 @@ def label(
     _write(result, out, most, log, overwrite=overwrite)
 
 
-def _convert(sources: list[Path], out: Path, classes: Path | None, *, overwrite: bool) -> None:
+def _convert(
+    sources: list[Path], out: Path, classes: Path | None, review: Path | None, *, overwrite: bool
+) -> None:
     from wayside.pipeline.label_file import write_labels
     from wayside.pipeline.labels import joined, read_labels
+    from wayside.pipeline.result import RUN_FILE
+    from wayside.pipeline.reviewing.labels import review_labels
 
-    labels = joined([read_labels(source, classes) for source in sources])
+    labels = joined(
+        [
+            review_labels(source, _reviewed(source, review))
+            if (source / RUN_FILE).is_file()
+            else read_labels(source, classes)
+            for source in sources
+        ]
+    )
     write_labels(labels, out, overwrite=overwrite)
     kinds = [one.kind for one in labels.labels]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
@@ -88,6 +107,19 @@ def _convert(sources: list[Path], out: Path, classes: Path | None, *, overwrite:
         reasons = ", ".join(f"{count} {reason}" for reason, count in labels.left_out.items())
         typer.echo(visible(f"wayside: left out: {reasons}; see docs/labels.md"), err=True)
         raise typer.Exit(PARTS_LOST)
+
+
+def _reviewed(result: Path, given: Path | None) -> Review:
+    """The review of a result, which must be there."""
+    from wayside.pipeline.reviewing.review import FILES, NO_REVIEW, find_review
+
+    review = find_review(result, given)
+    if review == NO_REVIEW:
+        raise UsageError(
+            f"{result}: wanted corrections to make labels of, found no {' or '.join(FILES)} there; save them in its "
+            "evidence index, or name the file with --review"
+        )
+    return review
 
 
 def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> Path:

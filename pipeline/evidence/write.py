@@ -19,6 +19,7 @@ from wayside.pipeline.file_marks import is_marked, marked_png
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_run, read_settings
+from wayside.pipeline.reviewing.review import result_name
 from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.settings import ReadSettings
 
@@ -90,7 +91,10 @@ def write_evidence(
             _fill(binder, signs, *source, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            _write(output.part / INDEX_FILE, format_index(cards, drive, binder.log, mark).encode())
+            index_page = format_index(
+                cards, drive, binder.log, binder.world, result_name(run), mark
+            )
+            _write(output.part / INDEX_FILE, index_page.encode())
         output.commit()
     index = folder / INDEX_FILE if sign_id is None else None
     return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)

@@ -128,12 +128,9 @@ def margins(table: pa.Table) -> NDArray[np.float64]:
 def _landmarks(
     table: pa.Table, margin: NDArray[np.float64], signs: dict[str, dict[str, object]]
 ) -> Iterator[Item]:
-    tracked = table.append_column("margin", pa.array(margin)).filter(
-        pc.and_(
-            pc.is_valid(table["track_id"]),
-            pc.not_equal(table["verdict"].cast(pa.string()), "overlap"),
-        )
-    )
+    kinds = np.array(table["verdict"].to_pylist(), object)
+    own = table["track_id"].is_valid().to_numpy() & (kinds != "overlap")
+    tracked = table.append_column("margin", pa.array(margin)).filter(pa.array(own))
     tracks = defaultdict(list)
     for row in tracked.to_pylist():
         tracks[row["track_id"]].append(row)
