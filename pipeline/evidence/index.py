@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import DriveMap
 from wayside.pipeline.evidence.maps import length_words, round_length
-from wayside.pipeline.evidence.marks import appearance_of, class_words, ink_of, outline_of
+from wayside.pipeline.evidence.marks import appearance_of, class_words
+from wayside.pipeline.evidence.sheet_page import css, glyph
 from wayside.pipeline.file_marks import marked_head
 from wayside.pipeline.reviewing.review import COLUMNS as REVIEW_COLUMNS
 from wayside.schemas.detections import COLORS, SHAPES
@@ -142,7 +143,7 @@ def _card(card: Card) -> str:
     facts = "".join(f"<dt>{label}</dt><dd>{escape(value)}</dd>" for label, value in _facts(sign))
     return (
         f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{image}'
-        f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span></h2>"
+        f"<h2>{glyph(sign['color'], sign['shape'])}<span>{escape(card.name)}</span></h2>"
         f'<p class="look"><span>{escape(face)}</span>{status}</p><dl>{facts}</dl></a></li>'
     )
 
@@ -168,18 +169,6 @@ def _number(value: float | None, sigma: float | None = None) -> str:
 
 def _metres(words: str) -> str:
     return words if _UNKNOWN in words else f"{words} m"
-
-
-def _glyph(sign: dict[str, Any]) -> str:
-    corners = " ".join(f"{x:.2f},{y:.2f}" for x, y in outline_of(sign["shape"]))
-    return (
-        '<svg class="glyph" viewBox="-1.15 -1.15 2.3 2.3" aria-hidden="true">'
-        f'<polygon points="{corners}" fill="{_css(sign)}"/></svg>'
-    )
-
-
-def _css(sign: dict[str, Any]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*ink_of(sign["color"]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +212,7 @@ def _map(cards: Sequence[Card], drive: DriveMap, view: _MapView, world: str) -> 
         title = escape(f"{card.name}: {appearance_of(card.sign['color'], card.sign['shape'])}")
         dots.append(
             f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}" aria-label="{title}" tabindex="-1">'
-            f'<circle cx="{x}" cy="{y}" r="7" fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
+            f'<circle cx="{x}" cy="{y}" r="7" fill="{css(card.sign["color"])}"><title>{title}</title></circle></a>'
         )
     return (
         f'<svg class="map" viewBox="0 0 {width:.0f} {height + _FOOT:.0f}" role="group" '

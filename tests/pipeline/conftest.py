@@ -16,7 +16,7 @@ import pytest
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
 _FOUND = next((path for path in map(shutil.which, NAMES) if path), None)
 _HARNESS = """<script>
-addEventListener("load", async () => {
+addEventListener("pageshow", async () => {
   const report = document.createElement("pre");
   report.id = "wayside-test";
   const press = (key, target = document.body) =>
@@ -24,7 +24,7 @@ addEventListener("load", async () => {
   try { report.textContent = "DONE" + JSON.stringify(await (async () => { %s })()); }
   catch (error) { report.textContent = "FAIL" + error.stack; }
   document.body.append(report);
-});
+}, { once: true });
 </script></body>"""
 
 
