@@ -63,7 +63,8 @@ class Evidence:
 class DriveMap:
     """Cameras and signs of a whole drive, world frame, metres.
 
-    cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame.
+    cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame;
+    images: name and date of the file that was imported, by frame.
     """
 
     cameras: dict[int, NDArray[np.float64]]
@@ -71,7 +72,6 @@ class DriveMap:
     signs: NDArray[np.float64]
     log_times_ns: dict[int, int]
     images: dict[int, tuple[str, str]] = field(default_factory=dict)
-    """Name and date of the files that were imported, by frame."""
 
 
 def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
