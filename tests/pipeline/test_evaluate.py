@@ -429,7 +429,7 @@ def test_a_file_that_is_no_parquet_is_refused(tmp_path: Path) -> None:
 def test_a_table_of_another_program_is_refused_by_the_column_it_lacks(tmp_path: Path) -> None:
     pq.write_table(pa.table({"sign_id": ["a"], "status": ["sign"]}), tmp_path / "signs.parquet")
     (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
-    with pytest.raises(InputError, match="lacks the column color"):
+    with pytest.raises(InputError, match="lacks the column best_frame"):
         evaluate(tmp_path, tmp_path / "truth.json")
 
 
