@@ -32,7 +32,9 @@ class Landmark:
     distance right of the path and above the camera's path, at station_m along it; best_*: the image that shows it
     largest and whole; best_pose: of its camera in the drive's frame; score: log odds that it is a sign; residual_px:
     RMS of the views that the point was fitted to; back: seen from behind; assembly: number of its support, -1: none;
-    features: what the landmark classifier saw, in the order of its model's features.
+    features: what the landmark classifier saw, in the order of its model's features; trajectory (s, 2, 4): for each
+    step between two views that were matched by descriptors u, v, du, dv in the image, and the same without the rotation
+    of the camera (`stages.report.trajectory_of`).
     """
 
     track_id: int
@@ -62,6 +64,9 @@ class Landmark:
     back: bool = False
     assembly: int = -1
     features: tuple[float, ...] = field(default=(), repr=False)
+    trajectory: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((0, 2, 4)), repr=False
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,7 @@ def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Pat
         ("zzz=1", "wayside settings"),
         ("segment.clusters", "group.name=value"),
         ("=8", "group.name=value"),
-        ("segment.clusters=1", "2 to 16"),
+        ("segment.clusters=1", "2 to 256"),
         ("segment.clusters=257", "2 to 256"),
         ("segment.clusters=8.5", "a whole number"),
         ("read.every=0", "at least 1"),
