@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,12 +31,16 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError, WaysideError
+from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import MixtureModel
 from wayside.stages.report import TRAJECTORY_FORMS, mean_log_density
 
-MOST_COMPONENTS = 8
+MOST_COMPONENTS = 4
 """Mixtures of up to so many Gaussians are compared."""
+
+ASKED = ("sign", "trajectory", "duplicate")
+"""Verdicts at the end on what reaches the trajectory gate, whose only later one is that of assembly."""
 
 FOLDS = 5
 """Parts of the drives that are held out in turn."""
@@ -83,14 +88,15 @@ def gather_tracks(log: Path) -> Tracks:
         {"read.spacing_m": float(truth["spacing_m"]), "run.workers": 1},
     )
     flow = Flow(settings, load_models(settings), StageClock())
+    return tracks_of(flow.track(read_frames(log, settings.read, ReadReport())), truth)
+
+
+def tracks_of(frames: Iterable[TrackedFrame], truth: dict[str, Any]) -> Tracks:
+    """Tracks of one drive that the trajectory gate is asked about: all that no stage before it refused."""
     known = panels_by_frame(truth)
-    steps, labels = [], []
-    for frame in flow.track(read_frames(log, settings.read, ReadReport())):
-        for landmark in frame.landmarks:
-            if landmark.verdict in ("sign", "duplicate"):
-                steps.append(landmark.trajectory)
-                labels.append(label_of(landmark, known))
-    return Tracks(tuple(steps), np.array(labels, np.int8), np.zeros(len(labels), np.int64))
+    asked = [one for frame in frames for one in frame.landmarks if one.verdict in ASKED]
+    labels = np.array([label_of(one, known) for one in asked], np.int8)
+    return Tracks(tuple(one.trajectory for one in asked), labels, np.zeros(len(asked), np.int64))
 
 
 def joined(parts: Sequence[Tracks]) -> Tracks:
@@ -153,7 +159,7 @@ def fitted(values: NDArray[np.float64], form: str, components: int) -> MixtureMo
 
     scale = values.std(axis=0)
     fit = GaussianMixture(
-        components, reg_covar=1e-6, random_state=1, n_init=2, max_iter=300
+        components, reg_covar=1e-6, random_state=1, max_iter=300
     ).fit(values / scale)
     floor = np.eye(values.shape[1]) * LEAST_SIGMA**2
     return MixtureModel(
@@ -178,7 +184,9 @@ def learn(logs: Sequence[Path], out: Path, jobs: int, notify: Notify) -> None:
             parts.append(part)
             notify(f"{log.stem}: {len(part.label)} tracks, {(part.label == SIGN).sum()} of signs")
     tracks = joined(parts)
-    origin = "rendered drives " + ", ".join(log.stem for log in logs)
+    counts = [(tracks.drive == k).sum() for k in range(len(logs))]
+    listed = zip(logs, counts, strict=True)
+    origin = "rendered drives " + ", ".join(f"{log.stem} ({n} tracks)" for log, n in listed)
     for form, name in TRAJECTORY_FILES.items():
         model = learn_trajectories(tracks, form, origin)
         write_file(out / name, model_to_json(model).encode(), overwrite=True)

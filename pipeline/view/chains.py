@@ -31,7 +31,7 @@ STEPS = ["at the start", *(f"after step {k + 1}" for k in range(ITERATIONS_SHOWN
 GATE_NAMES = {
     **dict.fromkeys(("segment", "propose"), SOURCES),
     **dict.fromkeys(("color", "detect", "shape"), ("kept", "refused")),
-    **dict.fromkeys(("track", "location", "assemble"), ("signs",)),
+    **dict.fromkeys(("track", "trajectory", "location", "assemble"), ("signs",)),
 }
 """What the numbers of a stage are, in the order in which its view gives them."""
 LEAST_HALF_AXIS_M = 0.02
