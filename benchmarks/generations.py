@@ -13,9 +13,7 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import wayside
 from accept import (
     DRIVES,
     RENDERED,
@@ -29,6 +27,7 @@ from accept import (
     spread_cell,
 )
 
+import wayside
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation, together
 from wayside.pipeline.learning.landmarks import NEITHER, SIGN
@@ -64,9 +63,7 @@ def main() -> int:
     given = parser.parse_args()
     names = given.only or NAMES
     drives = [
-        BenchmarkDrive(
-            name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", RENDERED[name]
-        )
+        BenchmarkDrive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", RENDERED[name])
         for name in names
     ]
     gated, generation_2d = zip(*(run_2d(one) for one in drives), strict=True)
@@ -125,7 +122,7 @@ def page(outcomes: dict[str, list[Outcome]], gated: Sequence[Gated]) -> Iterator
     yield "# The report's three generations"
     yield ""
     yield "Made by `python benchmarks/generations.py` on the development drives of [accuracy.md](accuracy.md), which no"
-    yield "model was learned from. [docs/report.md](../docs/report.md) says what each preset does. Errors: median / 95 %."
+    yield "model was learned from. [docs/report.md](../docs/report.md) says what each preset does; errors: median / p95"
     yield ""
     yield "| drive | preset | panels | found | recall | false | precision | along, m | lateral, m |"
     yield "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
@@ -140,12 +137,12 @@ def page(outcomes: dict[str, list[Outcome]], gated: Sequence[Gated]) -> Iterator
     yield ""
     yield "## Before and after the trajectory classifier"
     yield ""
-    yield "The report shows one image before and after (figures 5.3 and 5.4): its billboards and \"typically all\" false"
+    yield 'The report shows one image before and after (figures 5.3 and 5.4): billboards and "typically all" false'
     yield "positives of colour go. Counted here are tracks of two or more views that pass the colour gate: those on the"
-    yield "front of a sign, and those on nothing. *image* is the report's (u, v, du, dv), *compensated* the same without the"
-    yield "rotation of the camera."
+    yield "front of a sign, and those on nothing. *image* is the report's (u, v, du, dv), *compensated* the same"
+    yield "without the rotation of the camera."
     yield ""
-    yield "| drive | tracks of signs | kept, image | kept, compensated | other tracks | removed, image | removed, compensated |"
+    yield "| drive | signs | kept, image | kept, compensated | others | removed, image | removed, compensated |"
     yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     whole = Gated(
         "**together**",

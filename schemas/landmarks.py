@@ -64,9 +64,7 @@ class Landmark:
     back: bool = False
     assembly: int = -1
     features: tuple[float, ...] = field(default=(), repr=False)
-    trajectory: NDArray[np.float64] = field(
-        default_factory=lambda: np.zeros((0, 2, 4)), repr=False
-    )
+    trajectory: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2, 4)), repr=False)
 
 
 @dataclass(frozen=True, slots=True)

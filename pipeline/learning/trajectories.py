@@ -158,9 +158,9 @@ def fitted(values: NDArray[np.float64], form: str, components: int) -> MixtureMo
     from sklearn.mixture import GaussianMixture  # only learning wants it
 
     scale = values.std(axis=0)
-    fit = GaussianMixture(
-        components, reg_covar=1e-6, random_state=1, max_iter=300
-    ).fit(values / scale)
+    fit = GaussianMixture(components, reg_covar=1e-6, random_state=1, max_iter=300).fit(
+        values / scale
+    )
     floor = np.eye(values.shape[1]) * LEAST_SIGMA**2
     return MixtureModel(
         form,

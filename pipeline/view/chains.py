@@ -132,7 +132,9 @@ def _panel(
     landmark: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
 ) -> rr.Boxes3D:
     size = np.array([landmark.width_m, landmark.height_m, 0.03])
-    rotation = landmark.best_pose.rotation @ _about_down(np.radians(np.nan_to_num(landmark.facing_deg)))
+    rotation = landmark.best_pose.rotation @ _about_down(
+        np.radians(np.nan_to_num(landmark.facing_deg))
+    )
     return rr.Boxes3D(
         centers=[centre],
         half_sizes=[size / 2],

@@ -22,9 +22,7 @@ STEP_M = 8.04672
 """Displacements are those of a step of 26.4 ft, as between two images of the report."""
 
 
-def trajectory_of(
-    rays: NDArray[np.float64], motions: Sequence[Motion]
-) -> NDArray[np.float64]:
+def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArray[np.float64]:
     """The trajectory of a feature: (u, v, du, dv) of each step between consecutive views, in both forms.
 
     Coordinates are those of a camera of focal length 1 without distortion (x/z right, y/z down), so that one model

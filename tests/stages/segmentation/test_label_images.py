@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from wayside.stages.segmentation.label_images import (
     DIFFERENCES,
-    difference_image,
     difference_histogram,
+    difference_image,
     label_both_passes,
     mean_of_labels,
 )
@@ -33,7 +33,9 @@ colors = st.integers(0, 255)
 images = st.tuples(st.integers(1, 7), st.integers(1, 19)).flatmap(
     lambda size: arrays(np.uint8, (*size, 3), elements=colors)
 )
-palettes = st.sampled_from([1, 3, 15, 16, 17, 31, 33, 256]).flatmap(lambda k: arrays(np.uint8, (k, 3), elements=colors))
+palettes = st.sampled_from([1, 3, 15, 16, 17, 31, 33, 256]).flatmap(
+    lambda k: arrays(np.uint8, (k, 3), elements=colors)
+)
 
 
 @given(images, palettes)
