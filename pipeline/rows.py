@@ -47,7 +47,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
     along, lateral, up = np.sqrt(np.diag(sign.covariance))[[2, 0, 1]].tolist()
     return {
         "status": sign.status,
-        "confidence": sign.confidence,
+        "confidence": finite(sign.confidence),
         "color": landmark.color,
         "color_distance": finite(landmark.color_distance),
         "shape": landmark.shape,

@@ -158,14 +158,39 @@ def test_the_default_gives_panels_of_one_support_its_number(default_demo, truth)
     )
 
 
-def test_the_report_finds_what_its_thresholds_let_through(report_demo, truth):
+def test_the_report_finds_every_panel_among_many_others(report_demo, truth):
     def nearest(sign):
         return min(
             math.dist([row[axis] for axis in "xyz"], sign["centre"]) for row in report_demo.signs
         )
 
-    near = [sign["kind"] for sign in truth["signs"] if nearest(sign) < 1]
-    assert near == ["stop", "recreation", "school", "school_plaque", "warning_diamond"]
+    facing = [sign for sign in truth["signs"] if sign["faces_travel"]]
+    far = [sign["kind"] for sign in facing if nearest(sign) > 1]
+    assert far == ["work_panel", "guide_destination"]
+    assert all(nearest(sign) < 4 for sign in facing)
+    assert len(report_demo.signs) > 10 * len(facing)
+
+
+@pytest.mark.parametrize("generation", ["report_shape", "report_2d", "report"])
+def test_the_report_states_neither_confidence_nor_facing(generation, request):
+    result = request.getfixturevalue(f"{generation}_demo")
+    assert {row["status"] for row in result.signs} == {"sign"}
+    for name in ("confidence", "facing_deg", "sigma_facing_deg"):
+        assert {row[name] for row in result.signs} == {None}
+    named = {row["shape"] is not None for row in result.signs}
+    assert named == {generation == "report_shape"}
+
+
+def test_each_generation_of_the_report_refuses_by_its_own_gate(
+    report_shape_demo, report_2d_demo, report_demo
+):
+    gates = {"shape", "trajectory", "location", "panel_size"}
+    for result, own in (
+        (report_shape_demo, {"shape"}),
+        (report_2d_demo, {"trajectory"}),
+        (report_demo, {"location"}),
+    ):
+        assert gates & result.verdicts.keys() == own
 
 
 def write_pinned():
