@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
+from wayside.pipeline.learning import trajectories
 from wayside.pipeline.learning.backs import TrainedBackClassifier, learn_back_classifier
 from wayside.pipeline.learning.camera_augmentation import through_other_cameras
 from wayside.pipeline.learning.detector import TrainedDetector, learn_detector
@@ -212,7 +213,12 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
             )
         else:
             digests[f"{name}.json"] = _write(out / f"{name}.json", place, notify)
-    return digests
+    try:
+        motions = trajectories.learn(logs, str(out), PROCESSES, notify)
+    except InputError as error:
+        notify(f"trajectory.json not written, the model that ships is used: {error}")
+        return digests
+    return digests | {name: _write(out / name, model, notify) for name, model in motions.items()}
 
 
 def _places(

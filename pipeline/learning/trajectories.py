@@ -34,7 +34,7 @@ from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import MixtureModel
-from wayside.stages.report import TRAJECTORY_FORMS, mean_log_density
+from wayside.stages.report import STEP_M, TRAJECTORY_FORMS, mean_log_density
 
 MOST_COMPONENTS = 4
 """Mixtures of up to so many Gaussians are compared."""
@@ -78,14 +78,21 @@ class Tracks:
         return np.array([mean_log_density(one, model) for one in self.steps])
 
 
-def gather_tracks(log: Path) -> Tracks:
-    """Tracks of a rendered drive by the report's chain before its trajectory gate, labelled by its truth."""
+def gather_tracks(log: Path, folder: str = "") -> Tracks:
+    """Tracks of a rendered drive by the report's chain before its trajectory gate, labelled by its truth.
+
+    folder: of the colour model, where it is not the one that ships.
+    """
     truth = read_truth(log.with_suffix(".truth.json"))
     settings, _ = load_settings(
         "report-2d",
         None,
         ["report.trajectory=off"],
-        {"read.spacing_m": float(truth["spacing_m"]), "run.workers": 1},
+        {
+            "read.spacing_m": float(truth.get("spacing_m", STEP_M)),
+            "run.workers": 1,
+            "models.folder": folder,
+        },
     )
     flow = Flow(settings, load_models(settings), StageClock())
     return tracks_of(flow.track(read_frames(log, settings.read, ReadReport())), truth)
@@ -174,23 +181,26 @@ def fitted(values: NDArray[np.float64], form: str, components: int) -> MixtureMo
     )
 
 
-def learn(logs: Sequence[Path], out: Path, jobs: int, notify: Notify) -> None:
-    """Write both densities into a folder; raises InputError where a drive has no truth or there are too few."""
+def learn(logs: Sequence[Path], folder: str, jobs: int, notify: Notify) -> dict[str, MixtureModel]:
+    """Both densities, by the name of their file; raises InputError where a drive has no truth or there are too few.
+
+    folder: as in `gather_tracks`; jobs: drives side by side.
+    """
     with ProcessPoolExecutor(
         jobs, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
         parts = []
-        for log, part in zip(logs, processes.map(gather_tracks, logs), strict=True):
+        found = processes.map(partial(gather_tracks, folder=folder), logs)
+        for log, part in zip(logs, found, strict=True):
             parts.append(part)
             notify(f"{log.stem}: {len(part.label)} tracks, {(part.label == SIGN).sum()} of signs")
     tracks = joined(parts)
     counts = [(tracks.drive == k).sum() for k in range(len(logs))]
     listed = zip(logs, counts, strict=True)
     origin = "rendered drives " + ", ".join(f"{log.stem} ({n} tracks)" for log, n in listed)
-    for form, name in TRAJECTORY_FILES.items():
-        model = learn_trajectories(tracks, form, origin)
-        write_file(out / name, model_to_json(model).encode(), overwrite=True)
-        notify(f"{name}: {len(model.weight)} components, {model.threshold_rule}")
+    return {
+        name: learn_trajectories(tracks, form, origin) for form, name in TRAJECTORY_FILES.items()
+    }
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -203,7 +213,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="drives side by side")
     given = parser.parse_args(arguments)
     try:
-        learn(sorted(given.logs), given.out, given.jobs, partial(print, flush=True))
+        models = learn(sorted(given.logs), "", given.jobs, partial(print, flush=True))
+        for name, model in models.items():
+            write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
+            print(f"{name}: {len(model.weight)} components, {model.threshold_rule}")
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

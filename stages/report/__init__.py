@@ -7,6 +7,7 @@ from wayside.stages.report.outline import SAMPLES, traced_sequences
 from wayside.stages.report.shape import classify_shape
 from wayside.stages.report.sift import extract_sift
 from wayside.stages.report.trajectory import (
+    STEP_M,
     TRAJECTORY_FORMS,
     classify_trajectory,
     mean_log_density,
@@ -14,6 +15,7 @@ from wayside.stages.report.trajectory import (
 
 __all__ = [
     "SAMPLES",
+    "STEP_M",
     "TRAJECTORY_FORMS",
     "classify_color",
     "classify_shape",
