@@ -51,6 +51,8 @@ class Preset(StrEnum):
     """Which chain of stages."""
 
     default = "default"
+    report_shape = "report-shape"
+    report_2d = "report-2d"
     report = "report"
 
 

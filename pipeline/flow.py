@@ -2,7 +2,8 @@
 
 Read it beside the report: K-means, difference image, K-means again, size gate (chapters 2 and 3.1); colour
 (3.2); shape (4); SIFT (5); motion by straight line and adjustment (7 and 8); matching and triangulation (5, 7);
-location (8, 11). After the last frame: the path of the whole drive in its world frame, and the signs on it.
+trajectory (5); location (8, 11). The report replaced shape by trajectory, and that by location: its presets have one
+of the three. After the last frame: the path of the whole drive in its world frame, and the signs on it.
 """
 
 from __future__ import annotations
@@ -41,7 +42,13 @@ from wayside.stages.mapping import (
 )
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
-from wayside.stages.report import classify_color, classify_shape, extract_sift, match_by_descriptors
+from wayside.stages.report import (
+    classify_color,
+    classify_shape,
+    classify_trajectory,
+    extract_sift,
+    match_by_descriptors,
+)
 from wayside.stages.segmentation import segment
 
 
@@ -117,11 +124,13 @@ class Flow:
         )
 
     def _by_report(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
-        """The report's gates: colour (chapter 3.2), then shape (chapter 4)."""
+        """The report's gates of one image: colour (chapter 3.2), and in its first chain shape (chapter 4)."""
         m = self.models
-        if m.color_classes is None or m.shape_classes is None:
-            raise ValueError("models: wanted the report's colour and shape classes, found none")
+        if m.color_classes is None:
+            raise ValueError("models: wanted the report's colour classes, found none")
         colored = self.stage("color", classify_color(segmented, model=m.color_classes))
+        if m.shape_classes is None:
+            return colored
         return self.stage("shape", classify_shape(colored, model=m.shape_classes))
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
@@ -158,10 +167,15 @@ class Flow:
         )
         watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
         tracked = stage("track", self._tracked(watched))
-        by_report = s.candidates.judge == "report"
-        refusing = m.location_classes if by_report else None  # else a term of the evidence
-        located = stage("location", classify_location(tracked, model=refusing, settings=s.locate))
-        assembled = stage("assemble", assemble(located, settings=s.assembly))
+        if m.trajectory_density is not None:
+            moves = classify_trajectory(tracked, model=m.trajectory_density)
+            tracked = stage("trajectory", moves)
+        if s.locate.gate:
+            by_report = s.candidates.judge == "report"
+            refusing = m.location_classes if by_report else None  # else a term of the evidence
+            places = classify_location(tracked, model=refusing, settings=s.locate)
+            tracked = stage("location", places)
+        assembled = stage("assemble", assemble(tracked, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
     def georeference(self) -> DrivePath:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
+from wayside.pipeline.learning import trajectories
 from wayside.pipeline.learning.backs import learn_back_classifier
 from wayside.pipeline.learning.camera_augmentation import through_other_cameras
 from wayside.pipeline.learning.detector import learn_detector
@@ -70,6 +71,9 @@ SCENE_COPIES = 3
 
 REPORT_IMAGE = (1600, 1200)
 """Width and height of the images of the report, in pixels."""
+
+PROCESSES = 2
+"""How many drives are run at a time."""
 
 Notify = Callable[[str], None]
 
@@ -183,7 +187,15 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
         models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
     except InputError as error:
         notify(f"outline.json not written, the model that ships is used: {error}")
-    return {name: write_model(out / name, model, notify) for name, model in models.items()}
+    digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
+    try:
+        motions = trajectories.learn(logs, str(out), PROCESSES, notify)
+    except InputError as error:
+        notify(f"trajectory.json not written, the model that ships is used: {error}")
+        return digests
+    return digests | {
+        name: write_model(out / name, model, notify) for name, model in motions.items()
+    }
 
 
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:

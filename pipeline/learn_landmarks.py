@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learn import LEARN_READ, learning_logs, write_model
+from wayside.pipeline.learn import LEARN_READ, PROCESSES, learning_logs, write_model
 from wayside.pipeline.learning.landmarks import (
     ACCEPT,
     ACCEPT_BACK,
@@ -40,9 +40,6 @@ from wayside.stages.odometry import estimate_motion
 
 LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of the box classifier is lowered: else few landmarks are no signs."""
-
-PROCESSES = 2
-"""How many drives are tracked at a time."""
 
 Notify = Callable[[str], None]
 

@@ -137,7 +137,7 @@ def run(
     log
         An MCAP file.
     preset
-        `default` finds the most; `report` is the chain of KS-09-9.
+        `default` finds the most; `report` is the last chain of KS-09-9, `report-shape` and `report-2d` those before.
     settings
         Values by full name, such as `{"segment.clusters": 8}`, that replace those of the preset; or all settings,
         which leaves nothing to a preset.

@@ -25,6 +25,7 @@ from wayside.schemas.models import (
     EvidenceModel,
     GaussianModel,
     LinearModel,
+    MixtureModel,
     Model,
     NetworkModel,
     OnnxFile,
@@ -45,20 +46,26 @@ DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
-Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel, EvidenceModel)
+TRAJECTORY_FILES = {"image": "trajectory.json", "compensated": "trajectory_compensated.json"}
+"""Density of the trajectories of signs, by its form."""
+
+Kind = TypeVar(
+    "Kind", GaussianModel, MixtureModel, TreeModel, NetworkModel, LinearModel, EvidenceModel
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Models:
     """Everything learned that a run uses.
 
-    color_classes, shape_classes: the report's Gaussian classes of regions, None in preset `default`; box_classifier: of
-    boxes in one image; location_classes: where signs stand; landmark_classifier: of a landmark by all its observations;
-    color_network, shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
+    color_classes, shape_classes: the report's Gaussian classes of regions; trajectory_density: of the motion of signs
+    in the image; these are None where a preset does not ask for them. box_classifier: of boxes in one image;
+    location_classes: where signs stand; landmark_classifier: of a landmark by all its observations; color_network,
+    shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
     back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
-    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the
-    network whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes,
-    that takes the place of wayside's own; None: there is none.
+    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the network
+    whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes, that
+    takes the place of wayside's own; None: there is none.
     """
 
     box_classifier: TreeModel
@@ -75,6 +82,7 @@ class Models:
     region_ranking: TreeModel | None = None
     detection_network: OnnxFile | None = None
     external: DetectorFile | BoxFile | None = None
+    trajectory_density: MixtureModel | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
@@ -109,6 +117,7 @@ class Models:
             "back": self.back_classifier,
             "back_place": self.back_landmark_classifier,
             "ranking": self.region_ranking,
+            "trajectory": self.trajectory_density,
         }
         return {name: model for name, model in named.items() if model is not None}
 
@@ -137,7 +146,7 @@ def load_models(settings: Settings) -> Models:
         replace(location, classes=wanted),
         _linear(folder, "outline.json"),
         _gaussian(folder, "color_rgb.json") if by_report else None,
-        _gaussian(folder, "shape.json") if by_report else None,
+        _gaussian(folder, "shape.json") if settings.report.shape else None,
         _evidence(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
         optional(_network, "face_shape.json"),
@@ -147,6 +156,9 @@ def load_models(settings: Settings) -> Models:
         optional(_trees, "ranking.json"),
         None if by_report or external else _detection_network(folder, settings.models.network),
         external,
+        None
+        if settings.report.trajectory == "off"
+        else _mixture(folder, TRAJECTORY_FILES[settings.report.trajectory]),
     )
     _check_inputs(models, folder)
     return models
@@ -297,6 +309,7 @@ def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
 
 
 _gaussian = _of_kind(GaussianModel)
+_mixture = _of_kind(MixtureModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
 _linear = _of_kind(LinearModel)

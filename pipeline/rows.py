@@ -57,7 +57,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
     evidence = dict(landmark.evidence)
     return {
         "status": sign.status,
-        "confidence": sign.confidence,
+        "confidence": finite(sign.confidence),
         "color": landmark.color,
         "color_distance": finite(landmark.color_distance),
         "shape": landmark.shape,

@@ -17,9 +17,14 @@ from typing import Any
 
 from wayside.pipeline.lengths import parse_length
 from wayside.schemas.errors import UsageError, WaysideError
-from wayside.schemas.settings import REPORT, Settings
+from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
-PRESETS: dict[str, dict[str, dict[str, Any]]] = {"default": {}, "report": REPORT}
+PRESETS: dict[str, dict[str, dict[str, Any]]] = {
+    "default": {},
+    "report-shape": REPORT_SHAPE,
+    "report-2d": REPORT_2D,
+    "report": REPORT,
+}
 """Values of each preset that differ from the defaults, by group and name."""
 
 DEFAULT = "default"
@@ -295,6 +300,17 @@ def _check_together(settings: Settings) -> None:
     if settings.models.classes and not given:
         raise UsageError(
             "models.classes says which classes of a detector are signs; give --detector or --detections as well"
+        )
+    report, by_report = settings.report, settings.candidates.judge == "report"
+    if report.shape and not by_report:
+        raise UsageError(
+            "report.shape classifies the outlines of the report's regions; wanted a preset report, report-2d or "
+            f'report-shape (candidates.judge = "report"), found {settings.candidates.judge!r}'
+        )
+    if report.trajectory != "off" and track.matching != "sift":
+        raise UsageError(
+            "report.trajectory classifies what is followed by descriptors; wanted a preset report, report-2d or "
+            f'report-shape (track.matching = "sift"), found {track.matching!r}'
         )
     if track.fewest_views > track.longest:
         raise UsageError(

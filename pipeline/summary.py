@@ -86,7 +86,7 @@ def sign_table(signs: list[dict[str, Any]]) -> Table:
             row["shape"] or "-",
             *("-" if row[name] is None else f"{row[name]:.2f}" for name in numbers),
             str(row["views"]),
-            f"{row['confidence']:.2f}",
+            "-" if row["confidence"] is None else f"{row['confidence']:.2f}",
         )
     return table
 

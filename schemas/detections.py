@@ -68,6 +68,7 @@ VERDICTS = (
     "panel_size",
     "place_score",
     "duplicate",
+    "trajectory",
 )
 """How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance` is the older name
 of the pre-filter, `place_score` that of the landmark classifier."""

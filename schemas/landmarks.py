@@ -43,7 +43,9 @@ class Landmark:
     largest and whole; best_pose: of its camera in the drive's frame; score: log odds that it is a sign; residual_px:
     RMS of the views that the point was fitted to; back: seen from behind; assembly: number of its support, -1: none;
     features: what the landmark classifier saw, in the order of its `FEATURES`; evidence: log-likelihood ratio of each
-    term, sign against anything else, whose sum with the prior log odds is the score.
+    term, sign against anything else, whose sum with the prior log odds is the score. trajectory (s, 2, 4): for each
+    step between two views that were matched by descriptors u, v, du, dv in the image, and the same without the rotation
+    of the camera (`stages.report.trajectory_of`).
     """
 
     track_id: int
@@ -74,6 +76,7 @@ class Landmark:
     assembly: int = -1
     features: tuple[float, ...] = field(default=(), repr=False)
     evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
+    trajectory: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2, 4)), repr=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,11 +24,13 @@ from wayside.schemas.models import (
     GaussianClass,
     GaussianModel,
     LinearModel,
+    MixtureModel,
     Model,
     NetworkModel,
     TreeModel,
 )
 
+MIXTURE_ARRAYS = ("weight", "mean", "covariance")
 NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 EVIDENCE_COLUMNS = ("name", "term", "low", "high", "middle", "weight")
 _FAULTS = (
@@ -60,6 +62,11 @@ def model_to_json(model: Model) -> str:
                 for c in model.classes
             ],
         }
+    elif isinstance(model, MixtureModel):
+        body = {"space": model.space}
+        body |= {name: _significant(getattr(model, name)) for name in MIXTURE_ARRAYS}
+        body |= {"threshold": round(model.threshold, 4), "threshold_rule": model.threshold_rule}
+        body |= {"count": model.count}
     elif isinstance(model, LinearModel):
         weights = [float(f"{w:.6g}") for w in model.weights]
         body = {"weights": dict(zip(model.features, weights, strict=True))}
@@ -126,6 +133,8 @@ def _model_of(data: dict[str, Any], name: str) -> Model:
     if data["kind"] == "gaussian":
         classes = tuple(_gaussian_class_of(c) for c in data["classes"])
         return GaussianModel(data["space"], classes, str(data["provenance"]))
+    if data["kind"] == "mixture":
+        return _mixture_of(data)
     if data["kind"] == "trees":
         return _trees_of(data, name)
     if data["kind"] == "linear":
@@ -155,6 +164,27 @@ def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
         _finite(data["threshold"], "threshold"),
         str(data["threshold_rule"]),
         int(data["count"]),
+    )
+
+
+def _mixture_of(data: dict[str, Any]) -> MixtureModel:
+    arrays = {name: np.array(data[name], np.float64) for name in MIXTURE_ARRAYS}
+    k, d = arrays["mean"].shape
+    _check_shapes(arrays, ((k,), (k, d), (k, d, d)))
+    covariance = arrays["covariance"]
+    if not (np.allclose(covariance, covariance.swapaxes(1, 2), atol=0) and k and d):
+        raise ValueError("a covariance is not symmetric")
+    if not (np.linalg.eigvalsh(covariance) > 0).all():
+        raise ValueError("a covariance is not positive definite")
+    if not ((arrays["weight"] > 0).all() and abs(arrays["weight"].sum() - 1) < 1e-6):
+        raise ValueError("the weights are no positive numbers of sum 1")
+    return MixtureModel(
+        str(data["space"]),
+        **arrays,
+        threshold=_finite(data["threshold"], "threshold"),
+        threshold_rule=str(data["threshold_rule"]),
+        count=int(data["count"]),
+        provenance=str(data["provenance"]),
     )
 
 
@@ -269,6 +299,13 @@ def _check_shapes(arrays: Mapping[str, NDArray[Any]], wanted: tuple[tuple[int, .
     for (name, array), shape in zip(arrays.items(), wanted, strict=True):
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} of shape {array.shape}, wanted {shape}, finite")
+
+
+def _significant(values: NDArray[np.float64]) -> Any:
+    """Nested lists with eight significant digits: covariances of small numbers stay positive definite."""
+    if values.ndim:
+        return [_significant(row) for row in values]
+    return float(f"{values:.8g}")
 
 
 def _rounded(values: NDArray[np.float32]) -> Any:

@@ -1,4 +1,4 @@
-"""Learned models: Gaussian classes, boosted trees, networks, evidence. Their files are written by `model_json`."""
+"""Learned models: Gaussian classes, mixtures, trees, networks, evidence. Their files are written by `model_json`."""
 
 from __future__ import annotations
 
@@ -53,6 +53,38 @@ class GaussianModel:
                 np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
             )
         return result
+
+
+@dataclass(frozen=True, slots=True)
+class MixtureModel:
+    """Density of what is typical, in the named space: a sum of k Gaussian components.
+
+    weight (k,), of sum 1; mean (k, d); covariance (k, d, d); threshold: smallest accepted mean of the log density over
+    the values of one item; threshold_rule: how it was chosen, and its rates; count: items that were learned from.
+    """
+
+    kind: ClassVar[str] = "mixture"
+    space: str
+    weight: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    threshold: float
+    threshold_rule: str
+    count: int
+    provenance: str
+
+    def log_density(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Natural logarithm of the density at each value (n, d): (n,)."""
+        return np.asarray(np.logaddexp.reduce(self.log_parts(values), axis=1))
+
+    def log_parts(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Logarithm of each component's part in the density at each value: (n, k)."""
+        d = self.mean.shape[1]
+        gap = np.asarray(values, np.float64)[:, None] - self.mean
+        square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(self.covariance), gap)
+        _, log_volume = np.linalg.slogdet(self.covariance)
+        parts = np.log(self.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
+        return np.asarray(parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,4 +228,12 @@ class EvidenceModel:
         return result
 
 
-Model = GaussianModel | TreeModel | NetworkModel | ConvolutionModel | LinearModel | EvidenceModel
+Model = (
+    GaussianModel
+    | MixtureModel
+    | TreeModel
+    | NetworkModel
+    | ConvolutionModel
+    | LinearModel
+    | EvidenceModel
+)

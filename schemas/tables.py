@@ -49,6 +49,7 @@ VERDICT_WORDS = {
     "panel_size": "measured width or height outside the limits of a sign panel",
     "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
     "duplicate": "second measurement of a panel already reported",
+    "trajectory": "does not move in the image as signs do (preset `report-2d`)",
 }
 
 
@@ -112,7 +113,7 @@ SIGNS = Table(
             _SINGLE,
             "",
             "calibrated probability that it is a sign, 0 to 1; with boxes of another detector its own scores, see "
-            "detectors.md",
+            "detectors.md; null in the presets of the report, which states none",
         ),
         Column("color", _CHOICE, "", "colour class of the face", values=COLORS),
         Column(
@@ -147,7 +148,8 @@ SIGNS = Table(
             "facing_deg",
             _SINGLE,
             "deg",
-            "normal of the visible side relative to the reverse of travel: 0 faces the camera, right turn positive",
+            "normal of the visible side relative to the reverse of travel: 0 faces the camera, right turn positive; "
+            "null in the presets of the report, which does not measure it",
         ),
         Column("sigma_facing_deg", _SINGLE, "deg", "standard deviation of the facing"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),

@@ -43,7 +43,7 @@ from wayside.stages.georeference import DrivePath, PathPoint
 from wayside.stages.segmentation import unsegmented
 
 TESTS = Path(__file__).parent / "end_to_end"
-PRESETS = ("default", "report")
+PRESETS = ("default", "report", "report-shape", "report-2d")
 NOT_BYPASSED = {"read", "queue"}
 """Names that the clock knows beside the stages: the source of the frames and the wait for the workers."""
 BY_OPTION = {"detect_externally", "score_by_views"}
@@ -261,7 +261,9 @@ def attempt(cut: Cut, folder: Path) -> None:
     except Exception:
         traceback.print_exc()
         os._exit(CANNOT_CUT)
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-k", cut.preset, str(TESTS)]
+    longer = [f"not {preset}" for preset in PRESETS if preset.startswith(f"{cut.preset}-")]
+    own = " and ".join([cut.preset, *longer])
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-k", own, str(TESTS)]
     if cut.kind:  # the whole flow may have to compile its kernels first
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT_S, CPU_LIMIT_S))
     words = folder / f"{os.getpid()}.txt"

@@ -15,7 +15,7 @@ from scipy.stats import norm
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.learning.cross_validation import platt
 from wayside.schemas.errors import InputError
-from wayside.schemas.landmarks import Landmark, Observation
+from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import EvidenceModel, GaussianModel, TreeModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MappingSettings, TrackSettings
@@ -265,6 +265,18 @@ def label_of(landmark: Landmark, known: KnownPanels) -> int:
     Without the boxes it is `NEITHER`: perhaps a part of that panel. All else is `NOTHING`: half a face at a wrong
     depth, or rays that met by chance, are no signs either.
     """
+    there = {s: on for s, on in _faces(landmark, known).items() if known.stands_at(landmark, s)}
+    return SIGN if any(there.values()) else NEITHER if there else NOTHING
+
+
+def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
+    """The same by the boxes alone, wherever the landmark was measured."""
+    touched = _faces(landmark, known)
+    return SIGN if any(touched.values()) else NEITHER if touched else NOTHING
+
+
+def _faces(landmark: Landmark, known: KnownPanels) -> dict[int, bool]:
+    """The signs that a landmark touches in its nearest views, and whether it lies on their face."""
     near = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
     overlaps: dict[int, list[float]] = {}
     for view in near:
@@ -272,12 +284,8 @@ def label_of(landmark: Landmark, known: KnownPanels) -> int:
             if back == landmark.back:
                 overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
                 overlaps.setdefault(sign, []).append(float(overlap))
-    touched = [sign for sign, own in overlaps.items() if max(own) > NEAR_FACE]
-    there = [sign for sign in touched if known.stands_at(landmark, sign)]
-    if any(_on_face(overlaps[sign], near) for sign in there):
-        return SIGN
-    return NEITHER if there else NOTHING
-
-
-def _on_face(overlaps: Sequence[float], near: Sequence[Observation]) -> bool:
-    return float(np.median([*overlaps, *[0.0] * (len(near) - len(overlaps))])) >= ON_FACE
+    return {
+        sign: float(np.median([*own, *[0.0] * (len(near) - len(own))])) >= ON_FACE
+        for sign, own in overlaps.items()
+        if max(own) > NEAR_FACE
+    }

@@ -31,7 +31,7 @@ STEPS = ["at the start", *(f"after step {k + 1}" for k in range(ITERATIONS_SHOWN
 GATE_NAMES = {
     **dict.fromkeys(("segment", "propose"), SOURCES),
     **dict.fromkeys(("color", "detect", "shape"), ("kept", "refused")),
-    **dict.fromkeys(("track", "location", "assemble"), ("signs",)),
+    **dict.fromkeys(("track", "trajectory", "location", "assemble"), ("signs",)),
 }
 """What the numbers of a stage are, in the order in which its view gives them."""
 LEAST_HALF_AXIS_M = 0.02
@@ -132,7 +132,9 @@ def _panel(
     landmark: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
 ) -> rr.Boxes3D:
     size = np.array([landmark.width_m, landmark.height_m, 0.03])
-    rotation = landmark.best_pose.rotation @ _about_down(np.radians(landmark.facing_deg))
+    rotation = landmark.best_pose.rotation @ _about_down(
+        np.radians(np.nan_to_num(landmark.facing_deg))
+    )
     return rr.Boxes3D(
         centers=[centre],
         half_sizes=[size / 2],
@@ -217,7 +219,7 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
             )
         ]
         cells = (row["sign_id"], *_appearance(row), *numbers)
-        lines.append(f"| {' | '.join(cells)} | {row['views']} | {row['confidence']:.2f} |")
+        lines.append(f"| {' | '.join(cells)} | {row['views']} | {_number(row['confidence'])} |")
     return "\n".join(lines) + "\n"
 
 

@@ -49,10 +49,11 @@ def landmark_words(landmark: Landmark) -> str:
 
 def rejection(landmark: Landmark) -> str:
     """Why a landmark is no sign, in words with the numbers that decided."""
+    score = f"score {landmark.score:.1f}, " if np.isfinite(landmark.score) else ""
     return (
         f"{landmark.verdict}: {landmark_words(landmark)}; "
         f"{landmark.right_m:+.1f} m right, {landmark.above_m:+.1f} m above the camera, "
-        f"station {landmark.station_m:.1f} m, {len(landmark.views)} views, score {landmark.score:.1f}, "
+        f"station {landmark.station_m:.1f} m, {len(landmark.views)} views, {score}"
         f"residual {landmark.residual_px:.2f} px{evidence_words(landmark)}"
     )
 

@@ -1,7 +1,8 @@
 """Every setting: one frozen group a stage, each leaf with unit, meaning, origin and limits.
 
 `setting(default, unit, words, ...)` keeps these beside the value, so that `wayside settings`, the TOML reader and
-`run.json` need no list of their own. Values of the preset `report` that differ stand in `REPORT`.
+`run.json` need no list of their own. Values of the other presets that differ stand in `REPORT`, `REPORT_2D`
+and `REPORT_SHAPE`.
 """
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
@@ -29,13 +30,15 @@ from wayside.schemas.settings.panel import (
     RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import SiftSettings
+from wayside.schemas.settings.report import ReportSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
-from wayside.schemas.settings.tree import REPORT, Settings
+from wayside.schemas.settings.tree import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
 __all__ = [
     "REPORT",
+    "REPORT_2D",
+    "REPORT_SHAPE",
     "AcceptanceSettings",
     "AdjustmentSettings",
     "AssemblySettings",
@@ -55,6 +58,7 @@ __all__ = [
     "PredictionSettings",
     "ReadSettings",
     "RegistrationSettings",
+    "ReportSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",

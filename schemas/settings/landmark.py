@@ -136,6 +136,9 @@ class VerdictSettings:
 class LocateSettings:
     """Classification by location, and what is reported."""
 
+    gate: bool = setting(
+        True, "", "refuse landmarks where no sign stands, and of no sign's size; false: keep all"
+    )
     confidence: float = setting(
         0.5, "", "signs below this confidence get status uncertain", low=0, high=1
     )

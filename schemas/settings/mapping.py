@@ -56,13 +56,6 @@ class TrackSettings:
         expert=True,
         low=2,
     )
-    sift_score: float = setting(
-        1.0,
-        "log odds",
-        "score of every sign placed by descriptors",
-        origin="the report states no probability",
-        expert=True,
-    )
 
 
 @dataclass(frozen=True, slots=True)

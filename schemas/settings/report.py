@@ -1,10 +1,26 @@
-"""Settings of the SIFT points of candidates (report chapter 5)."""
+"""Settings of what only the report's chain has: its gates, and the SIFT points of candidates (chapters 4 and 5)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSettings:
+    """Gates that the report built and replaced (`candidates.judge = "report"`); its last one is `locate.gate`."""
+
+    shape: bool = setting(
+        False, "", "after the colour: refuse regions whose outline is of no shape (chapter 4)"
+    )
+    trajectory: str = setting(
+        "off",
+        "",
+        "refuse tracks that do not move as signs do (chapter 5): image: by u, v, du, dv as in the report; compensated: "
+        "with the rotation of the camera taken out",
+        choices=("off", "image", "compensated"),
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ _HANG = "where faces hang beside and over roads"
 class SegmentSettings:
     """Two-pass K-means (report chapter 2)."""
 
-    clusters: int = setting(16, "colours", "k of pass one", low=2, high=16)
+    clusters: int = setting(16, "colours", "k of pass one", low=2, high=256)
     difference_clusters: int = setting(
-        16, "classes", "k of pass two, on the difference image", low=2, high=16
+        16, "classes", "k of pass two, on the difference image", low=2, high=256
     )
     whole_picture: bool = setting(
         False, "", "segment the whole image instead of the band where signs can be"

@@ -1,4 +1,4 @@
-"""All settings as one tree: one frozen group a stage, and the preset `report`."""
+"""All settings as one tree: one frozen group a stage, and the presets of the report's three generations."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from wayside.schemas.settings.panel import (
     RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import SiftSettings
+from wayside.schemas.settings.report import ReportSettings, SiftSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
 
@@ -42,6 +42,7 @@ class Settings:
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
     sift: SiftSettings = field(default_factory=SiftSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
     ties: TieSettings = field(default_factory=TieSettings)
@@ -86,6 +87,19 @@ REPORT: dict[str, dict[str, Any]] = {
     "features": {"sift": True},
     "motion": {"always_adjust": False},
     "track": {"matching": "sift"},
+    "locate": {"smallest_side_m": 0.0, "largest_side_m": 100.0},
     "models": {"network": ""},
 }
-"""Preset `report`: the report's own choices where they differ from the defaults."""
+"""Preset `report`, the report's last chain: its own choices where they differ from the defaults."""
+
+REPORT_2D: dict[str, dict[str, Any]] = REPORT | {
+    "report": {"trajectory": "image"},
+    "locate": {"gate": False},
+}
+"""Preset `report-2d`: the trajectory of the tracked feature in the image decides (chapter 5), not the location."""
+
+REPORT_SHAPE: dict[str, dict[str, Any]] = REPORT | {
+    "report": {"shape": True},
+    "locate": {"gate": False},
+}
+"""Preset `report-shape`: the shape of the outline decides (chapter 4)."""

@@ -8,6 +8,7 @@ from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifie
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import track
+from wayside.stages.mapping.verdicts import VerdictRevision
 from wayside.stages.mapping.view_scores import score_by_views
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -23,6 +24,7 @@ __all__ = [
     "LandmarkFit",
     "SideClassifiers",
     "TravelledPath",
+    "VerdictRevision",
     "ViewClassifier",
     "WindowFrame",
     "assemble",

@@ -1,4 +1,4 @@
-"""What only the report's own chain needs: colour and shape gates, SIFT matching (chapters 3 to 5)."""
+"""What only the report's own chains need: colour, shape and trajectory gates, SIFT matching (chapters 3 to 5)."""
 
 from wayside.stages.report.color import classify_color
 from wayside.stages.report.fourier import fourier_descriptors
@@ -6,13 +6,23 @@ from wayside.stages.report.match import match_by_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
 from wayside.stages.report.shape import classify_shape
 from wayside.stages.report.sift import extract_sift
+from wayside.stages.report.trajectory import (
+    STEP_M,
+    TRAJECTORY_FORMS,
+    classify_trajectory,
+    mean_log_density,
+)
 
 __all__ = [
     "SAMPLES",
+    "STEP_M",
+    "TRAJECTORY_FORMS",
     "classify_color",
     "classify_shape",
+    "classify_trajectory",
     "extract_sift",
     "fourier_descriptors",
     "match_by_descriptors",
+    "mean_log_density",
     "traced_sequences",
 ]

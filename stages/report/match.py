@@ -1,4 +1,4 @@
-"""The report's matching: by SIFT from frame to frame, triangulated from two views (chapters 5 and 7)."""
+"""The report's matching: by SIFT from frame to frame, the midpoint of two rays (chapters 5 and 7)."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ from wayside.stages.mapping import (
     through_window,
 )
 from wayside.stages.report.sift_matching import match_points, vote_regions
+from wayside.stages.report.trajectory import trajectory_of
 
 
 def match_by_descriptors(
     posed: Iterator[PosedDetections], settings: MappingSettings, sift: SiftSettings
 ) -> Iterator[TrackedFrame]:
-    """Chain candidates from frame to frame by their key points; the two nearest views of a chain place its landmark.
+    """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
+
+    How sure a landmark is and which way it faces is not known: score and facing are nan.
 
     Frames come out in order, each once, when no open chain holds them, at most `track.longest` used frames late;
     candidates that a chain had before that are left `unmatched`.
@@ -56,7 +59,9 @@ class _Matcher:
     def __init__(self, settings: MappingSettings, sift: SiftSettings) -> None:
         self._settings, self._sift = settings.track, sift
         landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
-        self._mapping = replace(settings, landmark=landmark)
+        # the solver starts at the midpoint (eq. 7.4), and goes no further
+        solver = replace(settings.adjustment, point_iterations=0)
+        self._mapping = replace(settings, landmark=landmark, adjustment=solver)
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._path = TravelledPath(2 * settings.track.longest)
         self._window: list[WindowFrame] = []
@@ -120,11 +125,15 @@ class _Matcher:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Measure a landmark and give it to its frames; `residual` where its rays do not meet."""
+        """Measure a landmark and give it to its frames; `residual` where eq. 7.5 says that its rays do not meet.
+
+        e is the sum of the squared differences, in both coordinates of each view, of the point's projections.
+        """
         window, settings = self._window, self._mapping
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
         allowed_px = self._gates.gap_px + self._gates.gap_share * tall_px
-        verdict = "sign" if fit.rms_px < allowed_px else "residual"
+        e = float((fit.residual_px[fit.used] ** 2).sum())
+        verdict = "sign" if e < fit.used.sum() * allowed_px**2 else "residual"
         landmark = build_landmark(
             fit,
             window,
@@ -132,8 +141,15 @@ class _Matcher:
             self._path.offset(fit.point),
             settings.landmark,
             track_id=self._next_id,
-            score=self._settings.sift_score,
+            score=np.nan,
             verdict=verdict,
+        )
+        rays = np.array([window[f].ray[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
+        landmark = replace(
+            landmark,
+            facing_deg=np.nan,
+            sigma_facing_deg=np.nan,
+            trajectory=trajectory_of(rays, [window[f].motion for f in fit.frames]),
         )
         window[fit.frames[0]].landmarks.append(landmark)
         for frame, row, residual in zip(fit.frames, fit.rows, fit.residual_px, strict=True):

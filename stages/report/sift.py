@@ -45,10 +45,23 @@ def sign_features(
     if described is None:
         return (none.sign_points, none.sign_descriptors, none.sign_rows)
     points = np.asarray(cv2.KeyPoint.convert(found), np.float32).reshape(-1, 2)
-    box = candidates.regions.box[rows]
-    low, high = box[:, :2] - margin_px, box[:, 2:] - 1 + margin_px
-    around = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2)
-    size = (box[:, 2:] - box[:, :2]).prod(axis=1)
-    owner = np.where(around, size, np.inf).argmin(axis=1)
-    kept: NDArray[np.bool_] = np.any(around, axis=1)
+    owner = _smallest_around(points, candidates.regions.box[rows], margin_px)
+    kept = owner >= 0
     return points[kept], np.asarray(described, np.float32)[kept], rows[owner[kept]].astype(np.int32)
+
+
+def _smallest_around(
+    points: NDArray[np.float32], box: NDArray[np.float32], margin_px: int
+) -> NDArray[np.int64]:
+    """Number (m,) of the smallest box (n, 4) that contains each point with a margin, the first of equals; -1: none."""
+    low, high = box[:, :2] - margin_px, box[:, 2:] - 1 + margin_px
+    down = np.argsort(points[:, 1], kind="stable")
+    x, y = points[down].T
+    first, last = np.searchsorted(y, low[:, 1]), np.searchsorted(y, high[:, 1], side="right")
+    owner = np.full(len(points), -1)
+    # the largest box first: smaller ones overwrite it
+    for k in np.argsort((box[:, 2:] - box[:, :2]).prod(axis=1), kind="stable")[::-1]:
+        beside = x[first[k] : last[k]]
+        inside = (beside >= low[k, 0]) & (beside <= high[k, 0])
+        owner[down[first[k] : last[k]][inside]] = k
+    return owner

@@ -1,8 +1,10 @@
 """Two-pass K-means segmentation into connected regions (report chapters 2 and 3.1)."""
 
+from wayside.stages.segmentation.label_images import difference_image
 from wayside.stages.segmentation.two_pass import segment, unsegmented
 
 __all__ = [
+    "difference_image",
     "segment",
     "unsegmented",
 ]

@@ -2,7 +2,8 @@
 
 Distances are packed with labels: s_j = 16 (|m_j|^2 - 2 m_j.x) + j is an integer below 2^24 in size for integer colours
 and at most 16 centres, thus exact in single precision, fused or not. min_j s_j + 16 |x|^2 = 16 d^2 + label, so one
-minimum gives the nearest centre (the lower label on a tie) and the squared distance, the same on every machine.
+minimum gives the nearest centre (the lower label on a tie) and the squared distance, the same on every machine. More
+centres are compared in groups of 16, whose minima are packed as 256 d^2 + label in whole numbers.
 """
 
 from __future__ import annotations
@@ -14,23 +15,26 @@ from numpy.typing import NDArray
 
 from wayside.stages.kernels import compiled_exact, require_array, require_image
 
-MOST_CENTERS = 16
-"""Labels take the low four bits of a number whose others are a squared distance."""
+MOST_CENTERS = 256
+"""A label image holds bytes."""
 
 DIFFERENCES = 443
 """Rounded distances between colours: 0 to 442 = round(255 sqrt 3)."""
+
+_GROUP = 16
+"""Centres compared at a time: their labels take the low four bits of a number whose others are a squared distance."""
 
 _FAR = np.float32(8e6)
 _CHUNK = 1024
 
 
 def packed_centers(centers: NDArray[Any]) -> NDArray[np.float32]:
-    """Constants of s_j for integer centres (k, 3): shape (k rounded up to a multiple of 4, 4).
+    """Constants of s_j for integer centres (k, 3): shape (k rounded up to a multiple of 4, 4), j counted in each group.
 
     Raises
     ------
     ValueError
-        If there are not 1 to 16 centres or one is no integer colour from 0 to 255.
+        If there are not 1 to 256 centres or one is no integer colour from 0 to 255.
     """
     colors = np.asarray(centers, np.float64)
     if colors.ndim != 2 or colors.shape[1] != 3 or not 1 <= len(colors) <= MOST_CENTERS:
@@ -41,7 +45,7 @@ def packed_centers(centers: NDArray[Any]) -> NDArray[np.float32]:
         raise ValueError("centres: wanted whole numbers from 0 to 255; round and clip them first")
     packed = np.zeros((-(-len(colors) // 4) * 4, 4), np.float32)
     packed[:, 0] = _FAR
-    packed[: len(colors), 0] = 16 * (colors**2).sum(axis=1) + np.arange(len(colors))
+    packed[: len(colors), 0] = 16 * (colors**2).sum(axis=1) + np.arange(len(colors)) % _GROUP
     packed[: len(colors), 1:] = -32 * colors
     return packed
 
@@ -58,7 +62,7 @@ def label_both_passes(
     rgb
         Image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given.
     centers
-        Whole-numbered colours, (k, 3), k from 1 to 16.
+        Whole-numbered colours, (k, 3), k from 1 to 256.
     difference_class
         Class of pass two of each rounded distance, shape (443,).
 
@@ -79,15 +83,26 @@ def label_both_passes(
     return first, second
 
 
+def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.uint16]:
+    """The grey difference image (report chapter 2.3): distance of each pixel to its nearest centre, rounded, 0 to 442.
+
+    `label_both_passes` makes it in its sweep and keeps the class of each of these numbers alone. Arguments and errors
+    are the same; the result is (height, width).
+    """
+    require_image(rgb)
+    differences = np.empty(rgb.shape[:2], np.uint16)
+    _measure_differences(rgb, packed_centers(centers), differences)
+    return differences
+
+
 def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.float64]:
     """Mean of the colours (n, 3) nearest to each centre, (k, 3); the centre itself where it has none.
 
     One Lloyd step of K-means in full colours.
     """
     require_array(colors, "colors", np.uint8, (None, 3))
-    sums = np.zeros((MOST_CENTERS, 4), np.int64)
+    sums = np.zeros((len(centers), 4), np.int64)
     _sum_by_label(colors, packed_centers(centers), sums)
-    sums = sums[: len(centers)]
     count = sums[:, 3:]
     return np.where(count > 0, sums[:, :3] / np.maximum(count, 1), np.asarray(centers, np.float64))
 
@@ -107,7 +122,7 @@ def _pack(
     planes: NDArray[np.float32],
     best: NDArray[np.float32],
 ) -> None:
-    """16 d^2 + label of each colour (n, 3), four centres a sweep: the sums stay in vector registers."""
+    """16 d^2 + label of each colour (n, 3) in one group, four centres a sweep: the sums stay in vector registers."""
     n = colors.shape[0]
     for x in range(n):
         planes[0, x] = np.float32(colors[x, 0])
@@ -136,6 +151,31 @@ def _pack(
 
 
 @compiled_exact
+def _nearest(
+    colors: NDArray[np.uint8],
+    packed: NDArray[np.float32],
+    planes: NDArray[np.float32],
+    best: NDArray[np.float32],
+    codes: NDArray[np.int32],
+) -> None:
+    """256 d^2 + label of each colour (n, 3) in all groups: the lower label on a tie."""
+    codes[:] = np.int32(2**31 - 1)
+    for start in range(0, packed.shape[0], _GROUP):
+        _pack(colors, packed[start : start + _GROUP], planes, best)
+        first = np.int32(start)
+        for x in range(colors.shape[0]):
+            code = np.int32(best[x])
+            code = ((code >> 4) << 8) + (code & 15) + first
+            codes[x] = min(codes[x], code)
+
+
+@compiled_exact
+def _rounded(code: np.int32) -> np.int32:
+    """The rounded distance in a code."""
+    return np.int32(np.sqrt(np.float32(code >> 8)) + np.float32(0.5))
+
+
+@compiled_exact
 def _label_both(
     rgb: NDArray[np.uint8],
     packed: NDArray[np.float32],
@@ -144,28 +184,39 @@ def _label_both(
     second: NDArray[np.uint8],
 ) -> None:
     width = rgb.shape[1]
-    planes = np.empty((3, width), np.float32)
-    best = np.empty(width, np.float32)
+    planes, best = np.empty((3, width), np.float32), np.empty(width, np.float32)
+    codes = np.empty(width, np.int32)
     for y in range(rgb.shape[0]):
-        _pack(rgb[y], packed, planes, best)
+        _nearest(rgb[y], packed, planes, best, codes)
         for x in range(width):
-            code = np.int32(best[x])
-            first[y, x] = code & 15
-            rounded = np.int32(np.sqrt(np.float32(code >> 4)) + np.float32(0.5))
-            second[y, x] = difference_class[rounded]
+            first[y, x] = codes[x] & 255
+            second[y, x] = difference_class[_rounded(codes[x])]
+
+
+@compiled_exact
+def _measure_differences(
+    rgb: NDArray[np.uint8], packed: NDArray[np.float32], differences: NDArray[np.uint16]
+) -> None:
+    width = rgb.shape[1]
+    planes, best = np.empty((3, width), np.float32), np.empty(width, np.float32)
+    codes = np.empty(width, np.int32)
+    for y in range(rgb.shape[0]):
+        _nearest(rgb[y], packed, planes, best, codes)
+        for x in range(width):
+            differences[y, x] = _rounded(codes[x])
 
 
 @compiled_exact
 def _sum_by_label(
     colors: NDArray[np.uint8], packed: NDArray[np.float32], sums: NDArray[np.int64]
 ) -> None:
-    planes = np.empty((3, _CHUNK), np.float32)
-    best = np.empty(_CHUNK, np.float32)
+    planes, best = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
+    codes = np.empty(_CHUNK, np.int32)
     for start in range(0, colors.shape[0], _CHUNK):
         part = colors[start : start + _CHUNK]
-        _pack(part, packed, planes, best)
+        _nearest(part, packed, planes, best, codes)
         for x in range(part.shape[0]):
-            label = np.int32(best[x]) & 15
+            label = codes[x] & 255
             sums[label, 0] += part[x, 0]
             sums[label, 1] += part[x, 1]
             sums[label, 2] += part[x, 2]
@@ -176,11 +227,10 @@ def _sum_by_label(
 def _count_differences(
     colors: NDArray[np.uint8], packed: NDArray[np.float32], counts: NDArray[np.int64]
 ) -> None:
-    planes = np.empty((3, _CHUNK), np.float32)
-    best = np.empty(_CHUNK, np.float32)
+    planes, best = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
+    codes = np.empty(_CHUNK, np.int32)
     for start in range(0, colors.shape[0], _CHUNK):
         part = colors[start : start + _CHUNK]
-        _pack(part, packed, planes, best)
+        _nearest(part, packed, planes, best, codes)
         for x in range(part.shape[0]):
-            code = np.int32(best[x])
-            counts[np.int32(np.sqrt(np.float32(code >> 4)) + np.float32(0.5))] += 1
+            counts[_rounded(codes[x])] += 1

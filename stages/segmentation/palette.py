@@ -88,7 +88,7 @@ def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        If k is not from 2 to 16.
+        If k is not from 2 to 256.
     """
     clusters = settings.clusters
     if not 2 <= clusters <= MOST_CENTERS:

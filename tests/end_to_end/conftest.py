@@ -76,6 +76,18 @@ def report_demo(run_demo: RunDemo) -> Result:
 
 
 @pytest.fixture(scope="session")
+def report_shape_demo(run_demo: RunDemo) -> Result:
+    """The result of the preset `report-shape` on the first half of the log."""
+    return run_demo("--preset", "report-shape", "--set", "read.until_s=3")
+
+
+@pytest.fixture(scope="session")
+def report_2d_demo(run_demo: RunDemo) -> Result:
+    """The result of the preset `report-2d` on the first half of the log."""
+    return run_demo("--preset", "report-2d", "--set", "read.until_s=3")
+
+
+@pytest.fixture(scope="session")
 def truth() -> dict[str, Any]:
     """What was rendered into the demo log."""
     return dict(json.loads((RECORDINGS / "demo.truth.json").read_text()))

@@ -90,10 +90,20 @@ def test_the_report_names_faces_by_its_own_classifiers_alone():
     assert models.shape_network is None
 
 
+@pytest.mark.parametrize("form", ["image", "compensated"])
+def test_the_trajectory_model_is_that_of_the_form_asked_for(form):
+    chosen, _ = load_settings("report-2d", None, [f"report.trajectory={form}"])
+    model = load_models(chosen).trajectory_density
+    assert model.space == form
+    assert "knee of the ROC" in model.threshold_rule
+    assert load_models(settings("report")).trajectory_density is None
+
+
 def test_each_preset_has_its_own_colours_shapes_and_places():
     default, report = load_models(settings()), load_models(settings("report"))
     assert (default.color_classes, default.shape_classes) == (None, None)
-    assert (report.color_classes.space, report.shape_classes.space) == ("rgb", "fourier6")
+    assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
+    assert load_models(settings("report-shape")).shape_classes.space == "fourier6"
     assert [c.name for c in report.location_classes.classes] == ["report"]
     assert "report" not in [c.name for c in default.location_classes.classes]
 

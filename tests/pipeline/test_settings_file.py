@@ -43,6 +43,23 @@ def test_the_report_preset_sets_its_own_values_and_nothing_else() -> None:
     assert origins["segment.clusters"] == "default"
 
 
+@pytest.mark.parametrize("name", ["report-shape", "report-2d"])
+def test_an_earlier_generation_of_the_report_differs_in_its_gate_alone(name: str) -> None:
+    last, own = load_settings("report")[0], load_settings(name)[0]
+    assert (own.report.shape, own.report.trajectory != "off", own.locate.gate) == (
+        name == "report-shape",
+        name == "report-2d",
+        False,
+    )
+    assert replace(own, report=last.report, locate=last.locate) == last
+
+
+@pytest.mark.parametrize("assignment", ["report.shape=true", "report.trajectory=image"])
+def test_a_gate_of_the_report_is_refused_where_its_chain_does_not_run(assignment: str) -> None:
+    with pytest.raises(UsageError, match="report-2d"):
+        load_settings("default", None, [assignment])
+
+
 def test_later_layers_win_over_earlier_ones(tmp_path: Path) -> None:
     file = toml(tmp_path, "[gate]\nsmallest_px = 60\nlargest_px = 30000\n[segment]\nclusters = 4\n")
     settings, origins = load_settings(
@@ -103,8 +120,8 @@ def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Pat
         ("zzz=1", "wayside settings"),
         ("segment.clusters", "group.name=value"),
         ("=8", "group.name=value"),
-        ("segment.clusters=1", "2 to 16"),
-        ("segment.clusters=17", "2 to 16"),
+        ("segment.clusters=1", "2 to 256"),
+        ("segment.clusters=257", "2 to 256"),
         ("segment.clusters=8.5", "a whole number"),
         ("read.every=0", "at least 1"),
         ("run.workers=0", "1 to 64"),

@@ -29,6 +29,39 @@ def test_a_panel_is_chained_by_its_key_points_and_placed_by_two_views(panel, dri
     assert len(place.views) > 5
 
 
+def test_a_landmark_is_the_midpoint_of_its_two_nearest_rays(panel, drive):
+    frames = drive([panel(3.5, 1.2, 60.0)], 7)
+    # rays that pass each other: the last view is moved by two pixels
+    last = frames[-1].detections
+    moved = replace(last.candidates, ideal=last.candidates.ideal + np.array([0.0, 2.0]))
+    frames[-1] = replace(frames[-1], detections=replace(last, candidates=moved))
+    tracked = run(frames)
+    (place,) = landmarks_of(tracked)
+    views, camera = place.views[-2:], frames[0].frame.camera
+    poses = [tracked[view.frame].motion.pose for view in views]
+    rays = [((v.u_px - camera.cx) / camera.fx, (v.v_px - camera.cy) / camera.fy) for v in views]
+    q1, q2 = (p.rotation @ np.array([*r, 1.0]) for p, r in zip(poses, rays, strict=True))
+    c1, c2 = (pose.centre for pose in poses)
+    q3 = np.cross(q1, q2)  # (7.1)
+    g1, _, g3 = np.linalg.solve(np.stack([q1, -q2, q3], axis=1), c2 - c1)  # (7.2), (7.3)
+    point = c1 + g1 * q1 + g3 / 2 * q3  # (7.4)
+    np.testing.assert_allclose(place.best_pose.to_world(place.position), point, atol=1e-6)
+    local = [pose.to_camera(point) for pose in poses]
+    gaps = [
+        camera.fx * (p[:2] / p[2] - np.array(r)) for p, r in zip(local, rays, strict=True)
+    ]  # (7.6)
+    e = float(np.square(gaps).sum())  # (7.5)
+    assert e > 1
+    assert 2 * place.residual_px**2 == pytest.approx(e, rel=1e-6)
+
+
+def test_confidence_and_facing_are_unknown_and_a_trajectory_is_kept(panel, drive):
+    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
+    assert np.isnan([place.score, place.facing_deg, place.sigma_facing_deg]).all()
+    assert place.trajectory.shape == (len(place.views) - 1, 2, 4)
+    assert np.isfinite(place.trajectory).all()
+
+
 def test_two_views_suffice(panel, drive):
     (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0, only_in=(6, 7))], 14)))
     assert len(place.views) == 2

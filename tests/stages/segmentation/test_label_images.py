@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import arrays
 from wayside.stages.segmentation.label_images import (
     DIFFERENCES,
     difference_histogram,
+    difference_image,
     label_both_passes,
     mean_of_labels,
 )
@@ -32,7 +33,9 @@ colors = st.integers(0, 255)
 images = st.tuples(st.integers(1, 7), st.integers(1, 19)).flatmap(
     lambda size: arrays(np.uint8, (*size, 3), elements=colors)
 )
-palettes = st.integers(1, 16).flatmap(lambda k: arrays(np.uint8, (k, 3), elements=colors))
+palettes = st.sampled_from([1, 3, 15, 16, 17, 31, 33, 256]).flatmap(
+    lambda k: arrays(np.uint8, (k, 3), elements=colors)
+)
 
 
 @given(images, palettes)
@@ -66,6 +69,13 @@ def test_the_sweep_of_both_passes_looks_differences_up_in_the_class_table(rgb, c
     labels, differences = label_colors(rgb, centers)
     np.testing.assert_array_equal(first, labels)
     np.testing.assert_array_equal(second, table[differences])
+
+
+@given(images, palettes)
+def test_the_difference_image_is_what_pass_two_divides_into_classes(rgb, centers):
+    differences = difference_image(rgb, centers)
+    assert differences.dtype == np.uint16
+    np.testing.assert_array_equal(differences, plain(rgb, centers)[1])
 
 
 def test_means_and_histogram_cover_more_colours_than_one_chunk():
@@ -102,7 +112,7 @@ def test_images_of_another_layout_type_or_shape_are_refused(rgb, message):
 
 
 @pytest.mark.parametrize(
-    "centers", [np.zeros((17, 3)), np.zeros((0, 3)), np.full((2, 3), 0.5), np.full((2, 3), 256)]
+    "centers", [np.zeros((257, 3)), np.zeros((0, 3)), np.full((2, 3), 0.5), np.full((2, 3), 256)]
 )
 def test_centres_that_cannot_be_packed_are_refused(centers):
     with pytest.raises(ValueError, match="centres: wanted"):

@@ -1,0 +1,105 @@
+"""Trajectory of a tracked feature in the image, held against the typical motion of signs (report chapter 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.errors import InputError
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.models import MixtureModel
+from wayside.schemas.motion import Motion
+from wayside.stages.geometry import rotation_from_vector, vector_from_rotation
+from wayside.stages.mapping import VerdictRevision
+
+TRAJECTORY_FORMS = ("image", "compensated")
+"""Order of the second axis of a trajectory, and spaces of its models."""
+
+STEP_M = 8.04672
+"""Displacements are those of a step of 26.4 ft, as between two images of the report."""
+
+
+def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArray[np.float64]:
+    """The trajectory of a feature: (u, v, du, dv) of each step between consecutive views, in both forms.
+
+    Coordinates are those of a camera of focal length 1 without distortion (x/z right, y/z down), so that one model
+    serves all cameras; du, dv are scaled to a step of 26.4 ft. In the form "image" the coordinates are taken as they
+    are, as in the report. In the form "compensated" both views are turned into the axes half way through the camera's
+    rotation: there a vehicle that drives an arc travels in a constant direction, and a sign moves as on a straight
+    road.
+
+    Parameters
+    ----------
+    rays
+        The feature in each view, (n, 2), oldest first.
+    motions
+        Camera of each view; they follow each other.
+
+    Returns
+    -------
+    (n - 1, 2, 4), by step, form (`TRAJECTORY_FORMS`) and number; nan where a ray lies behind the camera.
+    """
+    steps = np.empty((max(len(rays) - 1, 0), len(TRAJECTORY_FORMS), 4))
+    for k in range(len(steps)):
+        before, after = motions[k].pose, motions[k + 1].pose
+        length = float(np.linalg.norm(after.centre - before.centre))
+        half = rotation_from_vector(vector_from_rotation(before.rotation.T @ after.rotation) / 2)
+        turned = (_turned(rays[k], half.T), _turned(rays[k + 1], half))
+        for form, (first, second) in enumerate(((rays[k], rays[k + 1]), turned)):
+            flow = (second - first) * (STEP_M / length if length > 0 else np.nan)
+            steps[k, form] = (*first, *flow)
+    return steps
+
+
+def _turned(ray: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A ray (2,) as (x/z, y/z) in the turned axes."""
+    x, y, z = rotation @ np.array([*ray, 1.0])
+    return np.array([x, y]) / z if z > 0 else np.full(2, np.nan)
+
+
+def mean_log_density(trajectory: NDArray[np.float64], model: MixtureModel) -> float:
+    """Mean over the steps of a trajectory (s, 2, 4) of the log density in the form of the model; -inf without steps."""
+    steps = trajectory[:, TRAJECTORY_FORMS.index(model.space)]
+    known = steps[np.isfinite(steps).all(axis=1)]
+    return float(model.log_density(known).mean()) if len(known) else -np.inf
+
+
+def classify_trajectory(
+    tracked: Iterator[TrackedFrame], model: MixtureModel
+) -> Iterator[TrackedFrame]:
+    """Refuse what does not move in the image as signs do (`trajectory`).
+
+    The report holds each (u, v, du, dv) against a density of signs; a track is as typical as its steps are on average.
+
+    Parameters
+    ----------
+    tracked
+        Frames with the landmarks seen first in them; those still accepted are asked about.
+    model
+        Density of the steps of signs, in a space of `TRAJECTORY_FORMS`, and the least mean log density of a sign.
+
+    Raises
+    ------
+    InputError
+        Where the model is of another space.
+    """
+    if model.space not in TRAJECTORY_FORMS or model.mean.shape[1] != 4:
+        raise InputError(
+            f"trajectory model: wanted 4 numbers in a space among {', '.join(TRAJECTORY_FORMS)}, found "
+            f"{model.mean.shape[1]} in {model.space!r}; learn it again"
+        )
+    revision = VerdictRevision()
+    for frame in tracked:
+        yield revision.apply(
+            frame,
+            [
+                replace(one, verdict="trajectory")
+                if one.verdict == "sign"
+                and not mean_log_density(one.trajectory, model) >= model.threshold
+                else one
+                for one in frame.landmarks
+            ],
+        )
