@@ -156,7 +156,7 @@ def test_the_report_finds_what_its_thresholds_let_through(report_demo, truth):
         )
 
     near = [sign["kind"] for sign in truth["signs"] if nearest(sign) < 1]
-    assert near == ["stop", "recreation", "school", "school_plaque", "warning_diamond"]
+    assert near == ["stop", "school", "school_plaque", "warning_diamond"]
 
 
 def write_pinned():
