@@ -16,6 +16,7 @@ from wayside.pipeline import cli_exporting as exporting
 from wayside.pipeline import cli_joining as joining
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
+from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import exit_with, process, process_all
 from wayside.pipeline.process import (
@@ -131,6 +132,12 @@ def run(
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(
+            help="Preset report: false-alarm rate of every gate, instead of the thresholds of the models."
+        ),
+    ] = None,
     observations: Annotated[
         Listed,
         typer.Option(
@@ -157,6 +164,8 @@ def run(
         )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
     options |= boxes.options(detector, detections, classes)
+    if alpha is not None:
+        options["models.alpha"] = alpha
     if detections is not None:
         boxes.require_one_log(logs)
     chosen = _load_settings(preset, settings, assignments, options)
@@ -352,6 +361,7 @@ app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
+app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from typing import Any, ClassVar
 
@@ -24,8 +24,23 @@ class OnnxFile:
 
 
 @dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """What a gate does at given thresholds: the shares of others and of signs that it accepts (eq. 10.2 and 10.1).
+
+    false_alarm, power: measured where the model was learned; thresholds: of each class, in the order of the model's.
+    """
+
+    false_alarm: float
+    power: float
+    thresholds: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class GaussianClass:
-    """One class: mean (d,), covariance (d, d), largest accepted distance, the rule that set it, samples."""
+    """One class: mean (d,), covariance (d, d), largest accepted distance, the rule that set it, samples.
+
+    threshold_interval: 95 % interval of the threshold, by resampling the drives it was learned from; None: unknown.
+    """
 
     name: str
     mean: NDArray[np.float64]
@@ -33,16 +48,21 @@ class GaussianClass:
     threshold: float
     threshold_rule: str
     count: int
+    threshold_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianModel:
-    """Classes by Mahalanobis distance (report eq. 3.1), in the named space."""
+    """Classes by Mahalanobis distance (report eq. 3.1), in the named space.
+
+    curve: operating points of all classes together, by rising false-alarm rate; empty: unknown.
+    """
 
     kind: ClassVar[str] = "gaussian"
     space: str
     classes: tuple[GaussianClass, ...]
     provenance: str
+    curve: tuple[OperatingPoint, ...] = ()
 
     def distances(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
@@ -53,6 +73,25 @@ class GaussianModel:
                 np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
             )
         return result
+
+    def at_alpha(self, alpha: float) -> GaussianModel:
+        """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
+
+        Raises
+        ------
+        ValueError
+            The model has no operating points.
+        """
+        allowed = [one for one in self.curve if one.false_alarm <= alpha]
+        if not allowed:
+            raise ValueError("model: wanted operating points, found none")
+        point = max(allowed, key=lambda one: one.power)
+        rule = f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
+        classes = tuple(
+            replace(one, threshold=threshold, threshold_rule=rule, threshold_interval=None)
+            for one, threshold in zip(self.classes, point.thresholds, strict=True)
+        )
+        return replace(self, classes=classes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from wayside.stages.report.color import classify_color
 from wayside.stages.report.fourier import fourier_descriptors
 from wayside.stages.report.match import match_by_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
-from wayside.stages.report.shape import classify_shape
+from wayside.stages.report.shape import classify_shape, region_descriptors
 from wayside.stages.report.sift import extract_sift
 from wayside.stages.report.trajectory import (
     STEP_M,
@@ -24,5 +24,6 @@ __all__ = [
     "fourier_descriptors",
     "match_by_descriptors",
     "mean_log_density",
+    "region_descriptors",
     "traced_sequences",
 ]
