@@ -75,8 +75,10 @@ def png(rgb: NDArray[np.uint8]) -> bytes:
 
 
 def ink_of(name: str, row: int) -> Ink:
-    """Colour of a curve: that of a class of colour, somewhat darker, else by its row."""
-    if name in COLOR_RGB and name != "white":
+    """Colour of a curve: dark of a whole classifier, that of a class of colour, somewhat darker, else by its row."""
+    if name == ALL:
+        return TEXT
+    if name in COLOR_RGB:
         r, g, b = (round(_DARKER * v) for v in COLOR_RGB[name])
         return r, g, b
     return _INKS[row % len(_INKS)]
