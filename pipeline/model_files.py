@@ -43,6 +43,9 @@ DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
 """The location class that is the report's single mean; the others are the mixture of preset `default`."""
 
+OWN_COLORS = "color.json"
+"""Colours that `wayside fit` writes: their space need not be RGB."""
+
 Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
 
 
@@ -133,7 +136,7 @@ def load_models(settings: Settings) -> Models:
         _trees(folder, "judge.json"),
         replace(location, classes=wanted),
         _linear(folder, "outline.json"),
-        _gaussian(folder, "color_rgb.json") if by_report else None,
+        _colors(folder) if by_report else None,
         _gaussian(folder, "shape.json") if by_report else None,
         _trees(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
@@ -180,6 +183,12 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
                 f"{_file(folder, name)}: wanted known features and classes, found {min(unknown, default='none')!r}; "
                 "it is of another version of wayside: learn it again"
             )
+
+
+def _colors(folder: Path | None) -> GaussianModel:
+    """Colours of the user's own in any space (`color.json`), else those of the report, in RGB."""
+    own = folder is not None and (folder / OWN_COLORS).is_file()
+    return _gaussian(folder, OWN_COLORS if own else "color_rgb.json")
 
 
 def _external(settings: Settings) -> DetectorFile | BoxFile | None:

@@ -1,6 +1,7 @@
 """What only the report's own chain needs: colour and shape gates, SIFT matching (chapters 3 to 5)."""
 
 from wayside.stages.report.color import classify_color
+from wayside.stages.report.color_space import COLOR_SPACES, color_features
 from wayside.stages.report.fourier import fourier_descriptors
 from wayside.stages.report.match import match_by_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
@@ -8,9 +9,11 @@ from wayside.stages.report.shape import classify_shape
 from wayside.stages.report.sift import extract_sift
 
 __all__ = [
+    "COLOR_SPACES",
     "SAMPLES",
     "classify_color",
     "classify_shape",
+    "color_features",
     "extract_sift",
     "fourier_descriptors",
     "match_by_descriptors",
