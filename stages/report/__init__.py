@@ -5,7 +5,7 @@ from wayside.stages.report.color_space import COLOR_SPACES, color_features
 from wayside.stages.report.fourier import fourier_descriptors
 from wayside.stages.report.match import match_by_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
-from wayside.stages.report.shape import classify_shape
+from wayside.stages.report.shape import classify_shape, region_descriptors
 from wayside.stages.report.sift import extract_sift
 
 __all__ = [
@@ -17,5 +17,6 @@ __all__ = [
     "extract_sift",
     "fourier_descriptors",
     "match_by_descriptors",
+    "region_descriptors",
     "traced_sequences",
 ]

@@ -47,12 +47,16 @@ def classify_shape(
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        outlines = _outlines(one.segmentation, candidates.regions.select(rows))
-        features = fourier_descriptors(outlines)
+        features = region_descriptors(one.segmentation, candidates.regions.select(rows))
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
         named = replace(candidates, shape=shape, shape_distance=distance)
         yield replace(one, candidates=named.with_verdict(rows[~accepted], "shape"))
+
+
+def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:
+    """Fourier descriptors (n, 6) of the outlines of regions of an image in its label images; nan where there is none."""
+    return fourier_descriptors(_outlines(segmentation, regions))
 
 
 def _outlines(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
