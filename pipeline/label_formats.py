@@ -213,6 +213,7 @@ def read_truth(truth: Entry, source: str) -> Labels:
                 polygon=_outline(view.get("polygons", ())),
                 panel=str(sign["id"]),
                 visible=view.get("visible_fraction"),
+                wanted=bool(sign["faces_travel"]),
                 note=sign["kind"],
             )
     for thing in truth.get("distractors", ()):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.box_matching import overlap
-from wayside.pipeline.learning.faces import height_px, visible_fraction
+from wayside.pipeline.labels import FrameLabels
 from wayside.pipeline.learning.landmarks import NEAREST
 from wayside.pipeline.learning.samples import (
     FACE_FRACTION,
@@ -21,6 +21,7 @@ from wayside.pipeline.learning.samples import (
     ON,
     ON_FACE,
 )
+from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
 from wayside.stages.geometry import box_areas, intersection_areas, iou_matrix
 
 PART_OF_FACE = 0.5
@@ -32,9 +33,9 @@ class Faces:
     """Labelled faces of the images of a drive, m rows.
 
     frame (m,) int64; box (m, 4) float64 pixels as recorded; color, shape (m,) names, "" where unknown; example (m,)
-    bool: whether what lies on it is an example of a sign, or it is too small, too hidden or of unknown side to be one;
-    complete: frames whose faces are all labelled, None: every frame; others: boxes of what is labelled to be no sign,
-    by frame. What is on no face of a frame is no sign where the frame is complete, or where it lies on one of `others`.
+    bool: whether what lies on it is an example of a sign; complete: frames whose faces are all labelled; others: boxes
+    of what is labelled to be no face, by frame. What is on no face is no sign where the frame is complete, or where it
+    lies on one of `others`.
     """
 
     frame: NDArray[np.int64]
@@ -42,7 +43,7 @@ class Faces:
     color: tuple[str, ...]
     shape: tuple[str, ...]
     example: NDArray[np.bool_]
-    complete: frozenset[int] | None
+    complete: frozenset[int]
     others: Mapping[int, NDArray[np.float64]]
 
     def label_regions(
@@ -78,10 +79,7 @@ class Faces:
         known = [
             (frame, box)
             for frame, box in sorted(views, key=lambda view: -view[0])
-            if self.complete is None
-            or frame in self.complete
-            or frame in self.others
-            or (self.frame == frame).any()
+            if frame in self.complete or frame in self.others or (self.frame == frame).any()
         ][:NEAREST]
         if not known:
             return NEITHER
@@ -97,7 +95,7 @@ class Faces:
     def _off(self, frame: int, box: NDArray[np.floating[Any]]) -> NDArray[np.int8]:
         """`OFF` (n,) where what is on no face is no sign, else `NEITHER`."""
         label = np.full(len(box), NEITHER, np.int8)
-        if self.complete is None or frame in self.complete:
+        if frame in self.complete:
             label[:] = OFF
         elif frame in self.others and len(box):
             on = iou_matrix(np.asarray(box, np.float64), self.others[frame]).max(axis=1) >= ON_FACE
@@ -105,28 +103,33 @@ class Faces:
         return label
 
 
-def faces_of_truth(truth: Mapping[str, Any]) -> Faces:
-    """The fronts of a rendered drive's signs; those turned away from the travel are no examples."""
+def labelled_faces(labels: FrameLabels) -> Faces:
+    """The faces of a drive by its labels: what is small, hidden, undecided or not wanted is no example."""
     listed = [
-        (sign, view)
-        for sign in truth["signs"]
-        for view in sign["frames"]
-        if view["side"] == "front"
+        (frame, one)
+        for frame, own in sorted(labels.labels.items())
+        for one in own
+        if one.kind in (SIGN, UNSURE)
     ]
+    others = {
+        frame: np.array([one.box for one in own if one.kind in (BACK, NOT_A_SIGN)], np.float64)
+        for frame, own in labels.labels.items()
+    }
     return Faces(
-        np.array([view["frame"] for _, view in listed], np.int64),
-        np.array([view["box"] for _, view in listed], np.float64).reshape(-1, 4),
-        tuple(sign["color"] for sign, _ in listed),
-        tuple(sign["shape"] for sign, _ in listed),
+        np.array([frame for frame, _ in listed], np.int64),
+        np.array([one.box for _, one in listed], np.float64).reshape(-1, 4),
+        tuple(one.color or "" for _, one in listed),
+        tuple(one.shape or "" for _, one in listed),
         np.array(
             [
-                bool(sign["faces_travel"])
-                and visible_fraction(view) >= FACE_FRACTION
-                and height_px(view) >= FACE_PX
-                for sign, view in listed
+                one.kind == SIGN
+                and one.wanted
+                and (one.visible is None or one.visible >= FACE_FRACTION)
+                and one.height_px >= FACE_PX
+                for _, one in listed
             ],
             np.bool_,
         ),
-        None,
-        {},
+        labels.complete,
+        {frame: boxes for frame, boxes in others.items() if len(boxes)},
     )

@@ -16,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
+from wayside.pipeline.labels import labels_by_frame
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.roc.faces import NEITHER, OFF, ON, Faces
+from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.pipeline.workers import Item, StageClock
 from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation, verdict_code
+from wayside.schemas.errors import InputError
+from wayside.schemas.labels import Labels
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.settings import GateSettings, Settings
 from wayside.schemas.signs import Sign
@@ -79,7 +83,7 @@ class ClassifierSamples:
 
 
 def gather_samples(
-    log: Path, faces: Faces, settings: Settings, models: Models, name: str | None = None
+    log: Path, labels: Labels, settings: Settings, models: Models
 ) -> dict[str, ClassifierSamples]:
     """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
 
@@ -87,21 +91,26 @@ def gather_samples(
     ----------
     log
         The MCAP file.
-    faces
-        The labelled faces of its images.
+    labels
+        Of its images, and perhaps of those of other logs.
     settings, models
         What the run works with.
-    name
-        Of the drive; None: that of the file.
 
     Raises
     ------
     InputError
-        The log cannot be used.
+        The log cannot be used, or none of the labels is of it.
     StageError
         A stage failed.
     """
-    collector = _Collector(faces, models, settings.gate, name or log.stem)
+    times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}
+    found = labels_by_frame(labels, log.stem, times)
+    if not found.labels and not found.complete:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
+        raise InputError(
+            f"{log}: wanted labels of its images, found none ({reasons}); see docs/labels.md for how an image is named"
+        )
+    collector = _Collector(labelled_faces(found), models, settings.gate, log.stem)
     flow = Flow(settings, models, StageClock(), collector)
     for _ in flow.track(read_frames(log, settings.read, ReadReport())):
         pass
@@ -224,7 +233,13 @@ class _Collector:
         yield (
             "color",
             self._regions(
-                item, rows, "rgb", item.candidates.regions.rgb, ~refused, COLORS, item.candidates.color
+                item,
+                rows,
+                "rgb",
+                item.candidates.regions.rgb,
+                ~refused,
+                COLORS,
+                item.candidates.color,
             ),
         )
 
@@ -278,7 +293,10 @@ class _Collector:
         ]
         if asked and self._models.color_classes is None:
             accepted = [one.verdict == "sign" for one in asked]
-            yield "landmark", self._landmarks(asked, "log_odds", [(o.score,) for o in asked], accepted)
+            yield (
+                "landmark",
+                self._landmarks(asked, "log_odds", [(o.score,) for o in asked], accepted),
+            )
 
     def _located(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
         """Landmarks of faces that were signs but for their location, which came before their size."""

@@ -55,7 +55,7 @@ def classify_shape(
 
 
 def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:
-    """Fourier descriptors (n, 6) of the outlines of regions of an image in its label images; nan where there is none."""
+    """Fourier descriptors (n, 6) of the outlines of regions in the label images; nan where there is none."""
     return fourier_descriptors(_outlines(segmentation, regions))
 
 
