@@ -12,6 +12,7 @@ import typer
 import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
+from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import check_folders, exit_with, process
@@ -125,6 +126,7 @@ def run(
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
+    models: fitting.Models = None,
     observations: Annotated[
         Listed,
         typer.Option(
@@ -150,7 +152,7 @@ def run(
             "wanted --resume or a viewer, which would miss images, found both; leave one out"
         )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
-    options |= boxes.options(detector, detections, classes)
+    options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     if detections is not None:
         boxes.require_one_log(logs)
     chosen = _load_settings(preset, settings, assignments, options)
@@ -196,6 +198,7 @@ def replay(
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
+    models: fitting.Models = None,
     view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
     overwrite: viewer.Overwrite = False,
@@ -204,7 +207,7 @@ def replay(
     import tempfile
 
     options = _read_options(spacing, camera, calibration, start, until, None, workers)
-    options |= boxes.options(detector, detections, classes)
+    options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     chosen = _load_settings(preset, settings, assignments, options)
     times = viewer.parse_rate(rate)
     shown = viewer.ViewMode.serve if serve else viewer.ViewMode.live
@@ -331,6 +334,7 @@ app.command(
 )(viewer.evidence)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
+app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Held-out distances of samples, the thresholds that a rule finds on them, and how well these do."""
+"""Held-out distances of samples, and how well classes do there with thresholds that were chosen without them."""
 
 from __future__ import annotations
 
@@ -10,91 +10,64 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fitting.gaussians import FittedClass, Samples, distances_to, log_density
+from wayside.pipeline.roc.curves import RocCurve, Scores, roc_curve
+from wayside.pipeline.roc.operating import knee_point, operating_points, point_at_alpha
 from wayside.pipeline.statistics import CONFIDENCE, Interval
 
 SEED = 1
+BEYOND = 1e6
+"""Distance to a class that there is not."""
+VIEWS = 5040
+"""Samples that a sign counts as: divided by its views it stays a whole number, mostly."""
+
 Fit = Callable[[Samples], tuple[FittedClass, ...]]
 """Classes by samples."""
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
-    """True and false positive rate (k,) by threshold (k,), rising (report eq. 10.1 and 10.2)."""
+class ClassScore:
+    """A class on what was held out.
 
-    threshold: NDArray[np.float64]
-    true_rate: NDArray[np.float64]
-    false_rate: NDArray[np.float64]
+    views, signs: of it; curve: by its distance alone, against what is no sign; None where every sign was in one fold.
+    named: share of its signs accepted under its name, with its interval.
+    """
 
-    def area(self) -> float:
-        """Area under the curve from (0, 0) to (1, 1)."""
-        x = np.concatenate([[0.0], self.false_rate, [1.0]])
-        y = np.concatenate([[0.0], self.true_rate, [1.0]])
-        return float(np.trapezoid(y, x))
+    name: str
+    views: int
+    signs: int
+    curve: RocCurve | None
+    named: float
+    named_interval: Interval
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
-    """How a threshold is chosen: `alpha` None: the knee of the curve, else for that false alarm rate."""
+class Held:
+    """All classes of a model on what was held out, with thresholds chosen without it.
 
-    alpha: float | None = None
-
-    @property
-    def words(self) -> str:
-        """Name of the rule, for the model file."""
-        if self.alpha is None:
-            return "knee of the ROC: largest true minus false positive rate (report chapter 10)"
-        return f"Neyman-Pearson: most power at a false alarm rate of at most {self.alpha:g} (report chapter 9)"
-
-    def threshold(self, curve: Curve) -> float:
-        """The threshold on a curve, half-way to the next distance there; of several as good the smallest.
-
-        -1, which nothing passes, where even the smallest distance has more false alarms than `alpha`.
-        """
-        allowed = self.alpha is None or curve.false_rate <= self.alpha
-        cost = curve.false_rate if self.alpha is None else 0.0
-        gain = np.where(allowed, curve.true_rate - cost, -np.inf)
-        best = int(np.argmax(gain))
-        if not np.isfinite(gain[best]):
-            return -1.0
-        following = curve.threshold[min(best + 1, len(curve.threshold) - 1)]
-        return float((curve.threshold[best] + following) / 2)
-
-
-class SortedDistances:
-    """Distances of signs and of others to one class, in order: a curve for any weights of theirs.
-
-    distance (n,): inf is never accepted; own (n,) bool: which are of the class; others (n,) bool: which are no signs.
+    accepted, named: shares of signs that are accepted, and under their own name; false_rate: share of the rest that is
+    accepted, each with its interval; others: how many those are; gain (resamplings,): `named` minus `false_rate` where
+    stretches are resampled; confusion: views by `true -> given`.
     """
 
-    def __init__(
-        self, distance: NDArray[np.float64], own: NDArray[np.bool_], others: NDArray[np.bool_]
-    ) -> None:
-        rows = np.flatnonzero(own | others)
-        self._order = rows[np.argsort(distance[rows], kind="stable")]
-        self._own = own[self._order]
-        ordered = distance[self._order]
-        last = np.append(ordered[1:] != ordered[:-1], True) if len(ordered) else np.zeros(0, bool)
-        self._last = np.flatnonzero(last & np.isfinite(ordered))
-        self._threshold = ordered[self._last]
-
-    def curve(self, weight: NDArray[np.float64]) -> Curve:
-        """Rates at each distance, every sample by its weight (n,)."""
-        if not len(self._last):
-            return Curve(np.zeros(1), np.zeros(1), np.zeros(1))
-        ordered = weight[self._order]
-        true, false = (
-            np.cumsum(part) / max(float(part.sum()), 1e-12)
-            for part in (np.where(self._own, ordered, 0.0), np.where(self._own, 0.0, ordered))
-        )
-        return Curve(self._threshold, true[self._last], false[self._last])
+    classes: tuple[ClassScore, ...]
+    accepted: float
+    accepted_interval: Interval
+    named: float
+    named_interval: Interval
+    false_rate: float
+    false_interval: Interval
+    others: int
+    gain: NDArray[np.float64]
+    confusion: dict[str, int]
 
 
 def held_out_distances(samples: Samples, names: Sequence[str], fit: Fit) -> NDArray[np.float64]:
-    """Distances (n, names) of each sample to the classes fitted without its fold; inf where that leaves none."""
-    distance = np.full((len(samples), len(names)), np.inf)
+    """Distances (n, names) of each sample to the classes fitted without its fold; `BEYOND` where that leaves none."""
+    distance = np.full((len(samples), len(names)), BEYOND)
     for fold in np.unique(samples.fold):
         own = samples.fold == fold
-        distance[own] = distances_to(fit(samples.select(~own)), names, samples.values[own])
+        classes = fit(samples.select(~own))
+        distance[own] = np.minimum(distances_to(classes, names, samples.values[own]), BEYOND)
     return distance
 
 
@@ -109,67 +82,37 @@ def held_out_log_density(samples: Samples, fit: Fit) -> float:
     return total
 
 
-@dataclass(frozen=True, slots=True)
-class ClassScore:
-    """A class on what was held out.
-
-    threshold: by the rule on all held-out distances, with its interval; curve: of the class, by distance; area and its
-    interval; true_rate: share of its signs that are accepted under its name, at thresholds chosen without their fold;
-    false_rate: share of what is no sign that its threshold accepts; own: views and signs.
-    """
-
-    name: str
-    views: int
-    signs: int
-    threshold: float
-    threshold_interval: Interval
-    curve: Curve
-    area: float
-    area_interval: Interval
-    true_rate: float
-    true_interval: Interval
-    false_rate: float
-    false_interval: Interval
+def thresholds_of(
+    distance: NDArray[np.float64], samples: Samples, alpha: float | None
+) -> NDArray[np.float64]:
+    """Thresholds (classes,) at the knee of the gate's curve, or of at most the false-alarm rate `alpha`."""
+    points = operating_points(distance, samples.kind != "", counts_of(samples))
+    chosen = knee_point(points) if alpha is None else point_at_alpha(points, alpha)
+    return np.array(chosen.thresholds)
 
 
-@dataclass(frozen=True, slots=True)
-class Held:
-    """All classes of a model on what was held out.
-
-    classes; accepted: share of signs that some threshold accepts; named: share of them accepted under their own name;
-    false_rate: share of the rest that some threshold accepts; others: how many those are; gain (resamplings,):
-    `named` minus `false_rate`, in resamplings of the stretches; confusion: `true -> given` and views.
-    """
-
-    classes: tuple[ClassScore, ...]
-    accepted: float
-    named: float
-    false_rate: float
-    others: int
-    gain: NDArray[np.float64]
-    confusion: dict[str, int]
+def counts_of(samples: Samples) -> NDArray[np.int64]:
+    """The weights of samples as counts (n,): `VIEWS` a sign."""
+    return np.asarray(np.rint(VIEWS * samples.weights()), np.int64)
 
 
 def score_held_out(
     samples: Samples,
     names: Sequence[str],
     distance: NDArray[np.float64],
-    rule: Rule,
+    alpha: float | None,
     resamplings: int,
 ) -> Held:
-    """Thresholds and rates of the classes `names` from held-out distances (n, names).
+    """Rates of the classes `names` by held-out distances (n, names); the thresholds of a fold are those of the others.
 
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """
-    weight, others = samples.weights(), samples.kind == ""
-    ordered = [
-        SortedDistances(distance[:, j], samples.kind == name, others)
-        for j, name in enumerate(names)
-    ]
-    limit = np.empty_like(distance)
+    weight, others = samples.weights(), np.asarray(samples.kind == "")
+    limit = np.full_like(distance, -1.0)
     for fold in np.unique(samples.fold):
-        rest = weight * (samples.fold != fold)
-        limit[samples.fold == fold] = [rule.threshold(one.curve(rest)) for one in ordered]
+        rest = samples.fold != fold
+        if (others & rest).any() and (~others & rest).any():
+            limit[~rest] = thresholds_of(distance[rest], samples.select(rest), alpha)
     holds = distance <= limit
     any_holds = holds.any(axis=1)
     nearest = np.where(holds, distance, np.inf).argmin(axis=1)
@@ -185,57 +128,61 @@ def score_held_out(
         with np.errstate(invalid="ignore"):
             return np.asarray((draws @ top) / (draws @ bottom))
 
-    classes = []
+    count, classes = counts_of(samples), []
     for j, name in enumerate(names):
         own = samples.kind == name
-        limits, areas = [], []
-        for draw in draws:
-            drawn = ordered[j].curve(weight * draw[samples.stretch])
-            limits.append(rule.threshold(drawn))
-            areas.append(drawn.area())
-        true, false = rate(right, own), rate(holds[:, j], others)
-        score = ClassScore(
-            name,
-            int(own.sum()),
-            samples.signs(name),
-            limits[0],
-            _interval(limits[1:]),
-            ordered[j].curve(weight),
-            areas[0],
-            _interval(areas[1:]),
-            float(true[0]),
-            _interval(true[1:]),
-            float(false[0]),
-            _interval(false[1:]),
+        asked = own | others
+        scores = Scores(
+            distance[asked, j], own[asked], count[asked], samples.stretch[asked], accept_below=True
         )
-        classes.append(score)
-    named, false = rate(right, ~others), rate(any_holds, others)
+        named = rate(right, own)
+        classes.append(
+            ClassScore(
+                name,
+                int(own.sum()),
+                samples.signs(name),
+                roc_curve(scores) if (distance[own, j] < BEYOND).any() else None,
+                float(named[0]),
+                _interval(named),
+            )
+        )
+    accepted, named, false = (
+        rate(any_holds, ~others),
+        rate(right, ~others),
+        rate(any_holds, others),
+    )
     pairs = zip(samples.kind[~others], given[~others], strict=True)
-    counted = Counter(f"{known} -> {name or 'refused'}" for known, name in pairs)
+    confusion = Counter(f"{known} -> {name or 'refused'}" for known, name in pairs)
     return Held(
         tuple(classes),
-        float(rate(any_holds, ~others)[0]),
+        float(accepted[0]),
+        _interval(accepted),
         float(named[0]),
+        _interval(named),
         float(false[0]),
+        _interval(false),
         int(others.sum()),
         (named - false)[1:],
-        dict(sorted(counted.items())),
+        dict(sorted(confusion.items())),
     )
 
 
 def _draws(samples: Samples, resamplings: int) -> NDArray[np.float64]:
     """How often each stretch (columns) is in a resampling (rows); the first row holds each once."""
-    count = int(samples.stretch.max(initial=0)) + 1
     there = np.unique(samples.stretch)
     random = np.random.default_rng(SEED)
-    draws = np.zeros((resamplings + 1, count))
+    draws = np.zeros((resamplings + 1, int(there.max(initial=0)) + 1))
     draws[0, there] = 1
     for row in draws[1:]:
         np.add.at(row, random.choice(there, len(there)), 1)
     return draws
 
 
-def _interval(values: Sequence[float] | NDArray[np.float64]) -> Interval:
+def _interval(values: NDArray[np.float64]) -> Interval:
+    """Percentiles of all values but the first, those of resamplings without such samples left out."""
+    known = values[1:][np.isfinite(values[1:])]
+    if not len(known):
+        return Interval(0.0, 1.0)
     tail = 50 * (1 - CONFIDENCE)
-    low, high = np.nanpercentile(np.asarray(values), [tail, 100 - tail])
+    low, high = np.percentile(known, [tail, 100 - tail])
     return Interval(float(low), float(high))

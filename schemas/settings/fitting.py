@@ -35,6 +35,13 @@ class FitSettings:
         origin="the smallest alpha that is of use is about 0.05",
         low=10,
     )
+    most_others: int = _expert(
+        100,
+        "regions",
+        "regions of an image that are no sign and are looked at, at most, evenly spread",
+        origin="50 images then tell a false alarm rate of 0.01 by 50 samples",
+        low=10,
+    )
     stretches: int = _expert(
         10,
         "stretches",

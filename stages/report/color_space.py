@@ -24,7 +24,7 @@ def color_features(rgb: NDArray[np.floating[Any]], space: str) -> NDArray[np.flo
 
 
 def _chromaticity(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    return (rgb[:, :2] + 1.0) / (rgb.sum(axis=1, keepdims=True) + 3.0)
+    return np.asarray((rgb[:, :2] + 1.0) / (rgb.sum(axis=1, keepdims=True) + 3.0))
 
 
 def _lab(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
