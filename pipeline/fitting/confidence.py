@@ -51,7 +51,7 @@ def fit_confidence(
     signs, others = int(on.sum()), int((~on).sum())
     if min(signs, others) < settings.fewest_landmarks or len(np.unique(samples.fold)) < 2:
         raise InputError(
-            f"confidence: wanted {settings.fewest_landmarks} landmarks of labelled signs and as many of what is no sign, "
+            f"confidence: wanted {settings.fewest_landmarks} landmarks of labelled signs and of what is no sign, "
             f"in two stretches or more, found {signs} and {others} in {len(np.unique(samples.fold))}; label more"
         )
     held = np.empty(len(score))
@@ -126,5 +126,6 @@ def _posterior(
     expected: NDArray[np.float64],
     precision: NDArray[np.float64],
 ) -> float:
-    gap = found - expected
-    return -len(on) * log_loss(columns @ found, on) - 0.5 * float(gap @ precision @ gap)
+    gap, score = found - expected, columns @ found
+    loss = float(np.logaddexp(0, np.where(on, -score, score)).sum())
+    return -loss - 0.5 * float(gap @ precision @ gap)

@@ -145,7 +145,7 @@ def _tried(what: str, fit: Callable[[], FittedModel | FittedConfidence]) -> Outc
         return Outcome(what, None, str(error))
     if fitted.better:
         return Outcome(what, fitted)
-    return Outcome(what, fitted, "the shipped model does as well or better on what was held out")
+    return Outcome(what, fitted, "it does not do better than the shipped one on what was held out")
 
 
 def _with_faces(outcome: Outcome, gathered: Gathered) -> Outcome:

@@ -63,8 +63,9 @@ class FittedModel:
 
     @property
     def better(self) -> bool:
-        """Whether held-out signs and the rest are told apart better than by the shipped model."""
-        return self.held.named - self.held.false_rate > self.shipped.named - self.shipped.false_rate
+        """Whether held-out signs and the rest are told apart, and better than by the shipped model."""
+        gain = self.held.named - self.held.false_rate
+        return gain > max(0.0, self.shipped.named - self.shipped.false_rate)
 
 
 @dataclass(frozen=True, slots=True)
