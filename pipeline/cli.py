@@ -13,6 +13,8 @@ import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_fitting as fitting
+from wayside.pipeline import cli_exporting as exporting
+from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import check_folders, exit_with, process
@@ -296,12 +298,20 @@ def import_(
 def evaluate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")],
     truth: Annotated[
-        Path, typer.Option(help="truth.json of a rendered drive, or labels.json of a real one.")
+        Path,
+        typer.Option(
+            help="truth.json of a rendered drive, labels.json of a real one, or a review of the evidence index."
+        ),
     ],
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
     overwrite: viewer.Overwrite = False,
 ) -> None:
     """Compare a result with the truth."""
+    from wayside.pipeline.reviewing.review import is_review
+
+    if is_review(truth):
+        exporting.evaluate_review(out, truth, json, overwrite=overwrite)
+        return
     from wayside.pipeline.evaluate import evaluate as compare
     from wayside.pipeline.evaluate import format_evaluation, write_evaluation
 
@@ -335,6 +345,8 @@ app.command(
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)
+app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
+app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
 
 
 def main() -> None:

@@ -139,9 +139,12 @@ def evidence(
     folder: Annotated[
         Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
     ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a sheet of images, maps and figures for every sign, and an index to filter them."""
+    """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
     from wayside.pipeline.evidence.write import write_evidence
     from wayside.pipeline.progress import SheetProgress
     from wayside.pipeline.tuning import tune_process
@@ -159,6 +162,7 @@ def evidence(
             sign_id=sign,
             log=log,
             watch=progress.watch,
+            png=png,
             overwrite=overwrite,
         )
     count = len(written.sheets)

@@ -165,6 +165,7 @@ class InventoryWriter:
             "sign_id": pa.nulls(len(rows), pa.string()),
             "verdict": choice(OBSERVATIONS, "verdict", table.verdict[rows]),
             "residual_px": known(settled.residual_px[rows].astype(np.float32)),
+            "score": known(table.score[rows]),
         }
         return record_batch(OBSERVATIONS, values)
 

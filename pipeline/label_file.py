@@ -61,22 +61,16 @@ def read_label_file(path: Path) -> Labels:
                 "see docs/labels.md"
             )
         columns = [column for column in LABELS.columns if column.name in table.column_names]
-        plain = {
-            column.name: table.column(column.name)
-            .cast(pa.string() if column.values else column.type)
-            .to_pylist()
-            for column in columns
-        }
+        kinds = pa.schema([(c.name, pa.string() if c.values else c.type) for c in columns])
+        rows = table.select(kinds.names).cast(kinds).to_pylist()
     except (OSError, pa.ArrowException) as error:
         words = " ".join(str(error).split())[:200]
         raise InputError(
             f"{path}: wanted labels as Parquet, found: {words}; see docs/labels.md"
         ) from error
     labels, complete = [], []
-    for number in range(table.num_rows):
-        row = _OPTIONAL | {
-            name: values[number] for name, values in plain.items() if values[number] is not None
-        }
+    for number, values in enumerate(rows):
+        row = _OPTIONAL | {name: value for name, value in values.items() if value is not None}
         try:
             image = _image(row)
             if row.get("kind") == COMPLETE:

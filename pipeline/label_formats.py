@@ -275,19 +275,35 @@ def read_scenes(scenes: Sequence[Entry], source: str) -> Labels:
     return found.done()
 
 
+def read_marks(marks: Entry) -> Labels:
+    """Labels of the marks that the page of `wayside label` saves: one mark counts for all views of its thing."""
+    found = Collected(None, marks["reviewer"] or "wayside label")
+    for mark in marks["marks"]:
+        for view in mark["views"]:
+            image = LabelledImage(marks["log"], int(view["frame"]), int(view["log_time_ns"]))
+            x0, y0, x1, y1 = (float(edge) for edge in view["box"])
+            box, look = (x0, y0, x1, y1), (mark.get("color"), mark.get("shape"))
+            found.add(image, mark["kind"], box, *look, panel=f"{marks['log']} {mark['name']}")
+    return found.done()
+
+
 def read_json(path: Path, classes: Classes | None) -> Labels:
     """Labels of a JSON file of any of these formats, told apart by what it holds; ValueError where it is none."""
     content = json.loads(path.read_bytes())
     if isinstance(content, list) and content and "signs" in content[0]:
         return read_scenes(content, path.name)
     if isinstance(content, dict):
+        if "wayside_marks" in content:
+            return read_marks(content)
         if {"images", "annotations"} <= content.keys():
             return read_coco(content, classes, path.name)
         if {"signs", "stride", "distractors"} <= content.keys():
             return read_real(content, path.name)
         if {"signs", "frames", "camera"} <= content.keys():
             return read_truth(content, path.name)
-    raise ValueError("neither COCO (images, annotations) nor truth of a drive (signs, frames)")
+    raise ValueError(
+        "neither marks, COCO (images, annotations) nor truth of a drive (signs, frames)"
+    )
 
 
 def _coco_image(one: Entry) -> LabelledImage:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import ParseError
@@ -34,8 +34,8 @@ def read_labels(path: Path, class_map: Path | None = None) -> Labels:
     Parameters
     ----------
     path
-        Our Parquet file; JSON: COCO, `truth.json`, `labels.json` or `scenes.json`; a folder: of VOC where it holds XML
-        files, else of YOLO.
+        Our Parquet file; JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or
+        `scenes.json`; a folder: of VOC where it holds XML files, else of YOLO.
     class_map
         TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
 
@@ -66,6 +66,18 @@ def read_labels(path: Path, class_map: Path | None = None) -> Labels:
             "see docs/labels.md"
         )
     return labels
+
+
+def joined(parts: Sequence[Labels]) -> Labels:
+    """Labels of several files as one, in their order."""
+    left_out: Counter[str] = Counter()
+    for part in parts:
+        left_out.update(part.left_out)
+    return Labels(
+        tuple(label for part in parts for label in part.labels),
+        tuple(image for part in parts for image in part.complete),
+        dict(left_out),
+    )
 
 
 def labels_by_frame(

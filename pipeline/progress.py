@@ -82,10 +82,11 @@ class FrameProgress(_Shown):
 
 
 class SheetProgress(_Shown):
-    """Shows how many of a known number of sheets are done."""
+    """Shows how many of a known number of sheets, or of something else, are done."""
 
-    def __init__(self, label: str) -> None:
-        super().__init__(TextColumn("{task.completed} of {task.total} sheets"), TimeElapsedColumn())
+    def __init__(self, label: str, things: str = "sheets") -> None:
+        counted = f"{{task.completed}} of {{task.total}} {things}"
+        super().__init__(TextColumn(counted), TimeElapsedColumn())
         self._task = self._bar.add_task(label, total=None)
 
     def watch(self, done: int, total: int) -> None:

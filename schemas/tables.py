@@ -223,6 +223,12 @@ OBSERVATIONS = Table(
         Column("sign_id", _TEXT, "", "row of `signs.parquet` it belongs to; null: none"),
         Column("verdict", _CHOICE, "", "`sign`, or the reason for rejection", _SURE, VERDICTS),
         Column("residual_px", _SINGLE, "px", "distance to the reprojected landmark"),
+        Column(
+            "score",
+            _SINGLE,
+            "",
+            "log odds that the box is a sign face, by the classifier of boxes or another detector; preset `report`: null",
+        ),
     ),
 )
 

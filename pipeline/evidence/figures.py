@@ -8,6 +8,8 @@ from typing import Any
 from wayside.pipeline.evidence.marks import class_words
 
 UNKNOWN = "unknown"
+MEASUREMENT = "Measurement"
+"""Heading of what says how well the sign was measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ def figures_of(sign: dict[str, Any], world: str) -> dict[str, list[Figure]]:
     return {
         "Position": [*_beside_the_road(sign), *_in_the_world(sign, world)],
         "Panel": _panel(sign),
-        "Measurement": _measurement(sign),
+        MEASUREMENT: _measurement(sign),
     }
 
 
@@ -60,16 +62,17 @@ def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
         for label, axis, sigma in zip(axes, "xyz", sigmas, strict=True)
     ]
     if sign["lon_deg"] is not None and sign["lat_deg"] is not None:
-        rows.append(Figure("Latitude", f"{sign['lat_deg']:.7f}°"))
-        rows.append(Figure("Longitude", f"{sign['lon_deg']:.7f}°"))
+        north, east = (_sigma(sign[f"sigma_{side}_m"], "m") for side in ("north", "east"))
+        rows.append(Figure("Latitude", f"{sign['lat_deg']:.7f}°", north))
+        rows.append(Figure("Longitude", f"{sign['lon_deg']:.7f}°", east))
     return rows
 
 
 def _panel(sign: dict[str, Any]) -> list[Figure]:
     facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
     return [
-        Figure("Colour", class_words(sign["color"]), _distance(sign["color_distance"])),
-        Figure("Shape", class_words(sign["shape"]), _distance(sign["shape_distance"])),
+        Figure("Colour", class_words(sign["color"])),
+        Figure("Shape", class_words(sign["shape"])),
         Figure("Width", _metres(sign["panel_width_m"]), _sigma(sign["sigma_width_m"], "m")),
         Figure("Height", _metres(sign["panel_height_m"]), _sigma(sign["sigma_height_m"], "m")),
         Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°")),
@@ -79,9 +82,15 @@ def _panel(sign: dict[str, Any]) -> list[Figure]:
 def _measurement(sign: dict[str, Any]) -> list[Figure]:
     frames = f"frames {sign['first_frame']} to {sign['last_frame']}"
     residual = sign["residual_px"]
+    distances = [
+        Figure(f"Mahalanobis distance, {name}", f"{sign[f'{name}_distance']:.1f}")
+        for name in ("color", "shape")
+        if sign[f"{name}_distance"] is not None
+    ]
     return [
         Figure("Views", str(sign["views"]), frames),
         Figure("Residual, RMS", UNKNOWN if residual is None else f"{residual:.2f} px"),
+        *distances,
     ]
 
 
@@ -93,7 +102,3 @@ def _sigma(value: float | None, unit: str) -> str:
     if value is None:
         return ""
     return f"± {value:.0f}{unit}" if unit == "°" else f"± {value:.2f} {unit}"
-
-
-def _distance(value: float | None) -> str:
-    return "" if value is None else f"Mahalanobis {value:.1f}"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from wayside.pipeline.result import read_rows
@@ -61,13 +62,15 @@ class Evidence:
 class DriveMap:
     """Cameras and signs of a whole drive, world frame, metres.
 
-    cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame.
+    cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame;
+    image_names: file of the image by frame, where the result knows it.
     """
 
     cameras: dict[int, NDArray[np.float64]]
     path: NDArray[np.float64]
     signs: NDArray[np.float64]
     log_times_ns: dict[int, int]
+    image_names: dict[int, str] = field(default_factory=dict)
 
 
 def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
@@ -104,6 +107,7 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
 
 def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
     frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
+    names = _image_names(out, len(frames))
     placed = [row for row in frames if row["x"] is not None]
     path = _positions(placed)
     return DriveMap(
@@ -111,7 +115,14 @@ def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
         path,
         _positions(signs),
         {row["frame"]: row["log_time_ns"] for row in frames},
+        {row["frame"]: name for row, name in zip(frames, names, strict=True) if name},
     )
+
+
+def _image_names(out: Path, count: int) -> list[str | None]:
+    """File name of the image of every frame; none of them where the log did not tell."""
+    table = pq.read_table(out / FRAMES.file)
+    return table["image_name"].to_pylist() if "image_name" in table.column_names else [None] * count
 
 
 def _positions(rows: list[dict[str, Any]]) -> NDArray[np.float64]:

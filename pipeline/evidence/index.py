@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import base64
+import json
+import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -15,12 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import DriveMap
-from wayside.pipeline.evidence.marks import appearance_of, class_words, ink_of, outline_of
+from wayside.pipeline.evidence.maps import length_words, round_length
+from wayside.pipeline.evidence.marks import appearance_of, class_words
+from wayside.pipeline.evidence.sheet_page import css, glyph
 from wayside.pipeline.file_marks import marked_head
+from wayside.pipeline.reviewing.review import COLUMNS as REVIEW_COLUMNS
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 
 _MAP_WIDTH, _MAP_HEIGHT, _MAP_MARGIN, _MAP_POINTS = 1200.0, 300.0, 16.0, 1000
+_FOOT = 40.0
 _UNKNOWN = "unknown"
 
 
@@ -38,8 +45,32 @@ class Card:
         return str(self.sign["sign_id"])
 
 
-def format_index(cards: Sequence[Card], drive: DriveMap, log: str, mark: str) -> str:
-    """HTML page that lists all signs, with a map and filters."""
+def format_index(
+    cards: Sequence[Card], drive: DriveMap, log: str, world: str, result: str, mark: str
+) -> str:
+    """HTML page that lists all signs, with a map and filters, and takes a review of them.
+
+    Parameters
+    ----------
+    cards, drive
+        What it shows.
+    log, world
+        Name of the log and of its world frame.
+    result
+        What tells this result from others of the log.
+    mark
+        What the page is known by.
+    """
+    view = _map_view(drive)
+    about: dict[str, Any] = {"log": log, "result": result, "columns": REVIEW_COLUMNS}
+    if view is not None:
+        about["map"] = {
+            "turn": view.rotation.tolist(),
+            "scale": view.scale,
+            "left": float(view.low[0]),
+            "top": float(view.high[1]),
+            "margin": _MAP_MARGIN,
+        }
     page = Template(files(__package__).joinpath("index.html").read_text("utf-8"))
     return page.substitute(
         log=escape(log),
@@ -48,15 +79,23 @@ def format_index(cards: Sequence[Card], drive: DriveMap, log: str, mark: str) ->
         colors=_options(COLORS, [card.sign["color"] for card in cards]),
         shapes=_options(SHAPES, [card.sign["shape"] for card in cards]),
         statuses=_options(tuple(SIGN_STATUSES), [card.sign["status"] for card in cards]),
-        map=_map(cards, drive),
+        map="" if view is None else _map(cards, drive, view, world),
+        about=json.dumps(about).replace("<", "\\u003c"),
+        allcolors=_choices(COLORS),
+        allshapes=_choices(SHAPES),
         cards="\n".join(_card(card) for card in cards),
     )
 
 
 def _summary(cards: Sequence[Card], drive: DriveMap) -> str:
+    counts = Counter(str(card.sign["status"]) for card in cards)
+    others = "".join(
+        f", {counts[name]} {name}" for name in SIGN_STATUSES if name != "sign" and counts[name]
+    )
     length = float(np.linalg.norm(np.diff(drive.path, axis=0), axis=1).sum())
     covered = f"{length / 1000:.2f} km" if length >= 1000 else f"{length:.0f} m"
-    return f"{_counted(len(cards), 'sign')} on {covered} of road, {_counted(len(drive.cameras), 'frame')}"
+    road = f"on {covered} of road, {_counted(len(drive.cameras), 'image')}"
+    return f"{_counted(counts['sign'], 'sign')}{others} {road}"
 
 
 def _counted(count: int, noun: str) -> str:
@@ -73,6 +112,10 @@ def _options(known: Iterable[str], found: Sequence[str | None]) -> str:
         f'<option value="{name}">{escape(class_words(name))} ({count})</option>'
         for name, count in counts.items()
     )
+
+
+def _choices(known: Iterable[str]) -> str:
+    return "".join(f'<option value="{name}">{escape(class_words(name))}</option>' for name in known)
 
 
 def _card(card: Card) -> str:
@@ -100,7 +143,7 @@ def _card(card: Card) -> str:
     facts = "".join(f"<dt>{label}</dt><dd>{escape(value)}</dd>" for label, value in _facts(sign))
     return (
         f'<li id="{escape(card.name)}" {data}><a href="{quote(card.sheet)}">{image}'
-        f"<h2>{_glyph(sign)}<span>{escape(card.name)}</span></h2>"
+        f"<h2>{glyph(sign['color'], sign['shape'])}<span>{escape(card.name)}</span></h2>"
         f'<p class="look"><span>{escape(face)}</span>{status}</p><dl>{facts}</dl></a></li>'
     )
 
@@ -128,49 +171,73 @@ def _metres(words: str) -> str:
     return words if _UNKNOWN in words else f"{words} m"
 
 
-def _glyph(sign: dict[str, Any]) -> str:
-    corners = " ".join(f"{x:.2f},{y:.2f}" for x, y in outline_of(sign["shape"]))
+@dataclass(frozen=True, slots=True)
+class _MapView:
+    """How world x, y lie on the map.
+
+    rotation (2, 2): turns rows x, y; low, high (2,): extent of what is turned, metres; scale: pixels a metre.
+    """
+
+    rotation: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    scale: float
+
+    def at(self, turned: NDArray[np.float64]) -> tuple[str, str]:
+        """Pixels of a turned point."""
+        x, y = (turned - [self.low[0], self.high[1]]) * [self.scale, -self.scale] + _MAP_MARGIN
+        return f"{x:.1f}", f"{y:.1f}"
+
+
+def _map_view(drive: DriveMap) -> _MapView | None:
+    """The map turned to run from left to right; None where there is nothing on it."""
+    rotation = _to_the_right(drive.path[:, :2])
+    points = np.concatenate([drive.path[:, :2], drive.signs[:, :2]]) @ rotation
+    if not len(points):
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = np.array([_MAP_WIDTH, _MAP_HEIGHT]) - 2 * _MAP_MARGIN
+    return _MapView(rotation, low, high, float(np.min(room / np.maximum(high - low, 1.0))))
+
+
+def _map(cards: Sequence[Card], drive: DriveMap, view: _MapView, world: str) -> str:
+    """The path and every sign from above; a sign leads to its card. Below: scale, and where north is if known."""
+    camera_path, positions = (points[:, :2] @ view.rotation for points in (drive.path, drive.signs))
+    width, height = np.maximum(view.high - view.low, 1.0) * view.scale + 2 * _MAP_MARGIN
+    thinned = camera_path[:: max(1, len(camera_path) // _MAP_POINTS)]
+    path = " ".join(",".join(view.at(point)) for point in (*thinned, *camera_path[-1:]))
+    dots = []
+    for card, position in zip(cards, positions, strict=True):
+        x, y = view.at(position)
+        title = escape(f"{card.name}: {appearance_of(card.sign['color'], card.sign['shape'])}")
+        dots.append(
+            f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}" aria-label="{title}" tabindex="-1">'
+            f'<circle cx="{x}" cy="{y}" r="7" fill="{css(card.sign["color"])}"><title>{title}</title></circle></a>'
+        )
     return (
-        '<svg class="glyph" viewBox="-1.15 -1.15 2.3 2.3" aria-hidden="true">'
-        f'<polygon points="{corners}" fill="{_css(sign)}"/></svg>'
+        f'<svg class="map" viewBox="0 0 {width:.0f} {height + _FOOT:.0f}" role="group" '
+        'aria-label="The drive from above, from left to right">'
+        f'<polyline points="{path}"/>{"".join(dots)}{_foot(view, float(width), float(height), world)}</svg>'
     )
 
 
-def _css(sign: dict[str, Any]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*ink_of(sign["color"]))
-
-
-def _map(cards: Sequence[Card], drive: DriveMap) -> str:
-    """The path and every sign from above, turned to run from left to right; a sign leads to its card."""
-    rotation = _to_the_right(drive.path[:, :2])
-    camera_path, positions = drive.path[:, :2] @ rotation, drive.signs[:, :2] @ rotation
-    points = np.concatenate([camera_path, positions])
-    if not len(points):
-        return ""
-    low, high = points.min(axis=0), points.max(axis=0)
-    extent = np.maximum(high - low, 1.0)
-    room = np.array([_MAP_WIDTH, _MAP_HEIGHT]) - 2 * _MAP_MARGIN
-    scale = float(np.min(room / extent))
-    width, height = extent * scale + 2 * _MAP_MARGIN
-
-    def at(point: NDArray[np.float64]) -> tuple[str, str]:
-        x, y = (point - [low[0], high[1]]) * [scale, -scale] + _MAP_MARGIN
-        return f"{x:.1f}", f"{y:.1f}"
-
-    thinned = camera_path[:: max(1, len(camera_path) // _MAP_POINTS)]
-    path = " ".join(",".join(at(point)) for point in (*thinned, *camera_path[-1:]))
-    dots = []
-    for card, position in zip(cards, positions, strict=True):
-        x, y = at(position)
-        title = escape(f"{card.name}: {appearance_of(card.sign['color'], card.sign['shape'])}")
-        dots.append(
-            f'<a href="#{quote(card.name)}" data-for="{escape(card.name)}" aria-label="{title}">'
-            f'<circle cx="{x}" cy="{y}" r="7" fill="{_css(card.sign)}"><title>{title}</title></circle></a>'
-        )
+def _foot(view: _MapView, width: float, height: float, world: str) -> str:
+    """Scale bar below the map, and an arrow to the north where the world frame has one."""
+    metres = round_length(0.2 * width / view.scale)
+    left, right, base = _MAP_MARGIN, _MAP_MARGIN + metres * view.scale, height + _FOOT - 12
+    bar = (
+        f'<path class="rule" d="M{left:.1f},{base - 6:.1f}v6H{right:.1f}v-6"/>'
+        f'<text x="{right + 8:.1f}" y="{base:.1f}">{length_words(metres)}</text>'
+    )
+    if world != "enu":
+        return bar
+    x, y = (np.array([0.0, 1.0]) @ view.rotation) * [1, -1]
+    turn = math.degrees(math.atan2(x, -y))
+    middle = f"{width - 2 * _MAP_MARGIN:.1f},{base - 4:.1f}"
     return (
-        f'<svg class="map" viewBox="0 0 {width:.0f} {height:.0f}" role="group" '
-        'aria-label="The drive from above, from left to right">'
-        f'<polyline points="{path}"/>{"".join(dots)}</svg>'
+        f'{bar}<g transform="translate({middle}) rotate({turn:.1f})"><title>north</title>'
+        '<path class="rule" d="M0,12V-12M-5,-5L0,-12L5,-5"/></g>'
+        f'<text x="{width - 3.5 * _MAP_MARGIN:.1f}" y="{base:.1f}" text-anchor="end">north</text>'
     )
 
 

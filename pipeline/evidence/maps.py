@@ -168,7 +168,7 @@ def _draw_sign(page: Canvas, to_page: Projection, evidence: Evidence) -> None:
 def _draw_foot(page: Canvas, to_page: Projection, world: str) -> None:
     """Scale bar at the left, orientation at the right, below the map."""
     width, height = _size(page)
-    length_m = _round_length(0.3 * width / to_page.scale)
+    length_m = round_length(0.3 * width / to_page.scale)
     baseline, left = height - 17, _MARGIN_PX
     right = left + length_m * to_page.scale
     tick = 5
@@ -182,18 +182,19 @@ def _draw_foot(page: Canvas, to_page: Projection, world: str) -> None:
         TEXT,
         2,
     )
-    page.text((right + 10, baseline), _length_words(length_m), _SMALL, TEXT, MEDIUM)
+    page.text((right + 10, baseline), length_words(length_m), _SMALL, TEXT, MEDIUM)
     words = _ORIENTATION.get(world, "x right, y up")
     page.text((width - _MARGIN_PX - text_width(words, _SMALL), baseline), words, _SMALL, FAINT)
 
 
-def _round_length(most: float) -> float:
+def round_length(most: float) -> float:
     """The longest length of 1, 2 or 5 times a power of ten that is not above `most`."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(step * power for step in (1, 2, 5) if step * power <= most)
 
 
-def _length_words(metres: float) -> str:
+def length_words(metres: float) -> str:
+    """A length as a scale bar says it."""
     if metres >= 1000:
         return f"{metres / 1000:g} km"
     return f"{metres:g} m" if metres >= 1 else f"{metres * 100:g} cm"

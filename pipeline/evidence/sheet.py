@@ -1,4 +1,4 @@
-"""The evidence sheet of one sign: crops, maps and figures on one page."""
+"""The evidence sheet of one sign as an image: crops, maps and figures on one page."""
 
 from __future__ import annotations
 
@@ -107,18 +107,28 @@ def _draw_figures(page: Canvas, evidence: Evidence, world: str) -> None:
         baseline += _GROUP_GAP
 
 
-def _draw_maps(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
+def map_images(
+    evidence: Evidence, drive: DriveMap, world: str
+) -> list[tuple[str, NDArray[np.uint8]]]:
+    """The maps of a sign with their headings, RGB (height, width, 3) each."""
     maps = (
         ("Whole drive", draw_drive_map),
         ("Lines of sight", draw_sight_map),
         ("2-sigma error ellipse and panel", draw_ellipse_map),
     )
-    for number, (heading, draw) in enumerate(maps):
-        corner = MARGIN + number * (_MAP[0] + GAP), _MIDDLE
-        page.text((corner[0], _MIDDLE - 12), heading, _BODY, TEXT, BOLD)
+    drawn = []
+    for heading, draw in maps:
         part = Canvas(*_MAP, PANEL)
         draw(part, evidence, drive, world)
-        page.paste(corner, part.rgb)
+        drawn.append((heading, part.rgb))
+    return drawn
+
+
+def _draw_maps(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
+    for number, (heading, image) in enumerate(map_images(evidence, drive, world)):
+        corner = MARGIN + number * (_MAP[0] + GAP), _MIDDLE
+        page.text((corner[0], _MIDDLE - 12), heading, _BODY, TEXT, BOLD)
+        page.paste(corner, image)
         page.frame(corner, _MAP)
 
 

@@ -1,4 +1,4 @@
-"""Evidence sheets of a result, drawn while its log is read once."""
+"""Evidence of a result, a page a sign, made while its log is read once."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from wayside.pipeline.evidence.crops import Crop, cut, read_images
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.index import Card, format_index
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_crop, draw_sheet
+from wayside.pipeline.evidence.sheet_page import format_sheet
 from wayside.pipeline.file_marks import is_marked, marked_png
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_run, read_settings
+from wayside.pipeline.reviewing.review import result_name
 from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.settings import ReadSettings
 
@@ -30,7 +32,7 @@ Watcher = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Sheets in order of signs, the index (None: only one sign was asked for), how many views have no image."""
+    """Pages in order of signs, the index (None: only one sign was asked for), how many views have no image."""
 
     sheets: tuple[Path, ...]
     index: Path | None
@@ -44,9 +46,10 @@ def write_evidence(
     sign_id: str | None = None,
     log: Path | None = None,
     watch: Watcher = lambda done, total: None,
+    png: bool = False,
     overwrite: bool = False,
 ) -> Written:
-    """Write one PNG a sign and an index of all into `folder`.
+    """Write one page a sign and an index of all into `folder`.
 
     The log is read once; only images that show a sign are decoded, and only cut-outs of signs whose sheet is not
     drawn yet are kept.
@@ -63,6 +66,8 @@ def write_evidence(
         Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
+    png
+        Also write each sheet as an image, to print or to send.
     overwrite
         Replace whatever stands there under the names of the sheets and the index; else only sheets of this log.
 
@@ -81,16 +86,22 @@ def write_evidence(
     source = (find_log(run, log), read_settings(out, run)) if signs else None
     with OutputFolder(folder) as output:
         binder = _Binder(
-            output.part, drive, str(run.get("log", "")), str(run.get("world", "")), mark
+            output.part, drive, str(run.get("log", "")), str(run.get("world", "")), mark, png=png
         )
-        names = [binder.name(one) for one in signs] + ([INDEX_FILE] if sign_id is None else [])
+        names = [name for one in signs for name in binder.files(one)]
+        if sign_id is None:
+            names.append(INDEX_FILE)
+            binder.link(signs)
         if not overwrite:
             _check_free(folder, names, mark)
         if source is not None:
             _fill(binder, signs, *source, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            _write(output.part / INDEX_FILE, format_index(cards, drive, binder.log, mark).encode())
+            index_page = format_index(
+                cards, drive, binder.log, binder.world, result_name(run), mark
+            )
+            _write(output.part / INDEX_FILE, index_page.encode())
         output.commit()
     index = folder / INDEX_FILE if sign_id is None else None
     return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)
@@ -112,16 +123,33 @@ def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
 class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
-    def __init__(self, folder: Path, drive: DriveMap, log: str, world: str, mark: str) -> None:
+    def __init__(
+        self, folder: Path, drive: DriveMap, log: str, world: str, mark: str, *, png: bool
+    ) -> None:
         self.folder, self.drive, self.log, self.world = folder, drive, log, world
-        self.mark = mark
+        self.mark, self.png = mark, png
+        self.neighbours: dict[str, dict[str, str]] = {}
         self.crops: defaultdict[str, dict[SignView, Crop]] = defaultdict(dict)
         self.thumbs: dict[str, bytes] = {}
         self.lost_views = 0
 
     def name(self, evidence: Evidence) -> str:
-        """The file of the sheet of a sign."""
-        return f"{evidence.name}.png"
+        """The page of a sign."""
+        return f"{evidence.name}.html"
+
+    def files(self, evidence: Evidence) -> list[str]:
+        """All files of a sign."""
+        return [self.name(evidence), *([f"{evidence.name}.png"] if self.png else [])]
+
+    def link(self, signs: Sequence[Evidence]) -> None:
+        """Let the pages of signs lead to each other, in this order, and to the index."""
+        for number, one in enumerate(signs):
+            beside = {"up": INDEX_FILE}
+            if number:
+                beside["prev"] = self.name(signs[number - 1])
+            if number + 1 < len(signs):
+                beside["next"] = self.name(signs[number + 1])
+            self.neighbours[one.name] = beside
 
     def add(self, evidence: Evidence, view: SignView, rgb: NDArray[np.uint8] | None) -> None:
         """Keep what the image of a view shows; None where it does not decode."""
@@ -132,9 +160,12 @@ class _Binder:
         """Draw and write the sheet of a sign with what there is of it."""
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
-        sheet = draw_sheet(evidence, crops, self.drive, self.log, self.world)
-        png = _encoded(".png", sheet, cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
-        _write(self.folder / self.name(evidence), marked_png(png, self.mark))
+        about = (evidence, crops, self.drive, self.log, self.world)
+        page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}))
+        _write(self.folder / self.name(evidence), page.encode())
+        if self.png:
+            png = _encoded(".png", draw_sheet(*about), cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
+            _write(self.folder / f"{evidence.name}.png", marked_png(png, self.mark))
         if evidence.best in crops:
             thumb = draw_crop(crops[evidence.best], THUMB)
             quality = cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY

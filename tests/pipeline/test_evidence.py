@@ -5,7 +5,7 @@ import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 import cv2
 import numpy as np
@@ -28,6 +28,7 @@ from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reviewing.review import read_review
 from wayside.pipeline.run import run_log
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
@@ -223,8 +224,7 @@ class Links(HTMLParser):
 
 def test_every_sign_gets_a_sheet_and_a_card(out, tmp_path):
     written = write_evidence(out, tmp_path / "sheets")
-    assert [path.name for path in written.sheets] == [f"{name}.png" for name in (NEAR, FAR, BARE)]
-    assert all(sheet_pixels(path).shape[1] == WIDTH for path in written.sheets)
+    assert [path.name for path in written.sheets] == [f"{name}.html" for name in (NEAR, FAR, BARE)]
     cards = Links(written.index.read_text("utf-8")).cards
     assert [card["id"] for card in cards] == [NEAR, FAR, BARE]
     assert written.lost_views == 0
@@ -236,12 +236,53 @@ def test_every_sign_gets_a_sheet_and_a_card(out, tmp_path):
 def test_one_sign_gets_its_sheet_alone(out, tmp_path):
     written = write_evidence(out, tmp_path / "sheets", sign_id=FAR)
     assert written.index is None
-    assert [path.name for path in (tmp_path / "sheets").iterdir()] == [f"{FAR}.png"]
+    assert [path.name for path in (tmp_path / "sheets").iterdir()] == [f"{FAR}.html"]
+    assert not re.search(r'rel="(prev|up|next)"', written.sheets[0].read_text("utf-8"))
+
+
+def test_sheets_are_images_too_where_that_is_asked_for(out, tmp_path):
+    written = write_evidence(out, tmp_path / "sheets", png=True)
+    images = [path.with_suffix(".png") for path in written.sheets]
+    assert all(sheet_pixels(path).shape[1] == WIDTH for path in images)
+    again = write_evidence(out, tmp_path / "sheets", png=True)  # its own are replaced
+    assert again.sheets == written.sheets
+
+
+def test_a_page_says_in_text_what_is_known_and_leads_to_its_neighbours(out, tmp_path):
+    write_evidence(out, tmp_path / "sheets")
+    text = (tmp_path / "sheets" / f"{FAR}.html").read_text("utf-8")
+    page = Links(text)
+    near, index, bare = (quote(name) for name in (f"{NEAR}.html", "index.html", f"{BARE}.html"))
+    assert [link for link in page.references if link.endswith(".html")] == [near, index, bare]
+    assert sum(link.startswith("data:image/webp") for link in page.references) == 1 + 3 + 2
+    shown = re.sub(
+        r"<details>.*</details>",
+        "",
+        re.sub(r"<(script|style)>.*?</\1>", "", text, flags=re.S),
+        flags=re.S,
+    )
+    for words in ("yellow diamond", "38.5000000°", "± 0.30 m", "frame 4", "status uncertain"):
+        assert words in shown
+    assert "Mahalanobis" in text
+    assert "Mahalanobis" not in shown
+    assert "openstreetmap.org/?mlat=38.5000000&amp;mlon=-98.5000000" in text
+
+
+def test_the_name_of_an_image_is_shown_where_the_result_knows_it(out, tmp_path):
+    frames = pq.read_table(out / FRAMES.file)
+    if "image_name" in frames.column_names:
+        frames = frames.drop_columns("image_name")
+    names = pa.array([f"IMG <{frame}>.jpg" for frame in range(IMAGES)])
+    pq.write_table(frames.append_column("image_name", names), out / FRAMES.file)
+    (sheet,) = write_evidence(out, tmp_path / "sheets", sign_id=NEAR).sheets
+    text = sheet.read_text("utf-8")
+    assert "IMG &lt;3&gt;.jpg" in text
+    assert "IMG <" not in text
 
 
 def test_the_largest_crop_shows_the_face_of_the_best_frame(out, tmp_path):
-    (sheet,) = write_evidence(out, tmp_path / "sheets", sign_id=NEAR).sheets
-    page = sheet_pixels(sheet)
+    (sheet,) = write_evidence(out, tmp_path / "sheets", sign_id=NEAR, png=True).sheets
+    page = sheet_pixels(sheet.with_suffix(".png"))
     middle = page[150 + BIG[1] // 2, MARGIN + BIG[0] // 2]
     assert np.abs(middle.astype(int) - FACE).max() <= 2
 
@@ -387,6 +428,92 @@ def test_cards_carry_what_the_filters_ask_for(out, tmp_path):
     )
 
 
+def test_the_index_counts_as_the_summary_of_the_run_does(out, tmp_path):
+    text = write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")
+    assert "<p>2 signs, 1 uncertain on 40 m of road, 6 images." in text
+
+
+def test_the_address_keeps_the_filters_on_the_way_to_a_sign_and_back(out, tmp_path, in_browser):
+    index = write_evidence(out, tmp_path / "sheets").index
+    seen = in_browser(
+        index,
+        """
+        const shown = () => document.getElementById("count").textContent;
+        const found = [shown(), fields.color.value, cards.find(card => !card.hidden).querySelector("a").hash];
+        fields.color.value = "yellow";
+        fields.color.dispatchEvent(new Event("input", { bubbles: true }));
+        found.push(shown(), location.hash);
+        fields.color.value = "";  // what a browser makes of a form on the way back
+        dispatchEvent(new PageTransitionEvent("pageshow"));
+        found.push(shown(), fields.color.value);
+        form.reset();
+        await new Promise(done => setTimeout(done, 10));
+        return [...found, shown(), location.hash];
+        """,
+        fragment="#color=red&sort=best",
+    )
+    assert seen == [
+        *("1 of 3 shown", "red", "#color=red&sort=best"),
+        *("1 of 3 shown", "#color=yellow&sort=best", "1 of 3 shown", "yellow"),
+        *("3 of 3 shown", ""),
+    ]
+    back = in_browser(
+        tmp_path / "sheets" / f"{FAR}.html",
+        "return Array.from(document.querySelectorAll('nav a'), link => link.hash);",
+        fragment="#color=red",
+    )
+    assert back == ["#color=red"] * 3
+
+
+def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser):
+    change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
+    index = write_evidence(out, tmp_path / "sheets").index
+    profile = tmp_path / "profile"
+    seen = in_browser(
+        index,
+        """
+        const link = id => byId.get(id).querySelector("a");
+        const [near, far, bare] = Array.from(byId.keys());
+        press("a", link(near));
+        press("r", link(far));
+        press("e", link(bare));
+        const look = byId.get(bare).querySelector(".say select[name=color]");
+        look.value = "green";
+        look.dispatchEvent(new Event("change"));
+        const edge = map.getBoundingClientRect();
+        const dot = dots.get(near).getBoundingClientRect();
+        document.getElementById("add").click();
+        const at = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
+        map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...at }));
+        missing[0].note = 'a "stop", hidden';
+        document.getElementById("reviewer").value = "Ann";
+        remember();
+        fields.review.value = "rejected";
+        fields.review.dispatchEvent(new Event("input", { bubbles: true }));
+        const saved = { csv: asCsv(), json: asJson(), shown: document.getElementById("count").textContent };
+        await load(new File([saved.csv], "review.csv"));
+        return { ...saved, again: asCsv() };
+        """,
+        profile=profile,
+    )
+    assert seen["again"] == seen["csv"]
+    assert seen["shown"] == "1 of 3 shown"
+    reviews = []
+    for kind in ("csv", "json"):
+        (tmp_path / f"review.{kind}").write_text(seen[kind])
+        reviews.append(read_review(tmp_path / f"review.{kind}", out))
+    assert reviews[0] == reviews[1]
+    said = {name: (one.review, one.color) for name, one in reviews[0].rows.items()}
+    assert said == {NEAR: ("accepted", None), FAR: ("rejected", None), BARE: ("edited", "green")}
+    (missing,) = reviews[0].missing
+    assert (missing.x, missing.y) == pytest.approx(
+        (40.0, -6.0), abs=0.2
+    )  # where the dot of the sign is
+    assert (missing.note, missing.reviewer) == ('a "stop", hidden', "Ann")
+    kept = in_browser(index, "return rows().length;", profile=profile)
+    assert kept == 4
+
+
 @given(
     box=st.tuples(st.integers(0, 140), st.integers(0, 100), st.integers(1, 20), st.integers(1, 20)),
     seed=st.integers(0, 9),
@@ -501,7 +628,7 @@ def test_the_command_ends_with_the_status_of_lost_parts(out, tmp_path):
 def test_the_command_says_what_to_open(out):
     result = CliRunner().invoke(app, ["evidence", str(out), "--sign", NEAR])
     assert result.exit_code == 0
-    assert Path(result.stdout.strip()) == out / "evidence" / f"{NEAR}.png"
+    assert Path(result.stdout.strip()) == out / "evidence" / f"{NEAR}.html"
 
 
 def test_a_run_notes_where_its_log_lies_and_one_without_signs_has_an_index(
@@ -536,13 +663,13 @@ def test_links_in_a_strangers_folder_are_not_followed(out, tmp_path):
     mine.write_text("precious")
     sheets = out / "evidence"
     sheets.mkdir()
-    for name in (f"{NEAR}.png", f".{NEAR}.png.part", "index.html", ".index.html.part"):
+    for name in (f"{NEAR}.html", f".{NEAR}.html.part", "index.html", ".index.html.part"):
         (sheets / name).symlink_to(mine)
     with pytest.raises(OutputError, match="no evidence of this log"):
         write_evidence(out, sheets)
     write_evidence(out, sheets, overwrite=True)
     assert mine.read_text() == "precious"
-    assert not (sheets / f"{NEAR}.png").is_symlink()
+    assert not (sheets / f"{NEAR}.html").is_symlink()
 
 
 def test_a_folder_of_sheets_that_is_a_link_is_refused(out, tmp_path):

@@ -27,7 +27,7 @@ def shipped():
     return GaussianModel("rgb", classes, "rendered")
 
 
-def road(signs=6, light=0.0, seed=0, others=600):
+def road(signs=6, light=0.0, seed=0, others=240):
     """Signs of two paints in six stretches, seen in light that varies, and grey background."""
     random = np.random.default_rng(seed)
     values, kind, sign, stretch = [], [], [], []

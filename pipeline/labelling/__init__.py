@@ -1,0 +1,1 @@
+"""Candidate crops that a person marks, and what the marks say of the images."""

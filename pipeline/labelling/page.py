@@ -1,0 +1,194 @@
+"""The page of candidate crops that a person marks: one HTML file, which needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.evidence.crops import Crop, cut, read_images
+from wayside.pipeline.evidence.marks import class_words
+from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.labelling.items import Item, Questions, questions
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.writing import write_file
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
+from wayside.schemas.tables import FRAMES
+
+PAGE_FILE = "index.html"
+KINDS = {
+    SIGN: ("S", "sign"),
+    NOT_A_SIGN: ("N", "not a sign"),
+    BACK: ("B", "back of a sign"),
+    UNSURE: ("U", "unsure"),
+}
+COLOR_KEYS = {name: str(number + 1) for number, name in enumerate(COLORS)}
+SHAPE_KEYS = {
+    "rectangle": "R", "diamond": "D", "octagon": "O", "triangle": "T", "circle": "C",
+    "pentagon": "P", "pennant": "F", "shield": "H", "crossbuck": "X", "other": "K",
+}  # fmt: skip
+NO_COLOR_KEY, NO_SHAPE_KEY = "0", "Z"
+_PROPORTION, _LARGEST = 4 / 3, (400, 300)
+_WEBP_QUALITY = 80
+Watcher = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenPage:
+    """Where the page is, what it asks, and how many of these have no image."""
+
+    path: Path
+    questions: Questions
+    lost: int
+
+
+def write_page(
+    out: Path,
+    folder: Path,
+    *,
+    most: int,
+    log: Path | None = None,
+    watch: Watcher = lambda done, total: None,
+    overwrite: bool = False,
+) -> WrittenPage:
+    """Write the page of a result.
+
+    Parameters
+    ----------
+    out
+        Folder written by `wayside run`.
+    folder
+        Where `index.html` goes, made where it is missing.
+    most
+        How many single boxes are asked about at most; landmarks are all asked about.
+    log
+        Path of the log now; None: that at the time of the run.
+    watch
+        Called with the number of crops done and to do.
+    overwrite
+        Replace whatever stands there under that name; else only a page of this log.
+
+    Raises
+    ------
+    InputError
+        The result or the log cannot be used.
+    OutputError
+        The page cannot be written, or a file of its name stands there that is not replaced.
+    """
+    run = read_run(out)
+    asked = questions(out, most)
+    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
+    images = _images(out, run, asked.items, log, times_ns, watch) if asked.items else {}
+    name = str(run.get("log", ""))
+    mark = f"wayside label {name} {run.get('log_fingerprint') or ''}".strip()
+    data = {
+        "log": Path(name).stem,
+        "log_fingerprint": run.get("log_fingerprint") or "",
+        "file": f"{Path(name).stem}.marks.json",
+        "kinds": [
+            {"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()
+        ],
+        "colors": [*(_choice(c, COLOR_KEYS[c]) for c in COLORS), _choice(None, NO_COLOR_KEY)],
+        "shapes": [*(_choice(s, SHAPE_KEYS[s]) for s in SHAPES), _choice(None, NO_SHAPE_KEY)],
+        "items": [_entry(item, images.get(item.name, {}), times_ns) for item in asked.items],
+    }
+    landmarks = sum(not item.name.startswith("box ") for item in asked.items)
+    page = Template(files(__package__).joinpath("label.html").read_text("utf-8")).substitute(
+        log=escape(name),
+        file=escape(str(data["file"])),
+        mark=marked_head(mark),
+        summary=f"{landmarks} landmarks, then {len(asked.items) - landmarks} single boxes, those "
+        "first that the run was least sure of",
+        data=json.dumps(data).replace("<", "\\u003c"),
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / PAGE_FILE
+    write_file(
+        path,
+        page.encode(),
+        is_own=lambda earlier: is_marked(earlier, mark),
+        overwrite=overwrite,
+    )
+    return WrittenPage(path, asked, len(asked.items) - len(images))
+
+
+def _images(
+    out: Path,
+    run: dict[str, Any],
+    items: tuple[Item, ...],
+    log: Path | None,
+    times_ns: Mapping[int, int],
+    watch: Watcher,
+) -> dict[str, dict[str, Any]]:
+    """`image` and `outline` of the page by name of item, where the image of its largest view decodes."""
+    by_frame: defaultdict[int, list[Item]] = defaultdict(list)
+    for item in items:
+        by_frame[item.shown.frame].append(item)
+    source, settings = find_log(run, log), read_settings(out, run)
+    found: dict[str, dict[str, Any]] = {}
+    watch(0, len(items))
+    for image in read_images(source, settings, by_frame.keys(), times_ns, ReadReport()):
+        if image.rgb is None:
+            continue
+        for item in by_frame[image.frame.index]:
+            found[item.name] = _image(cut(image.rgb, item.shown.box, _PROPORTION))
+        watch(len(found), len(items))
+    return found
+
+
+def _image(crop: Crop) -> dict[str, Any]:
+    """A crop as WebP, no larger than a page needs it, and where its box is: left, top, width, height in percent."""
+    height, width = crop.rgb.shape[:2]
+    x0, y0, x1, y1 = crop.box
+    outline = (x0 / width, y0 / height, (x1 - x0) / width, (y1 - y0) / height)
+    small = crop if width <= _LARGEST[0] else crop.scaled_to(*_LARGEST)
+    return {
+        "outline": [round(100 * value, 2) for value in outline],
+        "image": f"data:image/webp;base64,{base64.b64encode(_webp(small.rgb)).decode()}",
+    }
+
+
+def _choice(value: str | None, key: str) -> dict[str, str | None]:
+    return {
+        "value": value,
+        "key": key,
+        "words": "none of these" if value is None else class_words(value),
+    }
+
+
+def _entry(item: Item, image: Mapping[str, Any], times_ns: Mapping[int, int]) -> dict[str, Any]:
+    views = [
+        {
+            "frame": view.frame,
+            "log_time_ns": str(times_ns[view.frame]),  # beyond what numbers of JavaScript hold
+            "box": [round(edge, 2) for edge in view.box],
+        }
+        for view in item.views
+    ]
+    return {
+        "name": item.name,
+        "color": item.color,
+        "shape": item.shape,
+        "shown": item.views.index(item.shown),
+        "views": views,
+        **image,
+    }
+
+
+def _webp(rgb: NDArray[np.uint8]) -> bytes:
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY))[1].tobytes()

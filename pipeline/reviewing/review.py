@@ -1,0 +1,170 @@
+"""A review of a result: rows accepted, rejected or corrected, and signs that are missing; JSON or CSV."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wayside.pipeline.result import read_rows, read_run
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.errors import InputError
+from wayside.schemas.tables import SIGNS
+
+ACCEPTED, REJECTED, EDITED, MISSING = "accepted", "rejected", "edited", "missing"
+REVIEWS = {
+    ACCEPTED: "a row that is right, its colour and shape included",
+    REJECTED: "a row that is no sign, or not one of its own",
+    EDITED: "a sign whose colour or shape is another: those of the review hold",
+    MISSING: "a sign that has no row, at x and y of the world frame",
+}
+COLUMNS = (
+    *("result", "sign_id", "review", "color", "shape", "x", "y"),
+    *("note", "reviewer"),
+)
+FILES = ("review.json", "review.csv")
+"""Where a review lies in the folder of its result."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reviewed:
+    """What is said of one sign.
+
+    review: a key of `REVIEWS`; sign_id: None where it is missing; color, shape: where edited or missing; x, y: of a
+    missing one in the world frame, metres.
+    """
+
+    review: str
+    sign_id: str | None = None
+    color: str | None = None
+    shape: str | None = None
+    x: float | None = None
+    y: float | None = None
+    note: str = ""
+    reviewer: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """Reviews of rows by `sign_id`, and of signs that are missing."""
+
+    rows: Mapping[str, Reviewed]
+    missing: tuple[Reviewed, ...]
+
+
+NO_REVIEW = Review({}, ())
+
+
+def find_review(out: Path, given: Path | None) -> Review:
+    """The review of a result: the one given, else one that lies in its folder, else none.
+
+    Raises
+    ------
+    InputError
+        As in `read_review`; or both of `FILES` lie there.
+    """
+    if given is not None:
+        return read_review(given, out)
+    found = [out / name for name in FILES if (out / name).is_file()]
+    if len(found) > 1:
+        raise InputError(
+            f"{out}: wanted one review, found {' and '.join(FILES)}; say which with --review"
+        )
+    return read_review(found[0], out) if found else NO_REVIEW
+
+
+def is_review(path: Path) -> bool:
+    """Whether a file is a review, by what it holds."""
+    try:
+        with path.open("rb") as stream:
+            if path.suffix.lower() == ".csv":
+                return b"review" in stream.readline().replace(b'"', b"").strip().split(b",")
+            return b'"wayside_review"' in stream.read(4096)
+    except OSError:
+        return False
+
+
+def read_review(path: Path, out: Path) -> Review:
+    """A review of the result in folder `out`.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is of another result, names a sign that the result does not hold, or says what is no review.
+    """
+    try:
+        entries = list(_csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{path}: wanted a review as the evidence index saves it, found {found[:200]}; see docs/corrections.md"
+        ) from error
+    known = {str(row["sign_id"]) for row in read_rows(out, SIGNS, ["sign_id"])}
+    result = result_name(read_run(out))
+    rows: dict[str, Reviewed] = {}
+    missing: list[Reviewed] = []
+    for number, entry in enumerate(entries, 1):
+        if entry.get("result") and entry["result"] != result:
+            raise InputError(
+                f"{path}: wanted a review of the result in {out}, found one of another run, whose signs have other "
+                "numbers; review the evidence of this result"
+            )
+        try:
+            one = _reviewed(entry)
+            if one.sign_id is None:
+                missing.append(one)
+                continue
+            if one.sign_id not in known:
+                raise ValueError(f"{out} has no sign {one.sign_id}")
+            if one.sign_id in rows:
+                raise ValueError(f"{one.sign_id} is reviewed twice")
+            rows[one.sign_id] = one
+        except ValueError as error:
+            raise InputError(f"{path}: review {number}: {error}; correct it") from error
+    return Review(rows, tuple(missing))
+
+
+def result_name(run: Mapping[str, Any]) -> str:
+    """What tells the signs of one result from those of another run: the start of the digest of their table."""
+    files = run.get("files")
+    digest = files.get(SIGNS.file, {}).get("sha256", "") if isinstance(files, dict) else ""
+    return str(digest)[:16]
+
+
+def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
+    content = json.loads(path.read_text("utf-8"))
+    shared = {"result": content["result"], "reviewer": content.get("reviewer", "")}
+    for entry in content["reviews"]:
+        yield shared | {name: value for name, value in entry.items() if value is not None}
+
+
+def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
+    with path.open(newline="", encoding="utf-8-sig") as stream:
+        rows = csv.DictReader(stream)
+        if "review" not in (rows.fieldnames or ()):
+            raise ValueError(f"no column review among {', '.join(rows.fieldnames or ())}")
+        for row in rows:
+            yield {name: value for name, value in row.items() if value}
+
+
+def _reviewed(entry: Mapping[str, Any]) -> Reviewed:
+    review = entry.get("review")
+    if review not in REVIEWS:
+        raise ValueError(f"wanted {', '.join(REVIEWS)}, found {review!r}")
+    for name, classes in (("color", COLORS), ("shape", SHAPES)):
+        if name in entry and entry[name] not in classes:
+            raise ValueError(f"wanted a {name} of {', '.join(classes)}, found {entry[name]!r}")
+    sign_id = None if review == MISSING else entry.get("sign_id")
+    x, y = (float(entry[axis]) if axis in entry else None for axis in "xy")
+    placed = x is not None and y is not None and math.isfinite(x) and math.isfinite(y)
+    if review == MISSING and not placed:
+        raise ValueError("a missing sign has x and y of the world frame")
+    if review != MISSING and not sign_id:
+        raise ValueError("no sign_id")
+    look = entry.get("color"), entry.get("shape")
+    words = str(entry.get("note", "")), str(entry.get("reviewer", ""))
+    return Reviewed(review, sign_id, *look, x, y, *words)

@@ -1,0 +1,56 @@
+"""What the tests of the pipeline share: pages in a real browser without a window."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
+_FOUND = next((path for path in map(shutil.which, NAMES) if path), None)
+_HARNESS = """<script>
+addEventListener("pageshow", async () => {
+  const report = document.createElement("pre");
+  report.id = "wayside-test";
+  const press = (key, target = document.body) =>
+    target.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true }));
+  try { report.textContent = "DONE" + JSON.stringify(await (async () => { %s })()); }
+  catch (error) { report.textContent = "FAIL" + error.stack; }
+  document.body.append(report);
+}, { once: true });
+</script></body>"""
+
+
+@pytest.fixture(scope="session")
+def in_browser() -> Callable[..., Any]:
+    """`_run_page`, where there is a browser."""
+    if _FOUND is None:
+        pytest.skip("no Chromium on this machine")
+    return _run_page
+
+
+def _run_page(page: Path, script: str, fragment: str = "", profile: Path | None = None) -> Any:
+    """What a script (the body of an async function; `press(key)` types) returns in a copy of the page beside it.
+
+    profile: folder of a browser profile, kept between calls; None: a new one.
+    """
+    copy = page.with_name(f"{page.stem}.tested.html")
+    copy.write_text(page.read_text("utf-8").replace("</body>", _HARNESS % script), "utf-8")
+    command = [str(_FOUND), "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
+    command += ["--virtual-time-budget=20000", "--disable-dev-shm-usage"]
+    if profile is not None:
+        command.append(f"--user-data-dir={profile}")
+    done = subprocess.run(
+        [*command, copy.as_uri() + fragment], capture_output=True, text=True, timeout=120
+    )
+    found = re.search(r'<pre id="wayside-test">(DONE|FAIL)(.*?)</pre>', done.stdout, re.DOTALL)
+    assert found, done.stderr[-2000:]
+    assert found[1] == "DONE", unescape(found[2])
+    return json.loads(unescape(found[2]))

@@ -1,0 +1,223 @@
+"""Corrections of a result: what a review file may say, and what export, evaluation and labels make of it."""
+
+import csv
+import json
+import shutil
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.label_file import read_label_file
+from wayside.pipeline.reviewing.review import COLUMNS, FILES, REVIEWS, find_review, read_review
+from wayside.schemas.errors import InputError
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+RESULT = "0123456789abcdef"
+CSV = f"""{",".join(COLUMNS)}
+{RESULT},d-0001,accepted,,,,,,Ann
+{RESULT},d-0002,rejected,,,,,"a bin, not a sign",Ann
+{RESULT},d-0003,edited,green,rectangle,,,,Ann
+{RESULT},,missing,red,octagon,31.5,4,,Ann
+"""
+
+
+def table_of(table, rows):
+    empty = {column.name: None for column in table.columns}
+    return pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
+
+
+def sign(number, **changes):
+    names = dict.fromkeys(("sign_id", "assembly_id"), f"d-{number:04d}")
+    place = {"x": 10.0 * number, "y": 3.0 * (number % 2), "z": 1.0, "right_m": 0.0, "down_m": 0.0}
+    seen = {"best_frame": number, "best_time_ns": 0, "best_box": [0, 0, 9, 9], "ahead_m": 9.0}
+    seen |= {"first_frame": number, "last_frame": number, "views": 1}
+    look = {"log": "d", "status": "sign", "color": "white", "shape": "rectangle", "confidence": 0.9}
+    globe = {"lon_deg": 10 + number * 1e-4, "lat_deg": 50 + (number % 2) * 3e-5, "alt_m": 7.0}
+    return names | place | seen | look | globe | {"covariance": [1.0] * 6} | changes
+
+
+def observation(frame, sign_id, verdict="sign"):
+    values = {"frame": frame, "observation_id": frame, "source": "level", "verdict": verdict}
+    values |= {"box": [1, 2, 11, 12 + frame], "area_px": 9, "u_px": 0.0, "v_px": 0.0}
+    return values | {"red": 0.0, "green": 0.0, "blue": 0.0, "track_id": 1, "sign_id": sign_id}
+
+
+@pytest.fixture
+def out(tmp_path):
+    """A result of four signs, one of them seen from behind, without its log."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    signs = [sign(1), sign(2), sign(3), sign(4, status="back", color=None)]
+    observations = [observation(n, f"d-{n:04d}") for n in (1, 2, 3, 4)]
+    observations.append(observation(5, "d-0001", "overlap"))
+    frames = [
+        {
+            "frame": n,
+            "log_time_ns": 100 * n,
+            "status": "used",
+            "x": 10.0 * n,
+            "y": 0.0,
+            "z": 1.0,
+            "station_m": 10.0 * n,
+        }
+        for n in range(6)
+    ]
+    for table, rows in ((SIGNS, signs), (OBSERVATIONS, observations), (FRAMES, frames)):
+        pq.write_table(table_of(table, rows), folder / table.file)
+    files = {SIGNS.file: {"sha256": RESULT + "0" * 48}}
+    (folder / "run.json").write_text(json.dumps({"log": "d.mcap", "files": files}))
+    return folder
+
+
+@pytest.fixture
+def review(tmp_path):
+    file = tmp_path / "review.csv"
+    file.write_text(CSV)
+    return file
+
+
+def as_json(path):
+    """The same review as the index saves it in JSON."""
+    rows = list(csv.DictReader(CSV.splitlines()))
+    reviews = [
+        {name: row[name] or None for name in COLUMNS[1:-1]}
+        | {axis: float(row[axis]) if row[axis] else None for axis in "xy"}
+        for row in rows
+    ]
+    whole = {"wayside_review": 1, "log": "d.mcap", "result": RESULT, "reviewer": "Ann"}
+    path.write_text(json.dumps(whole | {"reviews": reviews}))
+    return path
+
+
+def command(*arguments, status=0):
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert done.exit_code == status, done.output
+    return done.output
+
+
+def test_csv_and_json_say_the_same(out, review, tmp_path):
+    read = read_review(review, out)
+    assert read == read_review(as_json(tmp_path / "review.json"), out)
+    assert {name: one.review for name, one in read.rows.items()} == {
+        "d-0001": "accepted",
+        "d-0002": "rejected",
+        "d-0003": "edited",
+    }
+    assert [(one.x, one.y, one.shape) for one in read.missing] == [(31.5, 4.0, "octagon")]
+
+
+def test_the_exported_table_has_the_review_beside_what_was_measured(out, review, tmp_path):
+    file = tmp_path / "signs.csv"
+    assert "5 rows, 4 of them reviewed" in command("export", out, "-o", file, "--review", review)
+    rows = {row["sign_id"]: row for row in csv.DictReader(file.read_text().splitlines())}
+    assert [row["review"] for row in rows.values()] == [
+        "accepted",
+        "rejected",
+        "edited",
+        "",
+        "missing",
+    ]
+    edited = rows["d-0003"]
+    assert (edited["color"], edited["reviewed_color"]) == ("white", "green")
+    assert (edited["reviewer"], rows["d-0002"]["review_note"]) == ("Ann", "a bin, not a sign")
+    assert (edited["cov_zz"], edited["best_y_max"]) == ("1.0", "9.0")
+    missing = rows["d-missing-1"]
+    assert (missing["x"], missing["y"], missing["station_m"], missing["best_frame"]) == (
+        *("31.5", "4.0", "30.0", "3"),
+    )
+    assert (missing["color"], missing["confidence"], missing["reviewed_shape"]) == (
+        "",
+        "",
+        "octagon",
+    )
+    plain = tmp_path / "plain.csv"
+    command("export", out, "-o", plain)
+    measured = [column for column in rows["d-0001"] if "review" not in column]
+    for row in csv.DictReader(plain.read_text().splitlines()):
+        assert {c: row[c] for c in measured} == {c: rows[row["sign_id"]][c] for c in measured}
+
+
+def test_geojson_has_longitude_first_and_places_missing_signs_by_the_others(out, review, tmp_path):
+    file = tmp_path / "signs.geojson"
+    command("export", out, "-o", file, "--review", review)
+    content = json.loads(file.read_text())
+    places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in content["features"]}
+    assert places["d-0001"] == [10.0001, 50.00003, 7.0]
+    assert places["d-missing-1"] == pytest.approx([10 + 31.5e-5, 50 + 4e-5], abs=1e-9)
+
+
+def test_geojson_without_fixes_is_refused_with_what_to_do(out, tmp_path):
+    rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
+    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
+    done = CliRunner().invoke(app, ["export", str(out), "-o", str(tmp_path / "a.geojson")])
+    assert "export CSV" in str(done.exception)
+    assert not (tmp_path / "a.geojson").exists()
+
+
+def test_a_file_that_stands_there_is_kept(out, tmp_path):
+    file = tmp_path / "signs.csv"
+    file.write_text("mine")
+    done = CliRunner().invoke(app, ["export", str(out), "-o", str(file)])
+    assert "--overwrite" in str(done.exception)
+    assert file.read_text() == "mine"
+
+
+def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
+    figures = tmp_path / "figures.json"
+    words = command("evaluate", out, "--truth", review, "--json", figures)
+    assert "3 of 3 rows: 1 accepted, 1 edited, 1 rejected" in words
+    content = json.loads(figures.read_text())
+    assert content["precision"] == pytest.approx(2 / 3)
+    assert content["recall"] == pytest.approx(2 / 3)
+    assert (content["color_right"], content["shape_right"]) == (1, 2)
+
+
+def test_a_review_gives_labels_of_every_measured_view(out, review, tmp_path):
+    shutil.copy(review, out / "review.csv")
+    file = tmp_path / "labels.parquet"
+    words = command("label", out, "-o", file, status=4)
+    assert "1 missing_without_box" in words
+    labels = read_label_file(file).labels
+    assert [(one.image.frame, one.kind, one.color, one.shape) for one in labels] == [
+        (1, "sign", "white", "rectangle"),
+        (2, "not_sign", None, None),
+        (3, "sign", "green", "rectangle"),
+    ]
+    assert [one.image.log_time_ns for one in labels] == [100, 200, 300]
+    assert [one.box for one in labels] == [(1, 2, 11, 12 + n) for n in (1, 2, 3)]
+
+
+def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
+    assert find_review(out, None).rows == {}
+    shutil.copy(review, out / "review.csv")
+    assert len(find_review(out, None).rows) == 3
+    as_json(out / "review.json")
+    with pytest.raises(InputError, match="say which with --review"):
+        find_review(out, None)
+    assert set(FILES) <= {path.name for path in out.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (RESULT, "f" * 16, "one of another run"),
+        ("d-0001", "d-0009", "no sign d-0009"),
+        ("d-0002", "d-0001", "reviewed twice"),
+        ("accepted", "good", "found 'good'"),
+        ("green", "pink", "found 'pink'"),
+        ("31.5", "", "x and y"),
+        ("31.5", "far", "far"),
+        ("review", "said", "no column review"),
+    ],
+)
+def test_what_a_review_cannot_say_is_refused(out, review, old, new, words):
+    review.write_text(CSV.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        read_review(review, out)
+
+
+def test_every_review_has_words():
+    assert set(REVIEWS) == {"accepted", "rejected", "edited", "missing"}
