@@ -16,6 +16,7 @@ from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_exporting as exporting
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
+from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import check_folders, exit_with, process
 from wayside.pipeline.process import (
@@ -347,6 +348,7 @@ app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)
 app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
+app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 
 def main() -> None:
