@@ -12,8 +12,8 @@ import typer
 import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
-from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_exporting as exporting
+from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_roc as measuring
