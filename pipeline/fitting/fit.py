@@ -145,7 +145,11 @@ def _tried(what: str, fit: Callable[[], FittedModel | FittedConfidence]) -> Outc
         return Outcome(what, None, str(error))
     if fitted.better:
         return Outcome(what, fitted)
-    return Outcome(what, fitted, "it does not do better than the shipped one on what was held out")
+    return Outcome(
+        what,
+        fitted,
+        "on what was held out it is not better than the shipped one by a standard error",
+    )
 
 
 def _with_faces(outcome: Outcome, gathered: Gathered) -> Outcome:

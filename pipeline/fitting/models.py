@@ -15,7 +15,9 @@ from wayside.pipeline.fitting.validation import (
     VIEWS,
     Fit,
     Held,
+    Resampled,
     counts_of,
+    exceeds,
     held_out_distances,
     held_out_log_density,
     score_held_out,
@@ -35,11 +37,12 @@ DRAWS = 420
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Shares: of the signs that are accepted, and by name; of the rest that is accepted."""
+    """Shares: of the signs that are accepted, and by name; of the rest that is accepted; `gain` as of `Held`."""
 
     accepted: float
     named: float
     false_rate: float
+    gain: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +66,12 @@ class FittedModel:
 
     @property
     def better(self) -> bool:
-        """Whether held-out signs and the rest are told apart, and better than by the shipped model."""
-        gain = self.held.named - self.held.false_rate
-        return gain > max(0.0, self.shipped.named - self.shipped.false_rate)
+        """Whether held-out signs and the rest are told apart, and better than by the shipped model.
+
+        By more than one standard error of the difference.
+        """
+        told_apart = exceeds(self.held.gain, np.zeros_like(self.held.gain))
+        return told_apart and exceeds(self.held.gain, self.shipped.gain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +125,8 @@ def fit_colors(
         _lacking(samples, COLORS, names),
         tried[chosen][0],
         {name: other for name, (_, other) in tried.items() if name != chosen},
-        rates_of(shipped, _asked(samples, names), COLORS),
-        rates_of(model, in_space, COLORS),
+        rates_of(shipped, _asked(samples, names), COLORS, task.settings.resamplings),
+        rates_of(model, in_space, COLORS, task.settings.resamplings),
     )
 
 
@@ -143,22 +149,22 @@ def fit_classes_of(
         _lacking(samples, known, names),
         prior,
         {},
-        rates_of(shipped, _asked(samples, names), known),
-        rates_of(model, samples, known),
+        rates_of(shipped, _asked(samples, names), known, task.settings.resamplings),
+        rates_of(model, samples, known, task.settings.resamplings),
     )
 
 
-def rates_of(model: GaussianModel, samples: Samples, names: tuple[str, ...]) -> Rates:
+def rates_of(
+    model: GaussianModel, samples: Samples, names: tuple[str, ...], resamplings: int
+) -> Rates:
     """How a model decides on samples in its space."""
     code, _, accepted = nearest_class(samples.values, model, names)
-    weight, others = samples.weights(), samples.kind == ""
-    right = accepted & (np.array(names)[code] == samples.kind)
-    signs = max(float(weight[~others].sum()), 1e-12)
-    return Rates(
-        float(weight[~others & accepted].sum()) / signs,
-        float(weight[~others & right].sum()) / signs,
-        float(accepted[others].mean()) if others.any() else 0.0,
-    )
+    others = np.asarray(samples.kind == "")
+    rate = Resampled(samples, resamplings).rate
+    named = rate(accepted & (np.array(names)[code] == samples.kind), ~others)
+    false = rate(accepted, others)
+    known = float(rate(accepted, ~others)[0])
+    return Rates(known, float(named[0]), float(false[0]), (named - false)[1:])
 
 
 def enough(
@@ -297,5 +303,4 @@ def _best_space(tried: dict[str, Held]) -> str:
     """The space of the largest gain; RGB where that is not larger than its own by a standard error."""
     gains = {name: float(np.nanmean(held.gain)) for name, held in tried.items()}
     best = max(gains, key=lambda name: gains[name])
-    difference = tried[best].gain - tried["rgb"].gain
-    return best if np.nanmean(difference) > np.nanstd(difference) else "rgb"
+    return best if exceeds(tried[best].gain, tried["rgb"].gain) else "rgb"

@@ -10,7 +10,7 @@ import numpy as np
 
 from wayside.pipeline.fitting.confidence import FittedConfidence
 from wayside.pipeline.fitting.fit import FILES, Outcome
-from wayside.pipeline.fitting.models import FittedModel
+from wayside.pipeline.fitting.models import FittedModel, Rates
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.fitting.validation import Held
 from wayside.pipeline.statistics import Interval
@@ -148,8 +148,8 @@ def _outcome(one: Outcome) -> dict[str, Any]:
             "space": f.model.space,
             "prior_signs": f.prior_signs,
             "held_out": _held(f.held),
-            "shipped_on_the_same": vars_of(f.shipped),
-            "fitted_on_all": vars_of(f.fitted),
+            "shipped_on_the_same": _plain(f.shipped),
+            "fitted_on_all": _plain(f.fitted),
             "other_spaces": {name: _rates(held) for name, held in f.compared.items()},
             "kept": list(f.kept),
             "too_few_signs": f.lacking,
@@ -166,9 +166,12 @@ def _outcome(one: Outcome) -> dict[str, Any]:
     return body
 
 
-def vars_of(rates: Any) -> dict[str, float]:
-    """Fields of a dataclass of numbers."""
-    return {name: getattr(rates, name) for name in rates.__dataclass_fields__}
+def _plain(rates: Rates) -> dict[str, float]:
+    return {
+        "accepted": rates.accepted,
+        "named": rates.named,
+        "false_rate": rates.false_rate,
+    }
 
 
 def _rates(held: Held) -> dict[str, Any]:

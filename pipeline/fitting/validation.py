@@ -107,7 +107,7 @@ def score_held_out(
 
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """
-    weight, others = samples.weights(), np.asarray(samples.kind == "")
+    others = np.asarray(samples.kind == "")
     limit = np.full_like(distance, -1.0)
     for fold in np.unique(samples.fold):
         rest = samples.fold != fold
@@ -118,16 +118,7 @@ def score_held_out(
     nearest = np.where(holds, distance, np.inf).argmin(axis=1)
     given = np.where(any_holds, np.array(names)[nearest], "")
     right = given == samples.kind
-    draws = _draws(samples, resamplings)
-
-    def rate(flags: NDArray[np.bool_], among: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """The share of weight with a flag, in all samples and then in each resampling."""
-        top, bottom = np.zeros(draws.shape[1]), np.zeros(draws.shape[1])
-        np.add.at(top, samples.stretch[among & flags], weight[among & flags])
-        np.add.at(bottom, samples.stretch[among], weight[among])
-        with np.errstate(invalid="ignore"):
-            return np.asarray((draws @ top) / (draws @ bottom))
-
+    rate = Resampled(samples, resamplings).rate
     count, classes = counts_of(samples), []
     for j, name in enumerate(names):
         own = samples.kind == name
@@ -165,6 +156,28 @@ def score_held_out(
         (named - false)[1:],
         dict(sorted(confusion.items())),
     )
+
+
+class Resampled:
+    """Shares in samples and in resamplings of their stretches, the same ones whatever is asked."""
+
+    def __init__(self, samples: Samples, resamplings: int) -> None:
+        self._stretch, self._weight = samples.stretch, samples.weights()
+        self._draws = _draws(samples, resamplings)
+
+    def rate(self, flags: NDArray[np.bool_], among: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """The share of weight with a flag, in all samples and then in each resampling; nan where there is no weight."""
+        top, bottom = np.zeros((2, self._draws.shape[1]))
+        np.add.at(top, self._stretch[among & flags], self._weight[among & flags])
+        np.add.at(bottom, self._stretch[among], self._weight[among])
+        with np.errstate(invalid="ignore"):
+            return np.asarray((self._draws @ top) / (self._draws @ bottom))
+
+
+def exceeds(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether one resampled gain is larger than the other by more than a standard error of their difference."""
+    difference = (one - other)[np.isfinite(one - other)]
+    return bool(len(difference) and difference.mean() > difference.std())
 
 
 def _draws(samples: Samples, resamplings: int) -> NDArray[np.float64]:
