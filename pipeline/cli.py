@@ -130,6 +130,12 @@ def run(
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
     models: fitting.Models = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(
+            help="Preset report: false-alarm rate of every gate, instead of the thresholds of the models."
+        ),
+    ] = None,
     observations: Annotated[
         Listed,
         typer.Option(
@@ -156,6 +162,8 @@ def run(
         )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
     options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
+    if alpha is not None:
+        options["models.alpha"] = alpha
     if detections is not None:
         boxes.require_one_log(logs)
     chosen = _load_settings(preset, settings, assignments, options)

@@ -41,7 +41,9 @@ from wayside.stages.panel import OUTLINE_FEATURES
 
 DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
-"""The location class that is the report's single mean; the others are the mixture of preset `default`."""
+"""Class of a location file that is of preset `report`; the others of such a file are of preset `default`."""
+
+LOCATION, REPORT_LOCATION = "location.json", "location_report.json"
 
 OWN_COLORS = "color.json"
 """Colours that `wayside fit` writes: their space need not be RGB."""
@@ -126,15 +128,13 @@ def load_models(settings: Settings) -> Models:
     """
     folder = _own_folder(settings.models.folder)
     by_report = settings.candidates.judge == "report"
-    location = _gaussian(folder, "location.json")
-    wanted = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
 
     def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
         return load(folder, name) if _exists(folder, name) and not by_report else None
 
     models = Models(
         _trees(folder, "judge.json"),
-        replace(location, classes=wanted),
+        _location(folder, settings.models.location, by_report=by_report),
         _linear(folder, "outline.json"),
         _colors(folder) if by_report else None,
         _gaussian(folder, "shape.json") if by_report else None,
@@ -149,7 +149,7 @@ def load_models(settings: Settings) -> Models:
         _external(settings),
     )
     _check_inputs(models, folder)
-    return models
+    return _retraded(models, settings.models.alpha) if settings.models.alpha else models
 
 
 def _check_inputs(models: Models, folder: Path | None) -> None:
@@ -189,6 +189,54 @@ def _colors(folder: Path | None) -> GaussianModel:
     """Colours of the user's own in any space (`color.json`), else those of the report, in RGB."""
     own = folder is not None and (folder / OWN_COLORS).is_file()
     return _gaussian(folder, OWN_COLORS if own else "color_rgb.json")
+
+
+def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianModel:
+    """The location model that is named, or that of the preset.
+
+    A folder of the user's own may hold the location of preset `report` as the class `REPORT_CLASS` of its
+    `location.json`.
+    """
+    if name:
+        shipped = f"{Path(name).stem}.json"
+        if (shipped_models() / shipped).is_file() and not Path(name).is_file():
+            return _gaussian(None, shipped)
+        if not Path(name).is_file():
+            raise InputError(
+                f"models.location: wanted a model file or report-kansas, found none at {name}; correct the path or "
+                "leave the setting out"
+            )
+        return _gaussian(Path(name).parent, Path(name).name)
+    own = folder is not None and (folder / LOCATION).is_file()
+    if by_report and not (own and not (folder / REPORT_LOCATION).is_file()):
+        return _gaussian(folder, REPORT_LOCATION)
+    location = _gaussian(folder, LOCATION)
+    classes = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
+    if by_report and not classes:
+        return _gaussian(None, REPORT_LOCATION)
+    return replace(location, classes=classes)
+
+
+def _retraded(models: Models, alpha: float) -> Models:
+    """The models with the thresholds of a false-alarm rate; InputError where one holds no operating points."""
+    gates = {
+        "color_classes": models.color_classes,
+        "shape_classes": models.shape_classes,
+        "location_classes": models.location_classes,
+    }
+    wanted = {name: model for name, model in gates.items() if model is not None}
+    lacking = [name.removesuffix("_classes") for name, one in wanted.items() if not one.curve]
+    if models.color_classes is None:
+        raise InputError(
+            "models.alpha: wanted the gates of the report's chain, found preset default, whose classifiers are scored "
+            "together; set locate.confidence instead, or --preset report"
+        )
+    if lacking:
+        raise InputError(
+            f"models.alpha: wanted operating points in every model, found none for {', '.join(lacking)}; learn these "
+            "models again, or leave the rate out"
+        )
+    return replace(models, **{name: one.at_alpha(alpha) for name, one in wanted.items()})
 
 
 def _external(settings: Settings) -> DetectorFile | BoxFile | None:

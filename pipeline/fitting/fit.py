@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fitting.confidence import FittedConfidence, fit_confidence
-from wayside.pipeline.fitting.landmarks import landmark_samples, run_drives
+from wayside.pipeline.fitting.landmarks import by_side, landmark_samples, run_drives
 from wayside.pipeline.fitting.models import FittedModel, Task, fit_classes_of, fit_colors
 from wayside.pipeline.fitting.regions import Gathered, color_samples, shape_samples
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.learning.gaussians import PLACE_FLOOR, SHAPE_FLOOR
-from wayside.pipeline.model_files import OWN_COLORS, REPORT_CLASS, Models, load_models
+from wayside.pipeline.model_files import OWN_COLORS, REPORT_LOCATION, Models, load_models
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel
@@ -24,10 +24,12 @@ COLOR, SHAPE, LOCATION, CONFIDENCE = "color", "shape", "location", "confidence"
 FILES = {
     COLOR: OWN_COLORS,
     SHAPE: "shape.json",
-    LOCATION: "location.json",
+    LOCATION: REPORT_LOCATION,
     CONFIDENCE: "place.json",
 }
 """What can be fitted, in the order of the chain, and the file of its model."""
+SIDES = ("right", "left", "overhead")
+"""Classes of the location model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,17 +114,12 @@ def _fit_location(
     drives: Sequence[LabelledDrive], settings: Settings, models: Models, task: Task
 ) -> FittedModel:
     runs = run_drives(drives, settings, models)
-    samples = landmark_samples(runs, LOCATION, REPORT_CLASS)
+    samples = by_side(landmark_samples(runs, LOCATION))
 
     def floor(mean: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(PLACE_FLOOR)
 
-    fitted = fit_classes_of(
-        samples, (REPORT_CLASS,), LOCATION, floor, models.location_classes, task
-    )
-    others = load_models(replace(settings, candidates=type(settings.candidates)()))
-    every = (*others.location_classes.classes, *fitted.model.classes)
-    return replace(fitted, model=replace(fitted.model, classes=every, curve=()))
+    return fit_classes_of(samples, SIDES, LOCATION, floor, models.location_classes, task)
 
 
 def _fit_confidence(
@@ -133,7 +130,7 @@ def _fit_confidence(
         raise InputError(
             "confidence: wanted a landmark classifier to calibrate, found none; install wayside again"
         )
-    samples = landmark_samples(run_drives(drives, settings, models), "landmark", "sign")
+    samples = landmark_samples(run_drives(drives, settings, models), "landmark")
     return fit_confidence(samples, models.landmark_classifier, task.settings, task.provenance)
 
 

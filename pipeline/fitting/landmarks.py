@@ -8,9 +8,11 @@ import numpy as np
 
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.fitting.sources import LabelledDrive, sign_of_view
+from wayside.pipeline.learning.gates import OVERHEAD_M
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.roc.samples import NEITHER, ON, ClassifierSamples, gather_samples
 from wayside.schemas.errors import InputError
+from wayside.schemas.labels import SIGN
 from wayside.schemas.settings import Settings
 
 
@@ -28,11 +30,9 @@ def run_drives(
 
 
 def landmark_samples(
-    runs: Iterable[tuple[LabelledDrive, Mapping[str, ClassifierSamples]]],
-    classifier: str,
-    kind: str,
+    runs: Iterable[tuple[LabelledDrive, Mapping[str, ClassifierSamples]]], classifier: str
 ) -> Samples:
-    """The landmarks that a classifier was asked about, those of signs as class `kind`; without rows where none was."""
+    """The landmarks that a classifier was asked about, those of signs as class `SIGN`; no rows where none was."""
     values, kinds, signs, stretches, folds = [], [], [], [], []
     unnamed = -1
     for drive, asked in runs:
@@ -53,7 +53,7 @@ def landmark_samples(
         sign[missing] = unnamed - 1 - np.arange(missing.sum())
         unnamed -= int(missing.sum())
         values.append(own.values)
-        kinds.append(np.where(on, kind, ""))
+        kinds.append(np.where(on, SIGN, ""))
         signs.append(sign)
         stretches.append(stretch)
         folds.append(drive.fold_of(stretch))
@@ -61,3 +61,13 @@ def landmark_samples(
         empty = np.zeros(0, np.int64)
         return Samples(np.zeros((0, 1)), np.zeros(0, np.str_), empty, empty, empty)
     return Samples(*(np.concatenate(column) for column in (values, kinds, signs, stretches, folds)))
+
+
+def by_side(samples: Samples) -> Samples:
+    """Places (n, 2) of signs as the classes of the location model: `right` and `left` of the path, `overhead`."""
+    if not len(samples):
+        return samples
+    right, up = samples.values.T
+    side = np.where(up > OVERHEAD_M, "overhead", np.where(right >= 0, "right", "left"))
+    kind = np.where(samples.kind == "", "", side)
+    return Samples(samples.values, kind, samples.sign, samples.stretch, samples.fold)

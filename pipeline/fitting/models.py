@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fitting.gaussians import FittedClass, Floor, Samples, fit_classes
+from wayside.pipeline.fitting.thresholds import with_gate_thresholds
 from wayside.pipeline.fitting.validation import (
     BEYOND,
     SEED,
@@ -23,7 +24,6 @@ from wayside.pipeline.fitting.validation import (
     score_held_out,
 )
 from wayside.pipeline.learning.gaussians import COLOR_FLOOR
-from wayside.pipeline.roc.operating import with_learned_thresholds
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel
@@ -275,9 +275,8 @@ def _model(
     on = np.concatenate([samples.kind != "", np.ones(stand_in, bool)])
     count = np.concatenate([counts_of(samples), np.full(stand_in, VIEWS // DRAWS)])
     group = np.concatenate([samples.stretch, np.arange(stand_in) % (samples.stretch.max() + 1)])
-    learned = with_learned_thresholds(
-        model, np.minimum(np.concatenate(parts), BEYOND), on, count, group, task.alpha
-    )
+    every = np.minimum(np.concatenate(parts), BEYOND)
+    learned = with_gate_thresholds(model, every, on, count, group, task.alpha, SEED)
     return learned, tuple(drawn)
 
 

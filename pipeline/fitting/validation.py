@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fitting.gaussians import FittedClass, Samples, distances_to, log_density
+from wayside.pipeline.fitting.thresholds import gate_thresholds
 from wayside.pipeline.roc.curves import RocCurve, Scores, roc_curve
-from wayside.pipeline.roc.operating import knee_point, operating_points, point_at_alpha
 from wayside.pipeline.statistics import CONFIDENCE, Interval
 
 SEED = 1
@@ -82,15 +82,6 @@ def held_out_log_density(samples: Samples, fit: Fit) -> float:
     return total
 
 
-def thresholds_of(
-    distance: NDArray[np.float64], samples: Samples, alpha: float | None
-) -> NDArray[np.float64]:
-    """Thresholds (classes,) at the knee of the gate's curve, or of at most the false-alarm rate `alpha`."""
-    points = operating_points(distance, samples.kind != "", counts_of(samples))
-    chosen = knee_point(points) if alpha is None else point_at_alpha(points, alpha)
-    return np.array(chosen.thresholds)
-
-
 def counts_of(samples: Samples) -> NDArray[np.int64]:
     """The weights of samples as counts (n,): `VIEWS` a sign."""
     return np.asarray(np.rint(VIEWS * samples.weights()), np.int64)
@@ -108,20 +99,21 @@ def score_held_out(
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """
     others = np.asarray(samples.kind == "")
-    limit = np.full_like(distance, -1.0)
+    count, limit = counts_of(samples), np.full_like(distance, -1.0)
     for fold in np.unique(samples.fold):
         rest = samples.fold != fold
         if (others & rest).any() and (~others & rest).any():
-            limit[~rest] = thresholds_of(distance[rest], samples.select(rest), alpha)
+            chosen, _ = gate_thresholds(distance[rest], ~others[rest], count[rest], alpha)
+            limit[~rest] = chosen
     holds = distance <= limit
-    any_holds = holds.any(axis=1)
+    any_holds = np.asarray(holds.any(axis=1))
     nearest = np.where(holds, distance, np.inf).argmin(axis=1)
     given = np.where(any_holds, np.array(names)[nearest], "")
-    right = given == samples.kind
+    right = np.asarray(given == samples.kind)
     rate = Resampled(samples, resamplings).rate
-    count, classes = counts_of(samples), []
+    classes = []
     for j, name in enumerate(names):
-        own = samples.kind == name
+        own = np.asarray(samples.kind == name)
         asked = own | others
         scores = Scores(
             distance[asked, j], own[asked], count[asked], samples.stretch[asked], accept_below=True

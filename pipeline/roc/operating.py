@@ -80,26 +80,6 @@ def with_learned_thresholds(
     return replace(model, classes=classes, curve=points)
 
 
-def at_alpha(model: GaussianModel, alpha: float) -> GaussianModel:
-    """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
-
-    Raises
-    ------
-    ValueError
-        The model has no operating points.
-    """
-    allowed = [one for one in model.curve if one.false_alarm <= alpha]
-    if not allowed:
-        raise ValueError("model: wanted operating points, found none")
-    point = max(allowed, key=lambda one: one.power)
-    rule = f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
-    classes = tuple(
-        replace(one, threshold=threshold, threshold_rule=rule, threshold_interval=None)
-        for one, threshold in zip(model.classes, point.thresholds, strict=True)
-    )
-    return replace(model, classes=classes)
-
-
 def component_points(
     distance: NDArray[np.float64], on: NDArray[np.bool_], count: NDArray[np.int64]
 ) -> tuple[OperatingPoint, ...]:

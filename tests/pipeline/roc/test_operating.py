@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.pipeline.roc.operating import (
-    at_alpha,
     class_points,
     component_points,
     gate_rates,
@@ -121,7 +120,7 @@ def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_poin
     )
     powers = []
     for alpha in (0.01, 0.05, 0.2):
-        traded = at_alpha(found, alpha)
+        traded = found.at_alpha(alpha)
         reach = np.array([one.threshold for one in traded.classes])
         false_alarm, power = gate_rates(
             traded.distances(data.values), data.label == ON, data.count, reach
@@ -140,4 +139,4 @@ def test_thresholds_are_not_learned_of_signs_alone():
 
 def test_a_model_without_points_cannot_be_traded():
     with pytest.raises(ValueError, match="operating points"):
-        at_alpha(model((0,)), 0.1)
+        model((0,)).at_alpha(0.1)
