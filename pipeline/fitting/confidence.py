@@ -51,7 +51,7 @@ def fit_confidence(
     signs, others = int(on.sum()), int((~on).sum())
     if min(signs, others) < settings.fewest_landmarks or len(np.unique(samples.fold)) < 2:
         raise InputError(
-            f"confidence: wanted {settings.fewest_landmarks} landmarks of labelled signs and of what is no sign, "
+            f"wanted {settings.fewest_landmarks} landmarks of labelled signs and of what is no sign, "
             f"in two stretches or more, found {signs} and {others} in {len(np.unique(samples.fold))}; label more"
         )
     held = np.empty(len(score))

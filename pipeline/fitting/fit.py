@@ -119,7 +119,7 @@ def _fit_location(
     def floor(mean: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(PLACE_FLOOR)
 
-    return fit_classes_of(samples, SIDES, LOCATION, floor, models.location_classes, task)
+    return fit_classes_of(samples, SIDES, "side of the road", floor, models.location_classes, task)
 
 
 def _fit_confidence(
@@ -128,7 +128,7 @@ def _fit_confidence(
     models = load_models(settings)
     if models.landmark_classifier is None:
         raise InputError(
-            "confidence: wanted a landmark classifier to calibrate, found none; install wayside again"
+            "wanted a landmark classifier to calibrate, found none; install wayside again"
         )
     samples = landmark_samples(run_drives(drives, settings, models), "landmark")
     return fit_confidence(samples, models.landmark_classifier, task.settings, task.provenance)

@@ -180,7 +180,7 @@ def enough(
     others = int((samples.kind == "").sum())
     if others < settings.fewest_others:
         raise InputError(
-            f"{what}: wanted {settings.fewest_others} samples of what is no sign, found {others}; mark images as "
+            f"wanted {settings.fewest_others} samples of what is no sign, found {others}; mark images as "
             "complete (--complete: every sign of the labelled images is labelled), or label what is no sign"
         )
     counts = {name: samples.signs(name) for name in known}
@@ -193,7 +193,7 @@ def enough(
     if not names:
         found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "none"
         raise InputError(
-            f"{what}: wanted {settings.fewest_signs} labelled signs of a class, in two stretches of road or more, "
+            f"wanted {settings.fewest_signs} labelled signs of a {what}, in two stretches of road or more, "
             f"found {found}; label more"
         )
     return names
