@@ -3,7 +3,8 @@
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o FOLDER
 
 Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes are those of `make
-learn`; the thresholds that it finds against candidates of preset `default` are replaced.
+learn`; the thresholds of colours that it finds against candidates of preset `default` are replaced. Shapes keep theirs,
+and get operating points.
 """
 
 from __future__ import annotations
@@ -61,14 +62,15 @@ def learn_gates(
         Too few signs reached a gate.
     """
     learned: dict[str, GaussianModel] = {}
-    for name, file, model in (
-        ("color", "color_rgb.json", models.color_classes),
-        ("shape", "shape.json", models.shape_classes),
-    ):
-        if name in samples and model is not None:
-            found = with_learned_thresholds(model, samples[name])
-            origin = f"{model.provenance.partition('; thresholds by ')[0]}; thresholds by {_origin(samples[name])}"
-            learned[file] = replace(found, provenance=origin)
+    if "color" in samples and models.color_classes is not None:
+        colors = with_learned_thresholds(models.color_classes, samples["color"])
+        origin = _with_origin(colors, "thresholds by", samples["color"])
+        learned["color_rgb.json"] = replace(colors, provenance=origin)
+    if "shape" in samples and models.shape_classes is not None:
+        # nine knees together accept half of all regions (one in eight at the knees against other shapes)
+        shapes = with_learned_thresholds(models.shape_classes, samples["shape"])
+        origin = _with_origin(models.shape_classes, "operating points by", samples["shape"])
+        learned["shape.json"] = replace(models.shape_classes, curve=shapes.curve, provenance=origin)
     places = samples["location"]
     origin = _origin(places)
     known = places.known()
@@ -112,6 +114,11 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
             "label more images"
         )
     return GaussianModel("right_up_m", tuple(classes), provenance)
+
+
+def _with_origin(model: GaussianModel, what: str, samples: ClassifierSamples) -> str:
+    """The provenance of a model with that of its thresholds or points, instead of those of before."""
+    return f"{model.provenance.partition(f'; {what} ')[0]}; {what} {_origin(samples)}"
 
 
 def _origin(samples: ClassifierSamples) -> str:

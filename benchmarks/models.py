@@ -1,0 +1,224 @@
+"""What the classifiers of the report do on drives that their thresholds were not learned from: writes models.md.
+
+    .venv/bin/python benchmarks/models.py DRIVE.mcap ... [--spacing]
+
+Each drive needs its truth beside it. What the classifiers are asked about is kept in .cache/models, one file a drive.
+Every drive is held out in turn: thresholds and locations are learned from the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import pickle
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.labels import read_labels
+from wayside.pipeline.learning.gates import KANSAS, learn_gates
+from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.model_files import REPORT_LOCATION, load_models
+from wayside.pipeline.roc.command import characteristics
+from wayside.pipeline.roc.curves import RocCurve
+from wayside.pipeline.roc.operating import with_learned_thresholds
+from wayside.pipeline.roc.questions import ALL
+from wayside.pipeline.roc.samples import (
+    NO_CLASS,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
+from wayside.pipeline.settings_file import PRESETS, load_settings
+from wayside.schemas.models import GaussianModel
+
+ROOT = Path(__file__).resolve().parents[1]
+KEPT, PAGE = ROOT / ".cache" / "models", ROOT / "benchmarks" / "models.md"
+FILES = {
+    "color": "color_rgb.json",
+    "shape (at the knee)": "shape.json",
+    "location": REPORT_LOCATION,
+    "location (report-kansas)": KANSAS,
+}
+RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+DRAWS = 1000
+
+Drive = Mapping[str, ClassifierSamples]
+
+
+@dataclass(frozen=True)
+class Counts:
+    """tp, positives, fp, negatives of each held-out drive, (drives, 4)."""
+
+    rows: NDArray[np.int64]
+
+    def rates(self) -> str:
+        """Both rates with bands that resample the drives."""
+        if not self.rows[:, 1].sum():
+            return "no sign | - | -"
+        weight = np.random.default_rng(1).multinomial(
+            len(self.rows), np.full(len(self.rows), 1 / len(self.rows)), DRAWS
+        )
+        drawn, total = weight @ self.rows, self.rows.sum(axis=0)
+        words = [f"{total[1]}"]
+        for k in (0, 2):
+            share = drawn[drawn[:, k + 1] > 0]
+            low, high = np.quantile(share[:, k] / share[:, k + 1], [0.025, 0.975])
+            words.append(
+                f"{100 * total[k] / max(total[k + 1], 1):.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+            )
+        return " | ".join(words)
+
+
+def main() -> None:
+    """Gather, hold out each drive in turn, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("drives", type=Path, nargs="+")
+    parser.add_argument("--spacing", action="store_true", help="take it from the truth")
+    given = parser.parse_args()
+    drives = {log.stem: kept_samples(log, spacing=given.spacing) for log in given.drives}
+    PAGE.write_text("\n".join(page(drives)) + "\n", encoding="utf-8")
+
+
+def kept_samples(log: Path, *, spacing: bool) -> Drive:
+    """What the classifiers of the report are asked about on a drive, from the cache where it is there."""
+    kept = KEPT / f"{log.stem}.pickle"
+    if kept.is_file():
+        return dict(pickle.loads(kept.read_bytes()))
+    truth = log.with_suffix(".truth.json")
+    found: dict[str, ClassifierSamples] = {}
+    options = {"read.spacing_m": json.loads(truth.read_text())["spacing_m"]} if spacing else {}
+    for preset in (name for name in ("report-shape", "report") if name in PRESETS):
+        settings = load_settings(preset, None, [], options)[0]
+        found |= gather_samples(log, read_labels(truth), settings, load_models(settings))
+    KEPT.mkdir(parents=True, exist_ok=True)
+    kept.write_bytes(pickle.dumps(found))
+    return found
+
+
+def page(drives: Mapping[str, Drive]) -> Iterator[str]:
+    """The lines of models.md."""
+    models = load_models(load_settings("report")[0])
+    folds: list[tuple[Drive, dict[str, GaussianModel]]] = []
+    for name, own in drives.items():
+        print(name, flush=True)
+        others = join_drives([one for other, one in drives.items() if other != name])
+        learned = learn_gates(others, models)
+        if models.shape_classes is not None and "shape" in others:
+            shapes = with_learned_thresholds(models.shape_classes, others["shape"])
+            learned["shape.json"] = shapes
+        folds.append((own, learned))
+    yield "# Classifiers of the report on drives held out in turn"
+    yield ""
+    yield (
+        "What each classifier is asked about when preset `report` runs: connected regions, and triangulated landmarks "
+        "of all that passes the colours (no shape gate before them). Thresholds are the knee of the ROC; each drive is "
+        "judged by thresholds, and places, learned from the other drives. In brackets 95 % bands, which resample the "
+        "drives. TPR: signs of the class that its test accepts; FPR: others that it accepts. Rendered drives: "
+        f"{', '.join(drives)}. `benchmarks/models.py` writes this page; `wayside roc` measures other drives "
+        "([docs/roc.md](../docs/roc.md))."
+    )
+    yield ""
+    yield "| classifier | class | signs | TPR | FPR |"
+    yield "| --- | --- | ---: | --- | --- |"
+    for classifier, file in FILES.items():
+        asked = classifier.partition(" ")[0]
+        usable = [(own[asked], learned[file]) for own, learned in folds if asked in own]
+        names = [one.name for one in usable[0][1].classes] if asked != "location" else []
+        for name in [ALL, *names]:
+            yield f"| {classifier} | {name} | {Counts(held_out(usable, name)).rates()} |"
+    together = join_drives(drives.values())
+    yield ""
+    yield from _beside_the_report(together, folds)
+    yield ""
+    yield from _retraded(folds)
+
+
+def held_out(
+    usable: Sequence[tuple[ClassifierSamples, GaussianModel]], name: str
+) -> NDArray[np.int64]:
+    """Counts (drives, 4) of a class, or of the classifier as a whole, by models that do not know the drive."""
+    rows = []
+    for every, model in usable:
+        own = every.known()
+        reach = np.array([one.threshold for one in model.classes])
+        within = model.distances(own.values) <= reach
+        on = own.label == ON
+        if name == ALL:
+            accepted = within.any(axis=1)
+        else:
+            accepted = within[:, [one.name for one in model.classes].index(name)]
+        wanted = on & ((own.kind == name) | (name == ALL) | (own.kind == NO_CLASS))
+        counted = (wanted & accepted, wanted, ~on & accepted, ~on)
+        rows.append([int(own.count[flags].sum()) for flags in counted])
+    return np.array(rows, np.int64)
+
+
+def _beside_the_report(
+    together: Drive, folds: Sequence[tuple[Drive, dict[str, GaussianModel]]]
+) -> Iterator[str]:
+    settings = load_settings("report")[0]
+    measured = characteristics(together, settings, load_models(settings))
+    found = {
+        (question.classifier, question.name): curve
+        for question, curve in measured.curves
+        if curve is not None
+    }
+    yield "## Beside the report"
+    yield ""
+    yield "| claim | report | here |"
+    yield "| --- | --- | --- |"
+    green = found["color", "green"]
+    yield (
+        "| others passed where all green signs are found (ch. 10) | 1.8 % | "
+        f"{_others_at(green, 1.0)} at full TPR, {_others_at(green, 0.95)} at 95 % of {green.positives} views |"
+    )
+    shapes = [(own["shape"], learned["shape.json"]) for own, learned in folds if "shape" in own]
+    tp, signs = held_out(shapes, ALL)[:, :2].sum(axis=0)
+    yield (
+        f"| shapes right of 50 images (ch. 4) | 92 % | {100 * tp / signs:.0f} % of {signs} views that reach the gate, "
+        "any shape, irregular outlines among them |"
+    )
+    size = found["size", "smallest"]
+    gate = settings.gate
+    kept = size.at(gate.smallest_px, accept_below=False)
+    yield (
+        f"| signs dropped below {gate.smallest_px} px (3.1) | - | {100 * (1 - size.tpr[kept]):.0f} % of "
+        f"{size.positives} views of at least 8 px height; {100 * (1 - size.fpr[kept]):.1f} % of the other regions |"
+    )
+
+
+def _others_at(curve: RocCurve, tpr: float) -> str:
+    row = int(np.argmax(curve.tpr >= tpr))
+    return f"{100 * curve.fpr[row]:.1f} %"
+
+
+def _retraded(folds: Sequence[tuple[Drive, dict[str, GaussianModel]]]) -> Iterator[str]:
+    yield "## What the location allows"
+    yield ""
+    yield (
+        "Landmarks of drives held out, by the operating points of the mixture and of the report's single mean; "
+        "precision: landmarks of signs among those accepted (several may be of one sign). This is the curve of recall "
+        "against precision that `--alpha` moves along."
+    )
+    yield ""
+    yield "| rule | mixture: TPR | FPR | precision | report-kansas: TPR | FPR | precision |"
+    yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: |"
+    for alpha in (None, *RATES):
+        cells = []
+        for file in (REPORT_LOCATION, KANSAS):
+            usable = [
+                (own["location"], learned[file] if alpha is None else learned[file].at_alpha(alpha))
+                for own, learned in folds
+            ]
+            tp, signs, fp, others = held_out(usable, ALL).sum(axis=0)
+            precision = f"{100 * tp / (tp + fp):.0f} %" if tp + fp else "-"
+            cells += [f"{100 * tp / signs:.0f} %", f"{100 * fp / others:.1f} %", precision]
+        yield f"| {'knee' if alpha is None else f'alpha {alpha:g}'} | {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    main()
