@@ -71,14 +71,16 @@ def label(
             f"wanted one result or log to mark, found {len(sources)}; make a page of each, "
             "or write labels with -o labels.parquet"
         )
-    result = sources[0]
+    result, lost = sources[0], 0
     if result.suffix.lower() == ".json":
         raise UsageError(
             f"{result}: labels become a file of labels, found -o {out}; write -o labels.parquet"
         )
     if result.is_file():
-        result = _run(result, out / _RESULT, spacing, preset, overwrite=overwrite)
-    _write(result, out, most, log, overwrite=overwrite)
+        lost = _run(result, out / _RESULT, spacing, preset, overwrite=overwrite)
+        result = out / _RESULT
+    if _write(result, out, most, log, overwrite=overwrite) or lost:
+        raise typer.Exit(PARTS_LOST)
 
 
 def _convert(
@@ -106,7 +108,8 @@ def _convert(
     if labels.left_out:
         reasons = ", ".join(f"{count} {reason}" for reason, count in labels.left_out.items())
         typer.echo(visible(f"wayside: left out: {reasons}; see docs/labels.md"), err=True)
-        raise typer.Exit(PARTS_LOST)
+        if set(labels.left_out) - {"other_class"}:  # which the class map asks for
+            raise typer.Exit(PARTS_LOST)
 
 
 def _reviewed(result: Path, given: Path | None) -> Review:
@@ -122,19 +125,19 @@ def _reviewed(result: Path, given: Path | None) -> Review:
     return review
 
 
-def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> Path:
-    """Run a log first; its result."""
+def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> int:
+    """Run a log first; the exit status that this asks for."""
     from wayside.pipeline.cli_running import process
     from wayside.pipeline.lengths import parse_spacing
     from wayside.pipeline.settings_file import load_settings
 
     options = {} if spacing is None else {"read.spacing_m": parse_spacing(spacing)}
     settings = load_settings(preset, None, [], options)[0]
-    process(log, folder, settings, None, overwrite=overwrite)
-    return folder
+    return process(log, folder, settings, None, overwrite=overwrite)
 
 
-def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite: bool) -> None:
+def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite: bool) -> int:
+    """Write the page; how many things have no image."""
     from wayside.pipeline.labelling.page import write_page
     from wayside.pipeline.progress import SheetProgress
     from wayside.pipeline.tuning import tune_process
@@ -156,4 +159,4 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
             f"wayside: {written.lost} have no image: the log no longer holds it, or it does not decode",
             err=True,
         )
-        raise typer.Exit(PARTS_LOST)
+    return written.lost

@@ -227,7 +227,7 @@ OBSERVATIONS = Table(
             "score",
             _SINGLE,
             "",
-            "log odds that the box is a sign face, by the classifier of boxes or another detector; preset `report`: null",
+            "log odds that the box is a sign face, by the classifier of boxes or another detector; null: not computed",
         ),
     ),
 )

@@ -80,6 +80,7 @@ def format_index(
         shapes=_options(SHAPES, [card.sign["shape"] for card in cards]),
         statuses=_options(tuple(SIGN_STATUSES), [card.sign["status"] for card in cards]),
         map="" if view is None else _map(cards, drive, view, world),
+        script=files(__package__).joinpath("index.js").read_text("utf-8"),
         about=json.dumps(about).replace("<", "\\u003c"),
         allcolors=_choices(COLORS),
         allshapes=_choices(SHAPES),
