@@ -105,7 +105,9 @@ def test_in_light_that_stays_rgb_stays():
 
 def test_too_few_signs_are_refused_with_the_number_needed():
     samples = road(signs=4)
-    with pytest.raises(InputError, match=r"wanted 5 labelled signs of a colour, .* found 4 yellow, 4 green"):
+    with pytest.raises(
+        InputError, match=r"wanted 5 labelled signs of a colour, .* found 4 yellow, 4 green"
+    ):
         fit_colors(samples, shipped(), task(), "rgb")
 
 
