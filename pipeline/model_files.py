@@ -207,8 +207,9 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
                 "leave the setting out"
             )
         return _gaussian(Path(name).parent, Path(name).name)
-    own = folder is not None and (folder / LOCATION).is_file()
-    if by_report and not (own and not (folder / REPORT_LOCATION).is_file()):
+    names = (LOCATION, REPORT_LOCATION)
+    own = [] if folder is None else [name for name in names if (folder / name).is_file()]
+    if by_report and own != [LOCATION]:
         return _gaussian(folder, REPORT_LOCATION)
     location = _gaussian(folder, LOCATION)
     classes = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
@@ -219,14 +220,10 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
 
 def _retraded(models: Models, alpha: float) -> Models:
     """The models with the thresholds of a false-alarm rate; InputError where one holds no operating points."""
-    gates = {
-        "color_classes": models.color_classes,
-        "shape_classes": models.shape_classes,
-        "location_classes": models.location_classes,
-    }
-    wanted = {name: model for name, model in gates.items() if model is not None}
-    lacking = [name.removesuffix("_classes") for name, one in wanted.items() if not one.curve]
-    if models.color_classes is None:
+    color, shape, location = models.color_classes, models.shape_classes, models.location_classes
+    gates = {"color": color, "shape": shape, "location": location}
+    lacking = [name for name, one in gates.items() if one is not None and not one.curve]
+    if color is None:
         raise InputError(
             "models.alpha: wanted the gates of the report's chain, found preset default, whose classifiers are scored "
             "together; set locate.confidence instead, or --preset report"
@@ -236,7 +233,12 @@ def _retraded(models: Models, alpha: float) -> Models:
             f"models.alpha: wanted operating points in every model, found none for {', '.join(lacking)}; learn these "
             "models again, or leave the rate out"
         )
-    return replace(models, **{name: one.at_alpha(alpha) for name, one in wanted.items()})
+    return replace(
+        models,
+        color_classes=color.at_alpha(alpha),
+        shape_classes=None if shape is None else shape.at_alpha(alpha),
+        location_classes=location.at_alpha(alpha),
+    )
 
 
 def _external(settings: Settings) -> DetectorFile | BoxFile | None:

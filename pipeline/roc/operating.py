@@ -98,7 +98,7 @@ def component_points(
     nearest = np.asarray(np.where(known[:, None], distance, np.inf).argmin(axis=1))
     segments: list[tuple[float, int, float]] = []
     for j in range(distance.shape[1]):
-        own = known & (nearest == j)
+        own = np.asarray(known & (nearest == j))
         hull = _hull(distance[own, j], on[own], share[own])
         segments += [(slope, j, reach) for slope, reach in hull]
     segments.sort(key=lambda one: -one[0])
