@@ -11,7 +11,7 @@ from wayside import __version__
 from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
 from wayside.pipeline.fitting.models import Task
 from wayside.pipeline.fitting.page import fit_page
-from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, format_fit
+from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, format_fit, outcome_lines
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.settings_file import load_settings
@@ -82,8 +82,8 @@ def fit_labels(
     task = Task(settings, options.alpha, options.only_labelled, origin)
     outcomes = fit_models(drives, presets, task, options.wanted, options.space, notify)
     if not any(one.written for one in outcomes):
-        lines = [f"{one.what}: {one.refusal}" for one in outcomes]
-        raise InputError("no model is written:\n" + "\n".join(lines))
+        lines = [line for one in outcomes for line in outcome_lines(one)]
+        raise InputError("\n".join(["no model is written", *lines]))
     _write(out, outcomes, drives, origin, options.alpha)
     return format_fit(outcomes, drives, out)
 

@@ -53,7 +53,7 @@ def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out
     held = f"{len(drives)} drives" if by_drive else f"{stretches} stretches of road"
     lines.append(f"held out in turn: {held}; brackets: 95 % intervals over {stretches} stretches")
     for one in outcomes:
-        lines += ["", *_outcome_lines(one)]
+        lines += ["", *outcome_lines(one)]
     lines += ["", f"not fitted: {NETWORKS}"]
     lines.append(
         f"written to {out}: {', '.join(FILES[one.what] for one in outcomes if one.written)}"
@@ -62,7 +62,8 @@ def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out
     return "\n".join(lines)
 
 
-def _outcome_lines(one: Outcome) -> list[str]:
+def outcome_lines(one: Outcome) -> list[str]:
+    """What became of one model, in lines."""
     name = FILES[one.what]
     head = (
         f"{one.what}: {name} written" if one.written else f"{one.what}: not written, {one.refusal}"

@@ -94,7 +94,9 @@ def test_figures_and_curves_stand_beside_the_models(pictures, tmp_path):
 
 def test_landmarks_need_a_log(pictures, tmp_path):
     folder, labels = pictures
-    with pytest.raises(InputError, match="location: wanted a log, found folders of images"):
+    with pytest.raises(
+        InputError, match="location: not written, wanted a log, found folders of images"
+    ):
         fit(labels, "--images", folder, "--model", "location", "-o", tmp_path)
     assert not list(tmp_path.iterdir())
 
