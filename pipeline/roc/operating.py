@@ -92,7 +92,7 @@ def component_points(
     on, count
         Whether a sample is a sign, (n,); how many samples it stands for, (n,). There are signs and others.
     """
-    known = np.isfinite(distance).all(axis=1)
+    known: NDArray[np.bool_] = np.isfinite(distance).all(axis=1)
     positives, negatives = float(count[on].sum()), float(count[~on].sum())
     share = count / np.where(on, positives, negatives)
     nearest = np.asarray(np.where(known[:, None], distance, np.inf).argmin(axis=1))
