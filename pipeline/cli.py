@@ -13,6 +13,7 @@ import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_exporting as exporting
+from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_joining as joining
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
@@ -132,6 +133,7 @@ def run(
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
+    models: fitting.Models = None,
     alpha: Annotated[
         float | None,
         typer.Option(
@@ -163,7 +165,7 @@ def run(
             "wanted --resume or a viewer, which would miss images, found both; leave one out"
         )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
-    options |= boxes.options(detector, detections, classes)
+    options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     if alpha is not None:
         options["models.alpha"] = alpha
     if detections is not None:
@@ -206,6 +208,7 @@ def replay(
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
+    models: fitting.Models = None,
     view_images: viewer.ViewImages = viewer.RecordedImages.all,
     view_detail: viewer.ViewDetail = False,
     overwrite: viewer.Overwrite = False,
@@ -214,7 +217,7 @@ def replay(
     import tempfile
 
     options = _read_options(spacing, camera, calibration, start, until, None, workers)
-    options |= boxes.options(detector, detections, classes)
+    options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     chosen = _load_settings(preset, settings, assignments, options)
     times = viewer.parse_rate(rate)
     shown = viewer.ViewMode.serve if serve else viewer.ViewMode.live
@@ -359,6 +362,7 @@ app.command(
 app.command(epilog=joining.JOIN_EPILOG)(joining.join)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
+app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)
 app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
 app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)

@@ -51,6 +51,9 @@ LOCATION, REPORT_LOCATION = "location.json", "location_report.json"
 TRAJECTORY_FILES = {"image": "trajectory.json", "compensated": "trajectory_compensated.json"}
 """Density of the trajectories of signs, by its form."""
 
+OWN_COLORS = "color.json"
+"""Colours that `wayside fit` writes: their space need not be RGB."""
+
 Kind = TypeVar(
     "Kind", GaussianModel, MixtureModel, TreeModel, NetworkModel, LinearModel, EvidenceModel
 )
@@ -145,7 +148,7 @@ def load_models(settings: Settings) -> Models:
         _trees(folder, "judge.json"),
         _location(folder, settings.models.location, by_report=by_report),
         _linear(folder, "outline.json"),
-        _gaussian(folder, "color_rgb.json") if by_report else None,
+        _colors(folder) if by_report else None,
         _gaussian(folder, "shape.json") if settings.report.shape else None,
         _evidence(folder, "place.json") if _exists(folder, "place.json") else None,
         optional(_network, "face_color.json"),
@@ -207,6 +210,12 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
             )
 
 
+def _colors(folder: Path | None) -> GaussianModel:
+    """Colours of the user's own in any space (`color.json`), else those of the report, in RGB."""
+    own = folder is not None and (folder / OWN_COLORS).is_file()
+    return _gaussian(folder, OWN_COLORS if own else "color_rgb.json")
+
+
 def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianModel:
     """The location model that is named, or that of the preset.
 
@@ -236,6 +245,11 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
 
 def _retraded(models: Models, alpha: float) -> Models:
     """The models with the thresholds of a false-alarm rate; InputError where one holds no operating points."""
+    if models.trajectory_density is not None:
+        raise InputError(
+            "models.alpha: wanted gates with operating points, found the density of trajectories, which has one "
+            "threshold; use --preset report or report-shape, or leave the rate out"
+        )
     color, shape, location = models.color_classes, models.shape_classes, models.location_classes
     gates = {"color": color, "shape": shape, "location": location}
     lacking = [name for name, one in gates.items() if one is not None and not one.curve]

@@ -1,6 +1,7 @@
 """What only the report's own chains need: colour, shape and trajectory gates, SIFT matching (chapters 3 to 5)."""
 
 from wayside.stages.report.color import classify_color
+from wayside.stages.report.color_space import COLOR_SPACES, color_features
 from wayside.stages.report.fourier import fourier_descriptors
 from wayside.stages.report.match import match_by_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
@@ -14,12 +15,14 @@ from wayside.stages.report.trajectory import (
 )
 
 __all__ = [
+    "COLOR_SPACES",
     "SAMPLES",
     "STEP_M",
     "TRAJECTORY_FORMS",
     "classify_color",
     "classify_shape",
     "classify_trajectory",
+    "color_features",
     "extract_sift",
     "fourier_descriptors",
     "match_by_descriptors",

@@ -10,6 +10,7 @@ import numpy as np
 from wayside.schemas.detections import COLORS, Candidates, Detections, Segmentation, verdict_code
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
+from wayside.stages.report.color_space import COLOR_SPACES, color_features
 
 
 def classify_color(
@@ -25,7 +26,7 @@ def classify_color(
     segmentations
         Images with their regions.
     model
-        Mean, covariance and threshold of each colour in space "rgb".
+        Mean, covariance and threshold of each colour, in space "rgb" (as in the report) or another of `COLOR_SPACES`.
 
     Yields
     ------
@@ -36,10 +37,12 @@ def classify_color(
     InputError
         If the model names a colour or a space that does not exist.
     """
-    require_gaussian_model(model, COLORS, {"rgb": 3})
+    require_gaussian_model(model, COLORS, COLOR_SPACES)
     for one in segmentations:
         candidates = Candidates.of(one.regions)
-        color, distance, accepted = nearest_class(one.regions.rgb, model, COLORS)
+        color, distance, accepted = nearest_class(
+            color_features(one.regions.rgb, model.space), model, COLORS
+        )
         verdict = np.where(accepted, candidates.verdict, verdict_code("color"))
         yield Detections(
             one,

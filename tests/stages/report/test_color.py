@@ -82,7 +82,7 @@ def test_models_that_do_not_fit_are_refused():
     for bad, message in (
         (wrong_name, "'pink'"),
         (wrong_size, "wanted 3 numbers"),
-        (GaussianModel("lab", good.classes, ""), "'lab'"),
+        (GaussianModel("hsv", good.classes, ""), "'hsv'"),
         (GaussianModel("rgb", (), ""), "at least one class"),
     ):
         with pytest.raises(InputError, match=message):

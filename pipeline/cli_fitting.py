@@ -1,0 +1,143 @@
+"""The command `wayside fit`, and the option of a run that takes its result."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from wayside.schemas.errors import UsageError
+
+FIT_EPILOG = (
+    "Examples: `wayside fit labels.parquet --images drive.mcap -o my_models` · "
+    "`wayside fit coco.json --classes classes.toml --images pictures/ --complete -o my_models` · "
+    "`wayside fit labels.parquet --images a.mcap --images b.mcap --alpha 0.01 -o my_models` · "
+    "then `wayside run drive.mcap --models my_models -o out`"
+)
+
+
+class Fitted(StrEnum):
+    """What can be fitted."""
+
+    color = "color"
+    shape = "shape"
+    location = "location"
+    confidence = "confidence"
+
+
+class Space(StrEnum):
+    """Spaces of the colour classes."""
+
+    auto = "auto"
+    rgb = "rgb"
+    chromaticity = "chromaticity"
+    log_chromaticity = "log_chromaticity"
+    log_rgb = "log_rgb"
+    lab = "lab"
+
+
+Models = Annotated[
+    Path | None,
+    typer.Option(
+        "--models", metavar="DIR", help="Model files of your own, as `wayside fit` writes them."
+    ),
+]
+
+
+def model_options(models: Path | None) -> dict[str, Any]:
+    """The option as a setting, where it is given."""
+    return {} if models is None else {"models.folder": str(models)}
+
+
+def fit(
+    labels: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LABELS...",
+            help="Labels: wayside's Parquet, COCO, YOLO, VOC, or the truth of a drive. One, or one for each --images.",
+        ),
+    ],
+    images: Annotated[
+        list[Path],
+        typer.Option("--images", metavar="LOG|DIR", help="What is labelled; may be repeated."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the models.")],
+    model: Annotated[
+        list[Fitted] | None, typer.Option("--model", help="Fit this model only; may be repeated.")
+    ] = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(help="False-alarm rate of each gate, 0.01 for instance.  [default: the knee]"),
+    ] = None,
+    space: Annotated[
+        Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
+    ] = Space.auto,
+    complete: Annotated[
+        bool,
+        typer.Option("--complete", help="Every sign of the labelled images is labelled."),
+    ] = False,
+    only_labelled: Annotated[
+        bool,
+        typer.Option(
+            "--only-labelled",
+            help="Leave out classes with too few labelled signs instead of keeping the shipped ones.",
+        ),
+    ] = False,
+    classes: Annotated[
+        Path | None,
+        typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs."),
+    ] = None,
+    source: Annotated[str, typer.Option(help="Who made images and labels, for the models.")] = "",
+    licence: Annotated[str, typer.Option(help="Licence of the images, for the models.")] = "",
+    spacing: Annotated[
+        str | None, typer.Option(help="Log: distance between images, as of `run`.")
+    ] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="Log: image topic, where it has several.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Log: ROS camera_info YAML instead of the log's.")
+    ] = None,
+    start: Annotated[str | None, typer.Option("--from", help="Log: start here.")] = None,
+    until: Annotated[str | None, typer.Option(help="Log: stop here.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+) -> None:
+    """Fit colours, shapes, location and confidence to your own labels.
+
+    Writes model files that `wayside run --models` takes, with counts, thresholds and what was held out; labels of 50
+    images are enough for colours that stand on five signs each.
+    """
+    from wayside.pipeline.fitting.command import FitOptions, fit_labels
+    from wayside.pipeline.lengths import parse_spacing, parse_time
+    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.visible_text import visible, visible_lines
+
+    if alpha is not None and not 0 < alpha < 1:
+        raise UsageError(f"--alpha: wanted a false-alarm rate between 0 and 1, found {alpha:g}")
+    tune_process()
+    given: dict[str, Any] = {
+        "read.spacing_m": None if spacing is None else parse_spacing(spacing),
+        "read.camera": camera,
+        "read.calibration": None if calibration is None else str(calibration),
+        "read.from_s": None if start is None else parse_time(start),
+        "read.until_s": None if until is None else parse_time(until),
+    }
+    options = FitOptions(
+        tuple(labels),
+        tuple(images),
+        classes,
+        {name: value for name, value in given.items() if value is not None},
+        tuple(one.value for one in Fitted if model is None or one in model),
+        alpha,
+        None if space is Space.auto else space.value,
+        complete,
+        only_labelled,
+        source,
+        licence,
+    )
+    report = fit_labels(
+        options, out, overwrite=overwrite, notify=lambda words: typer.echo(visible(words), err=True)
+    )
+    typer.echo(visible_lines(report))

@@ -1,0 +1,140 @@
+"""What `wayside fit` does: read labels, fit models, write them with what they rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from wayside import __version__
+from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
+from wayside.pipeline.fitting.models import Task
+from wayside.pipeline.fitting.page import fit_page
+from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, format_fit, outcome_lines
+from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
+from wayside.pipeline.labels import read_labels
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.writing import not_written, refuse, write_file, write_json
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.model_json import model_to_json
+from wayside.schemas.settings.fitting import FitSettings
+
+FIGURES, PAGE = "fit.json", "fit.html"
+
+
+@dataclass(frozen=True, slots=True)
+class FitOptions:
+    """Options of the command.
+
+    labels, images: files and folders as given; classes: TOML file for foreign class names; read: options of reading by
+    their setting; wanted: which models; alpha: false-alarm rate; space: of the colours, None: by cross-validation;
+    complete: every labelled image shows no other sign; only_labelled: leave out classes of too few signs; source,
+    licence: words for the model files.
+    """
+
+    labels: tuple[Path, ...]
+    images: tuple[Path, ...]
+    classes: Path | None
+    read: dict[str, object]
+    wanted: tuple[str, ...]
+    alpha: float | None
+    space: str | None
+    complete: bool
+    only_labelled: bool
+    source: str
+    licence: str
+
+
+def fit_labels(
+    options: FitOptions, out: Path, *, overwrite: bool, notify: Callable[[str], None]
+) -> str:
+    """Fit models by labels, write them into a folder, and give the report.
+
+    Raises
+    ------
+    UsageError
+        There are several files of labels, but not one for each of the images.
+    InputError
+        Labels or images cannot be used, or not one model can be fitted.
+    OutputError
+        A file cannot be written, or stands there already.
+    """
+    if len(options.labels) not in (1, len(options.images)):
+        raise UsageError(
+            f"wanted one file of labels, or one for each of the {len(options.images)} --images in their order, found "
+            f"{len(options.labels)}"
+        )
+    _require_free(out, overwrite=overwrite)
+    presets = {
+        name: load_settings(name, None, [], options.read)[0] for name in ("report", "default")
+    }
+    settings = FitSettings()
+    labels = [read_labels(path, options.classes) for path in options.labels]
+    drives = labelled_drives(
+        labels,
+        options.images,
+        presets["report"].read,
+        settings.stretches,
+        complete=options.complete,
+    )
+    origin = provenance(options, drives)
+    task = Task(settings, options.alpha, options.only_labelled, origin)
+    outcomes = fit_models(drives, presets, task, options.wanted, options.space, notify)
+    if not any(one.written for one in outcomes):
+        lines = [line for one in outcomes for line in outcome_lines(one)]
+        raise InputError("\n".join(["no model is written", *lines]))
+    _write(out, outcomes, drives, origin, options.alpha)
+    return format_fit(outcomes, drives, out)
+
+
+def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
+    """What a model file says of the labels, the images and their licence."""
+    files = ", ".join(f"{path.name} (SHA-256 {digest_of(path)})" for path in options.labels)
+    images = ", ".join(
+        f"{one.name} ({len(one.stretch)} labelled images, {len(one.sign)} boxes of "
+        f"{len(set(one.sign.tolist()))} signs)"
+        for one in drives
+    )
+    said = [f"labels {files} on {images}"]
+    said.append(f"source: {options.source or 'not stated'}")
+    said.append(f"licence: {options.licence or 'not stated'}")
+    return "; ".join([*said, f"wayside fit {__version__}"])
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256, hexadecimal, of a file, or of the names and contents of all files in a folder."""
+    if path.is_file():
+        return sha256(path.read_bytes()).hexdigest()
+    digest = sha256()
+    for file in sorted(one for one in path.rglob("*") if one.suffix in (".xml", ".txt", ".yaml")):
+        digest.update(file.relative_to(path).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _require_free(out: Path, *, overwrite: bool) -> None:
+    for name in (*FILES.values(), FIGURES, PAGE):
+        if (out / name).exists() and not overwrite:
+            raise refuse(out / name, "a model or figures of before")
+
+
+def _write(
+    out: Path,
+    outcomes: Sequence[Outcome],
+    drives: Sequence[LabelledDrive],
+    origin: str,
+    alpha: float | None,
+) -> None:
+    """Models, figures and curves; a model of before that is not written now goes, for it has other figures."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name in FILES.values():
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise not_written(out, error, "a folder to write models to") from error
+    for one in outcomes:
+        if one.fitted is not None and one.written:
+            text = model_to_json(one.fitted.model)
+            write_file(out / FILES[one.what], text.encode(), overwrite=True)
+    write_json(out / FIGURES, fit_json(outcomes, drives, origin, alpha), FIT_KEYS, overwrite=True)
+    write_file(out / PAGE, fit_page(outcomes, origin).encode(), overwrite=True)

@@ -1,0 +1,131 @@
+"""Calibration of the landmark classifier by a user's labelled landmarks (Platt 1999), shrunk to the shipped one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.fitting.gaussians import Samples
+from wayside.schemas.errors import InputError
+from wayside.schemas.models import EvidenceModel
+from wayside.schemas.settings.fitting import FitSettings
+
+
+@dataclass(frozen=True, slots=True)
+class FittedConfidence:
+    """The landmark classifier with other log odds, slope * shipped + shift, and what it rests on.
+
+    signs, others: labelled landmarks; before, after: mean log loss (nats) of held-out landmarks with the shipped
+    calibration and with one fitted without them; brier_before, brier_after: their mean squared errors of probability.
+    """
+
+    model: EvidenceModel
+    slope: float
+    shift: float
+    signs: int
+    others: int
+    before: float
+    after: float
+    brier_before: float
+    brier_after: float
+
+    @property
+    def better(self) -> bool:
+        """Whether held-out landmarks are the likelier for it."""
+        return self.after < self.before
+
+
+def fit_confidence(
+    samples: Samples, shipped: EvidenceModel, settings: FitSettings, provenance: str
+) -> FittedConfidence:
+    """Fit slope and shift of the log odds (n, 1) of labelled landmarks, held out fold by fold.
+
+    Raises
+    ------
+    InputError
+        There are too few landmarks of signs, or of others, or all are of one fold.
+    """
+    score, on = samples.values[:, 0], samples.kind != ""
+    signs, others = int(on.sum()), int((~on).sum())
+    if min(signs, others) < settings.fewest_landmarks or len(np.unique(samples.fold)) < 2:
+        raise InputError(
+            f"wanted {settings.fewest_landmarks} landmarks of labelled signs and of what is no sign, "
+            f"in two stretches or more, found {signs} and {others} in {len(np.unique(samples.fold))}; label more"
+        )
+    held = np.empty(len(score))
+    for fold in np.unique(samples.fold):
+        own = samples.fold == fold
+        slope, shift = calibrated(score[~own], on[~own], settings)
+        held[own] = slope * score[own] + shift
+    slope, shift = calibrated(score, on, settings)
+    model = replace(
+        shipped,
+        weight=slope * shipped.weight,
+        shift=slope * shipped.shift + shift,
+        provenance=f"{provenance}; log odds {slope:.3f} x + {shift:.3f} of: {shipped.provenance}",
+    )
+    return FittedConfidence(
+        model,
+        slope,
+        shift,
+        signs,
+        others,
+        log_loss(score, on),
+        log_loss(held, on),
+        brier_score(score, on),
+        brier_score(held, on),
+    )
+
+
+def calibrated(
+    score: NDArray[np.float64], on: NDArray[np.bool_], settings: FitSettings
+) -> tuple[float, float]:
+    """Slope and shift of log odds (n,) of the largest posterior probability: logistic likelihood, normal priors."""
+    columns = np.stack([score, np.ones(len(score))], axis=1)
+    expected = np.array([1.0, 0.0])
+    precision = np.diag([settings.slope_sigma**-2, settings.shift_sigma**-2])
+    found = expected.copy()
+    for _ in range(50):  # Newton's method; the posterior has one maximum
+        probability = _probability(columns @ found)
+        gradient = columns.T @ (on - probability) - precision @ (found - expected)
+        weight = probability * (1 - probability)
+        step = np.linalg.solve((columns * weight[:, None]).T @ columns + precision, gradient)
+        # a full step may overshoot where the scores are far off; half steps end at the same maximum
+        while _posterior(found + step, columns, on, expected, precision) < _posterior(
+            found, columns, on, expected, precision
+        ):
+            step = step / 2
+            if np.abs(step).max() < 1e-12:
+                break
+        found = found + step
+        if np.abs(step).max() < 1e-10:
+            break
+    return float(found[0]), float(found[1])
+
+
+def log_loss(score: NDArray[np.float64], on: NDArray[np.bool_]) -> float:
+    """Mean negative log probability of what landmarks are, by their log odds (n,)."""
+    return float(np.logaddexp(0, np.where(on, -score, score)).mean())
+
+
+def brier_score(score: NDArray[np.float64], on: NDArray[np.bool_]) -> float:
+    """Mean squared error of the probabilities of log odds (n,)."""
+    return float(((_probability(score) - on) ** 2).mean())
+
+
+def _probability(score: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(1 / (1 + np.exp(-np.clip(score, -60, 60))))
+
+
+def _posterior(
+    found: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    on: NDArray[np.bool_],
+    expected: NDArray[np.float64],
+    precision: NDArray[np.float64],
+) -> float:
+    gap, score = found - expected, columns @ found
+    loss = float(np.logaddexp(0, np.where(on, -score, score)).sum())
+    return -loss - 0.5 * float(gap @ precision @ gap)

@@ -1,0 +1,226 @@
+"""Images with labels, from logs and from folders, and the stretches of road that are held out together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.importing import image_files, natural_key
+from wayside.pipeline.labels import FrameLabels, labels_by_frame
+from wayside.pipeline.learning.samples import ON_FACE
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.roc.faces import Faces, labelled_faces
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import USED, Frame, Image
+from wayside.schemas.labels import SIGN, UNSURE, LabelledImage, Labels
+from wayside.schemas.settings import ReadSettings
+from wayside.stages.geometry import iou_matrix
+from wayside.stages.imaging import decode
+
+ANY_SPACING_M = 8.0
+"""For logs without poses, where single images are read and no position is wanted."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledDrive:
+    """A log, or a folder of images in their natural order, with labels.
+
+    path; is_log; labels: by frame; faces: the same as boxes, a row a label of a sign or its back; sign (m,): number of
+    the physical sign of each row of `faces`, the same in no other drive; stretch: number of the stretch of each
+    labelled frame; fold: that of all its stretches where whole drives are held out, else None.
+    """
+
+    path: Path
+    is_log: bool
+    labels: FrameLabels
+    faces: Faces
+    sign: NDArray[np.int64]
+    stretch: Mapping[int, int]
+    fold: int | None
+
+    @property
+    def name(self) -> str:
+        """Stem of the log, name of the folder."""
+        return self.path.stem if self.is_log else self.path.resolve().name
+
+    def images(self, settings: ReadSettings) -> Iterator[Image]:
+        """The labelled images that the settings let take part, decoded, in order."""
+        if not self.is_log:
+            yield from _folder_images(self.path, self.stretch)
+            return
+        spacing = settings.spacing_m or ANY_SPACING_M
+        every = replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
+        frames = read_frames(self.path, every, ReadReport())
+        yield from decode(frame for frame in frames if frame.index in self.stretch and frame.used)
+
+    def stretch_of(self, frames: NDArray[np.int64], sign: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Stretch (n,) of samples in `frames` (n,): that in which most labels of their sign (n,) are, if it is one.
+
+        Frames between labelled ones belong to the nearest of these.
+        """
+        labelled = np.array(sorted(self.stretch), np.int64)
+        nearest = np.abs(frames[:, None] - labelled).argmin(axis=1)
+        found = np.array([self.stretch[frame] for frame in labelled[nearest].tolist()], np.int64)
+        for one in np.unique(sign[sign >= 0]):
+            own = self.faces.frame[self.sign == one].tolist()
+            found[sign == one] = np.bincount([self.stretch[frame] for frame in own]).argmax()
+        return found
+
+    def own_labels(self) -> Labels:
+        """The labels of this log alone."""
+        every = tuple(label for own in self.labels.labels.values() for label in own)
+        complete = sorted(self.labels.complete)
+        return Labels(every, tuple(LabelledImage(self.name, frame) for frame in complete))
+
+    def fold_of(self, stretch: NDArray[np.int64]) -> NDArray[np.int64]:
+        """What is held out together with samples of these stretches (n,)."""
+        return stretch if self.fold is None else np.full_like(stretch, self.fold)
+
+
+def labelled_drives(
+    labels: Sequence[Labels],
+    images: Sequence[Path],
+    settings: ReadSettings,
+    stretches: int,
+    *,
+    complete: bool,
+) -> list[LabelledDrive]:
+    """The images with labels: whole drives are held out where there are several, else stretches of one.
+
+    Parameters
+    ----------
+    labels
+        One for all, or one for each of `images`, in their order.
+    images
+        Logs and folders of images.
+    settings
+        Which images of the logs take part.
+    stretches
+        How many parts all labelled images together are cut into.
+    complete
+        Take every labelled image for one in which every sign is labelled.
+
+    Raises
+    ------
+    InputError
+        A log or folder cannot be read, or holds no labelled image.
+    """
+    given = list(labels) if len(labels) == len(images) else [labels[0]] * len(images)
+    found = [
+        (path, *_by_frame(own, path, settings, alone=len(labels) == len(images)))
+        for own, path in zip(given, images, strict=True)
+    ]
+    drives: list[LabelledDrive] = []
+    total = sum(len(_labelled(own)) for _, _, own in found)
+    first_sign = first_stretch = 0
+    for number, (path, is_log, own) in enumerate(found):
+        frames = _labelled(own)
+        if complete:
+            own = replace(own, complete=frozenset(frames))
+        parts = max(1, min(round(stretches * len(frames) / total), len(frames) // 2))
+        stretch = {
+            frame: first_stretch + min(parts - 1, place * parts // len(frames))
+            for place, frame in enumerate(frames)
+        }
+        faces, signs = labelled_faces(own), sign_numbers(own)
+        fold = number if len(found) > 1 else None
+        drives.append(LabelledDrive(path, is_log, own, faces, signs + first_sign, stretch, fold))
+        first_stretch += parts
+        first_sign += len(signs)
+    return drives
+
+
+def sign_numbers(labels: FrameLabels) -> NDArray[np.int64]:
+    """The number of the sign of each row of `labelled_faces`, from 0 on.
+
+    Labels without the name of their panel are signs of their own.
+    """
+    panels = [
+        label.panel
+        for _, own in sorted(labels.labels.items())
+        for label in own
+        if label.kind in (SIGN, UNSURE)
+    ]
+    names: dict[str, int] = {}
+    numbers = [
+        names.setdefault(panel or f"\0{row}", len(names)) for row, panel in enumerate(panels)
+    ]
+    return np.array(numbers, np.int64)
+
+
+def sign_of_view(drive: LabelledDrive, frame: int, box: Sequence[float]) -> int:
+    """Number of the sign that a box lies on in a frame; -1 where it is on none."""
+    own = np.flatnonzero(drive.faces.frame == frame)
+    if not len(own):
+        return -1
+    overlap = iou_matrix(np.array([box], np.float64), drive.faces.box[own])[0]
+    best = int(overlap.argmax())
+    return int(drive.sign[own[best]]) if overlap[best] >= ON_FACE else -1
+
+
+def _labelled(labels: FrameLabels) -> list[int]:
+    return sorted({*labels.labels, *labels.complete})
+
+
+def _by_frame(
+    labels: Labels, path: Path, settings: ReadSettings, *, alone: bool
+) -> tuple[bool, FrameLabels]:
+    """Whether a path is a log, and its labels by frame: those of the images that take part."""
+    if path.is_dir():
+        files = _files(path)
+        if not files:
+            raise InputError(f"{path}: wanted a folder of JPEG or PNG images, found none in it")
+        names = {k: _name(path, file, labels) for k, file in enumerate(files)}
+        found = labels_by_frame(labels, path.resolve().name, {k: -1 - k for k in names}, names)
+        used = set(names)
+    else:
+        spacing = settings.spacing_m or ANY_SPACING_M
+        every = replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
+        times, used = {}, set()
+        for frame in read_frames(path, every, ReadReport()):
+            times[frame.index] = frame.log_time_ns
+            if frame.used:
+                used.add(frame.index)
+        found = labels_by_frame(labels, path.stem, times)
+    kept = {frame: own for frame, own in found.labels.items() if frame in used}
+    found = replace(found, labels=kept, complete=found.complete & used)
+    if not _labelled(found):
+        lost = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
+        raise InputError(
+            f"{path}: wanted labels of its images, found none ({lost or 'outside the part that is read'}); "
+            "give the labels of this log or folder, see docs/labels.md"
+        )
+    return path.is_file(), found
+
+
+def _files(folder: Path) -> list[Path]:
+    """Images of a folder and of the folders in it, in their natural order."""
+    folders = [folder, *sorted(part for part in folder.rglob("*") if part.is_dir())]
+    return sorted(image_files(folders), key=natural_key)
+
+
+def _name(folder: Path, file: Path, labels: Labels) -> str:
+    """How the labels name a file: its path below the folder, or its name alone."""
+    known = {
+        image.image_name for image in (*(one.image for one in labels.labels), *labels.complete)
+    }
+    path = file.relative_to(folder).as_posix()
+    return path if path in known else file.name
+
+
+def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
+    for index, file in enumerate(_files(folder)):
+        if index not in wanted:
+            continue
+        rgb = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+        if rgb is None:
+            raise InputError(f"{file}: wanted an image, found none that can be read; leave it out")
+        pixels = np.ascontiguousarray(rgb, np.uint8)
+        height, width = pixels.shape[:2]
+        frame = Frame(index, index, None, USED, "", b"", None, width, height)
+        yield Image(frame, pixels, np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8))

@@ -1,0 +1,91 @@
+"""Calibration of the landmark classifier by labelled landmarks."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from wayside.pipeline.fitting.confidence import (
+    brier_score,
+    calibrated,
+    fit_confidence,
+    log_loss,
+)
+from wayside.pipeline.fitting.gaussians import Samples
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings.fitting import FitSettings
+from wayside.stages.mapping import FEATURES
+
+SETTINGS = FitSettings()
+
+
+def landmarks(count=200, slope=1.0, shift=0.0, seed=0):
+    """Landmarks whose log odds are slope * score + shift."""
+    random = np.random.default_rng(seed)
+    score = random.normal(0, 3, count)
+    on = random.random(count) < 1 / (1 + np.exp(-(slope * score + shift)))
+    stretch = np.arange(count) % 10
+    kind = np.where(on, "sign", "")
+    return Samples(score[:, None], kind, np.where(on, np.arange(count), -1), stretch, stretch)
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return load_models(load_settings()[0]).landmark_classifier
+
+
+def test_the_calibration_is_the_maximum_of_the_posterior():
+    samples = landmarks(60, 0.6, -1.0)
+    score, on = samples.values[:, 0], samples.kind != ""
+
+    def negative(found):
+        prior = ((found[0] - 1) / SETTINGS.slope_sigma) ** 2 + (
+            found[1] / SETTINGS.shift_sigma
+        ) ** 2
+        return len(on) * log_loss(found[0] * score + found[1], on) + prior / 2
+
+    wanted = minimize(negative, [1.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-8}).x
+    assert calibrated(score, on, SETTINGS) == pytest.approx(wanted, abs=1e-4)
+
+
+def test_without_landmarks_the_shipped_calibration_stays():
+    assert calibrated(np.zeros(0), np.zeros(0, bool), SETTINGS) == pytest.approx((1, 0))
+
+
+def test_scores_that_separate_everything_stay_finite():
+    score = np.concatenate([np.full(20, -40.0), np.full(20, 40.0)])
+    slope, shift = calibrated(score, score > 0, SETTINGS)
+    assert 0.5 < slope < 2
+    assert abs(shift) < 1
+
+
+def test_a_shift_of_the_user_s_road_is_found_and_helps_what_is_held_out(shipped):
+    found = fit_confidence(landmarks(400, 1.0, -3.0), shipped, SETTINGS, "labels")
+    assert found.shift == pytest.approx(-3, abs=0.8)
+    assert found.better
+    assert found.brier_after < found.brier_before
+
+
+def test_the_model_gives_the_calibrated_log_odds(shipped):
+    found = fit_confidence(landmarks(200, 0.7, -1.0), shipped, SETTINGS, "labels")
+    random = np.random.default_rng(0)
+    for values in random.uniform(-2, 5, (9, len(FEATURES))):
+        named = dict(zip(FEATURES, values.tolist(), strict=True))
+        before, after = (m.shift + sum(m.ratios(named).values()) for m in (shipped, found.model))
+        assert after == pytest.approx(found.slope * before + found.shift, abs=1e-4)
+    assert found.model.provenance.startswith("labels; log odds")
+    assert found.model.threshold == shipped.threshold
+
+
+def test_few_landmarks_are_refused_with_the_number_needed(shipped):
+    samples = landmarks(200)
+    few = samples.select((samples.kind == "") | (samples.sign < 10))
+    with pytest.raises(
+        InputError, match=r"wanted 10 landmarks of labelled signs .* found [0-9] and"
+    ):
+        fit_confidence(few, shipped, SETTINGS, "")
+
+
+def test_a_perfect_probability_has_no_brier_score():
+    assert brier_score(np.array([-60.0, 60.0]), np.array([False, True])) == pytest.approx(0)

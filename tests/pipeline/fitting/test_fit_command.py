@@ -1,0 +1,181 @@
+"""`wayside fit` on a folder of pictures with labels, and a run that takes the models."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.fitting.sources import labelled_drives, sign_numbers
+from wayside.pipeline.label_file import write_labels
+from wayside.pipeline.labels import FrameLabels, read_labels
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.schemas.labels import BACK, SIGN, Label, LabelledImage, Labels
+from wayside.schemas.settings import ReadSettings
+
+WIDTH, HEIGHT, SIDE = 240, 120, 30
+BLUE = (20, 50, 150)
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Twelve pictures of a grey road, each with a blue square of its own, all labelled; and their labels."""
+    folder = tmp_path_factory.mktemp("pictures")
+    random = np.random.default_rng(0)
+    labels, complete = [], []
+    for k in range(12):
+        tiles = random.uniform(60, 200, (8, 16, 1)) * np.array([1.0, 1.02, 0.97])
+        image = cv2.resize(
+            tiles.astype(np.float32), (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST
+        )
+        image += random.normal(0, 3, image.shape)
+        x, y = random.integers(10, WIDTH - SIDE - 10), random.integers(10, HEIGHT - SIDE - 10)
+        image[y : y + SIDE, x : x + SIDE] = np.array(BLUE) + random.normal(0, 3, 3)
+        pixels = cv2.cvtColor(np.clip(image, 0, 255).astype(np.uint8), cv2.COLOR_RGB2BGR)
+        name = f"road_{k}.png"
+        cv2.imwrite(str(folder / name), pixels)
+        where = LabelledImage(image_name=name)
+        box = (float(x), float(y), float(x + SIDE), float(y + SIDE))
+        labels.append(Label(where, SIGN, box, "blue", "rectangle", panel=f"sign {k}"))
+        complete.append(where)
+    file = folder.parent / f"{folder.name}.parquet"
+    write_labels(Labels(tuple(labels), tuple(complete)), file)
+    return folder, file
+
+
+def fit(*arguments):
+    result = CliRunner().invoke(app, ["fit", *map(str, arguments)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.output
+
+
+def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):
+    folder, labels = pictures
+    out = tmp_path / "models"
+    words = ["--source", "this test", "--licence", "CC0-1.0", "--model", "color"]
+    words += ["--space", "rgb", "-o", out]
+    said = fit(labels, "--images", folder, *words)
+    assert "12 labelled images, 12 boxes of 12 signs" in said
+    assert "color.json written" in said
+    settings, _ = load_settings("report", None, [], {"models.folder": str(out)})
+    models = load_models(settings)
+    blue = next(one for one in models.color_classes.classes if one.name == "blue")
+    shipped = load_models(load_settings("report")[0])
+    assert blue.count == 24  # a region of each pass of the segmentation
+    assert blue.mean == pytest.approx(BLUE, abs=4)
+    assert models.color_classes.provenance != shipped.color_classes.provenance
+    assert models.shape_classes.provenance == shipped.shape_classes.provenance
+    for stated in ("this test", "CC0-1.0", "SHA-256", "12 labelled images", "12 signs"):
+        assert stated in models.color_classes.provenance
+
+
+def test_figures_and_curves_stand_beside_the_models(pictures, tmp_path):
+    folder, labels = pictures
+    fit(labels, "--images", folder, "--model", "color", "--space", "lab", "-o", tmp_path)
+    figures = json.loads((tmp_path / "fit.json").read_text())
+    color = figures["models"]["color"]
+    assert figures["held_out"] == "stretches of road"
+    assert color["space"] == "lab"
+    assert color["labelled_faces"] == color["faces_with_a_region"] == 12
+    blue = color["held_out"]["classes"]["blue"]
+    assert blue["signs"] == 12
+    assert blue["named"][0] > 0.9
+    assert color["held_out"]["false_rate"][0] < color["shipped_on_the_same"]["false_rate"]
+    page = (tmp_path / "fit.html").read_text()
+    assert "<polyline" in page
+    assert "http" not in page
+
+
+def test_landmarks_need_a_log(pictures, tmp_path):
+    folder, labels = pictures
+    with pytest.raises(
+        InputError, match="location: not written, wanted a log, found folders of images"
+    ):
+        fit(labels, "--images", folder, "--model", "location", "-o", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_models_of_before_are_not_overwritten_unasked(pictures, tmp_path):
+    folder, labels = pictures
+    (tmp_path / "color.json").write_text("mine")
+    with pytest.raises(OutputError, match="--overwrite"):
+        fit(labels, "--images", folder, "--model", "color", "-o", tmp_path)
+    assert (tmp_path / "color.json").read_text() == "mine"
+
+
+def test_labels_of_other_images_are_refused(pictures, tmp_path):
+    folder, _ = pictures
+    there = LabelledImage(image_name="elsewhere.png")
+    file = tmp_path / "labels.parquet"
+    write_labels(Labels((Label(there, SIGN, (0, 0, 9, 9), "blue"),)), file)
+    with pytest.raises(InputError, match="no_such_image"):
+        fit(file, "--images", folder, "-o", tmp_path / "out")
+
+
+def test_two_files_of_labels_need_two_sets_of_images(pictures, tmp_path):
+    folder, labels = pictures
+    with pytest.raises(UsageError, match="one for each"):
+        fit(labels, labels, "--images", folder, "-o", tmp_path)
+
+
+def test_stretches_are_contiguous_and_a_sign_is_in_one_alone(pictures):
+    folder, labels = pictures
+    (drive,) = labelled_drives([read_labels(labels)], [folder], ReadSettings(), 4, complete=False)
+    assert list(drive.stretch) == list(range(12))
+    assert sorted(drive.stretch.values()) == list(drive.stretch.values())
+    assert len(set(drive.stretch.values())) == 4
+    assert drive.fold is None
+    frames = np.array([0, 11, 40])
+    assert drive.stretch_of(frames, np.full(3, -1)).tolist() == [0, 3, 3]
+    assert drive.stretch_of(frames, np.full(3, 11)).tolist() == [3, 3, 3]
+
+
+def test_several_drives_are_held_out_whole(pictures):
+    folder, labels = pictures
+    drives = labelled_drives(
+        [read_labels(labels)] * 2, [folder, folder], ReadSettings(), 4, complete=False
+    )
+    assert [one.fold for one in drives] == [0, 1]
+    assert not set(drives[0].stretch.values()) & set(drives[1].stretch.values())
+    assert not set(drives[0].sign.tolist()) & set(drives[1].sign.tolist())
+
+
+def test_views_of_one_panel_are_one_sign_and_backs_are_none():
+    at = LabelledImage(frame=0)
+    box = (0.0, 0.0, 9.0, 9.0)
+    own = {
+        0: [Label(at, SIGN, box, panel="a"), Label(at, BACK, box), Label(at, SIGN, box)],
+        3: [Label(at, SIGN, box, panel="a"), Label(at, SIGN, box)],
+    }
+    assert sign_numbers(FrameLabels(own, frozenset(), {})).tolist() == [0, 1, 0, 2]
+
+
+def test_foreign_labels_of_a_folder_are_read(pictures, tmp_path):
+    folder, labels = pictures
+    known = read_labels(labels)
+    images = [
+        {"id": k, "file_name": f"road_{k}.png", "width": WIDTH, "height": HEIGHT} for k in range(12)
+    ]
+    boxes = [one.box for one in known.labels]
+    coco = {
+        "images": images,
+        "annotations": [
+            {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
+            for k, (x0, y0, x1, y1) in enumerate(boxes)
+        ],
+        "categories": [{"id": 1, "name": "info"}],
+    }
+    file = Path(tmp_path / "coco.json")
+    file.write_text(json.dumps(coco))
+    classes = tmp_path / "classes.toml"
+    classes.write_text('[classes]\ninfo = { color = "blue", shape = "rectangle" }\n')
+    out = tmp_path / "out"
+    how = ["--model", "color", "--space", "chromaticity", "-o", out]
+    said = fit(file, "--classes", classes, "--images", folder, *how)
+    assert "color.json written" in said

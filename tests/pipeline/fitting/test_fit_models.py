@@ -1,0 +1,138 @@
+"""Colour classes fitted to samples of a road, beside the shipped ones."""
+
+import numpy as np
+import pytest
+
+from wayside.pipeline.fitting.gaussians import Samples
+from wayside.pipeline.fitting.models import Task, enough, fit_colors, rates_of
+from wayside.schemas.detections import COLORS
+from wayside.schemas.errors import InputError
+from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.schemas.settings.fitting import FitSettings
+from wayside.stages.report import color_features
+
+PAINT = {"green": (20.0, 90, 60), "yellow": (200.0, 160, 20)}
+SETTINGS = FitSettings(resamplings=100, prior_signs=(3.0,))
+
+
+def shipped():
+    """Classes of another camera: as broad as the world."""
+    wide = np.diag([50.0**2] * 3)
+    means = {"green": (60.0, 120, 90), "yellow": (220.0, 190, 60), "red": (180.0, 40, 40)}
+    classes = tuple(
+        GaussianClass(name, np.array(mean), wide, 4.0, "shipped", 99)
+        for name, mean in means.items()
+    )
+    return GaussianModel("rgb", classes, "rendered")
+
+
+def road(signs=6, light=0.0, seed=0, others=240):
+    """Signs of two paints in six stretches, seen in light that varies, and grey background."""
+    random = np.random.default_rng(seed)
+    values, kind, sign, stretch = [], [], [], []
+    for j, (name, rgb) in enumerate(PAINT.items()):
+        for k in range(signs):
+            gain = np.exp(random.normal(0, light, (5, 1)))
+            values.append(np.array(rgb) * gain + random.normal(0, 4, (5, 3)))
+            kind += [name] * 5
+            sign += [j * signs + k] * 5
+            stretch += [k % 6] * 5
+    grey = random.uniform(10, 240, (others, 1)) * np.ones(3) + random.normal(0, 6, (others, 3))
+    column = np.array([*stretch, *(np.arange(others) % 6)])
+    every = np.clip(np.concatenate([*values, grey]), 0, 255)
+    return Samples(
+        every, np.array(kind + [""] * others), np.array(sign + [-1] * others), column, column
+    )
+
+
+def task(**changes):
+    given = {"alpha": None, "only_labelled": False} | changes
+    return Task(SETTINGS, given["alpha"], given["only_labelled"], "labels of a test")
+
+
+def test_fitted_colours_know_their_road_better_than_shipped_ones():
+    fitted = fit_colors(road(), shipped(), task(), "rgb")
+    assert fitted.better
+    assert fitted.held.named > 0.9
+    assert fitted.held.false_rate < 0.05 < fitted.shipped.false_rate
+    by_name = {one.name: one for one in fitted.model.classes}
+    for name, rgb in PAINT.items():
+        assert by_name[name].mean == pytest.approx(rgb, abs=4)
+        assert by_name[name].count == 30
+
+
+def test_a_model_names_its_rule_interval_and_origin_and_is_read_back():
+    fitted = fit_colors(road(), shipped(), task(alpha=0.03), "rgb")
+    assert fitted.model.provenance == "labels of a test"
+    for one in fitted.model.classes:
+        assert "alpha 0.03" in one.threshold_rule
+        low, high = one.threshold_interval
+        assert 0 <= low <= high
+    again = model_from_json(model_to_json(fitted.model))
+    assert again.space == "rgb"
+    assert [one.name for one in again.classes] == ["yellow", "green", "red"]
+
+
+def test_without_labels_a_class_stays_as_shipped_but_for_its_threshold():
+    fitted = fit_colors(road(), shipped(), task(), "rgb")
+    assert fitted.kept == ("red",)
+    red = next(one for one in fitted.model.classes if one.name == "red")
+    assert red.mean == pytest.approx((180, 40, 40), abs=10)
+    assert red.threshold < 4.0
+    assert fitted.fitted.false_rate < 0.1
+
+
+def test_only_labelled_classes_are_kept_on_request():
+    fitted = fit_colors(road(), shipped(), task(only_labelled=True), "rgb")
+    assert [one.name for one in fitted.model.classes] == ["yellow", "green"]
+    assert fitted.kept == ()
+
+
+def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
+    samples = road(signs=12, light=0.7)
+    fitted = fit_colors(samples, shipped(), task(), None)
+    assert fitted.model.space != "rgb"
+    rgb = fitted.compared["rgb"]
+    assert fitted.held.named - fitted.held.false_rate > rgb.named - rgb.false_rate
+    in_space = samples.with_values(color_features(samples.values, fitted.model.space))
+    assert rates_of(fitted.model, in_space, COLORS, 100).named > 0.8
+
+
+def test_in_light_that_stays_rgb_stays():
+    assert fit_colors(road(), shipped(), task(), None).model.space == "rgb"
+
+
+def test_too_few_signs_are_refused_with_the_number_needed():
+    samples = road(signs=4)
+    with pytest.raises(
+        InputError, match=r"wanted 5 labelled signs of a colour, .* found 4 yellow, 4 green"
+    ):
+        fit_colors(samples, shipped(), task(), "rgb")
+
+
+def test_many_views_of_few_signs_are_few_signs():
+    samples = road(signs=4)
+    many = samples.select(np.repeat(np.arange(len(samples)), 20))
+    with pytest.raises(InputError, match="found 4 yellow"):
+        enough(many, COLORS, "colour", SETTINGS)
+
+
+def test_without_complete_images_nothing_is_known_to_be_no_sign():
+    samples = road()
+    with pytest.raises(InputError, match="wanted 50 samples of what is no sign, found 0"):
+        fit_colors(samples.select(samples.kind != ""), shipped(), task(), "rgb")
+
+
+def test_signs_of_one_stretch_cannot_be_held_out():
+    samples = road()
+    stretch = np.where(samples.kind == "", samples.stretch, 0)
+    alone = Samples(samples.values, samples.kind, samples.sign, stretch, stretch)
+    with pytest.raises(InputError, match="two stretches"):
+        fit_colors(alone, shipped(), task(), "rgb")
+
+
+def test_a_model_that_is_not_clearly_better_than_the_shipped_one_says_so():
+    once = fit_colors(road(), shipped(), task(), "rgb")
+    again = fit_colors(road(), once.model, task(), "rgb")
+    assert not again.better
