@@ -67,7 +67,8 @@ def fit_labels(
         )
     _require_free(out, overwrite=overwrite)
     presets = {
-        name: load_settings(name, None, [], options.read)[0] for name in ("report", "default")
+        name: load_settings(name, None, [], options.read)[0]
+        for name in ("report-shape", "report", "default")
     }
     settings = FitSettings()
     labels = [read_labels(path, options.classes) for path in options.labels]

@@ -70,7 +70,7 @@ def fit_models(
     drives
         Images with labels.
     presets
-        Settings of `report` and `default`.
+        Settings of `report-shape`, `report` and `default`.
     task, space
         As of `fit_colors`.
     wanted
@@ -91,7 +91,9 @@ def fit_models(
     if SHAPE in wanted:
         notify("shapes: segmenting the labelled images")
         outlines = shape_samples(drives, report, few, _colors(models))
-        shipped = _shapes(models)
+        shipped = load_models(presets["report-shape"]).shape_classes
+        if shipped is None:
+            raise ValueError("models: wanted the shape classes of preset report-shape, found none")
 
         def fit_shapes() -> FittedModel:
             return fit_classes_of(
@@ -99,7 +101,6 @@ def fit_models(
             )
 
         outcomes.append(_with_faces(_tried(SHAPE, fit_shapes), outlines))
-        models = replace(models, shape_classes=_chosen(outcomes[-1], shipped))
     if LOCATION in wanted:
         notify("location: running the logs with preset report")
         outcomes.append(_tried(LOCATION, lambda: _fit_location(drives, report, models, task)))
@@ -163,12 +164,6 @@ def _colors(models: Models) -> GaussianModel:
     if models.color_classes is None:
         raise ValueError("models: wanted those of preset report")
     return models.color_classes
-
-
-def _shapes(models: Models) -> GaussianModel:
-    if models.shape_classes is None:
-        raise ValueError("models: wanted those of preset report")
-    return models.shape_classes
 
 
 def _even_floor(scatter: float) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

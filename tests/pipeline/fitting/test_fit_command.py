@@ -63,10 +63,10 @@ def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):
     said = fit(labels, "--images", folder, *words)
     assert "12 labelled images, 12 boxes of 12 signs" in said
     assert "color.json written" in said
-    settings, _ = load_settings("report", None, [], {"models.folder": str(out)})
+    settings, _ = load_settings("report-shape", None, [], {"models.folder": str(out)})
     models = load_models(settings)
     blue = next(one for one in models.color_classes.classes if one.name == "blue")
-    shipped = load_models(load_settings("report")[0])
+    shipped = load_models(load_settings("report-shape")[0])
     assert blue.count == 24  # a region of each pass of the segmentation
     assert blue.mean == pytest.approx(BLUE, abs=4)
     assert models.color_classes.provenance != shipped.color_classes.provenance
