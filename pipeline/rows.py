@@ -17,7 +17,7 @@ from wayside.schemas.signs import Sign
 FRAME_COLUMNS = (
     *("frame", "log_time_ns", "header_time_ns", "status", "motion_source"),
     *("ties", "residual_straight_px", "residual_px", "adjusted", "iterations"),
-    *("regions", "left_out", "candidates"),
+    *("regions", "outside_size", "merged", "left_out", "candidates"),
 )
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _UPPER_TRIANGLE = np.triu_indices(3)
@@ -29,7 +29,7 @@ def frame_row(tracked: TrackedFrame) -> tuple[Any, ...]:
     head = (frame.index, frame.log_time_ns, frame.header_time_ns, frame.status)
     if motion is None:
         return (*head, *(None,) * (len(FRAME_COLUMNS) - len(head)))
-    counts = (tracked.region_count, tracked.left_out, len(tracked.candidates))
+    counts = (tracked.region_count, *tracked.dropped, len(tracked.candidates))
     return (*head, motion.source, *_step(motion), *counts)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates
+from wayside.schemas.detections import Candidates, Dropped
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion
 
@@ -69,7 +69,7 @@ class TrackedFrame:
     """A frame whose candidates are all decided.
 
     track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; region_count: regions of its image;
-    landmarks: those seen first in it; left_out: regions that are not among the candidates because others are likelier.
+    landmarks: those seen first in it; dropped: regions that are not among the candidates.
     The pixels are gone by now; `frame.data` keeps the bytes as recorded.
     """
 
@@ -80,4 +80,4 @@ class TrackedFrame:
     residual_px: NDArray[np.float32]
     region_count: int
     landmarks: tuple[Landmark, ...] = field(default=())
-    left_out: int = 0
+    dropped: Dropped = Dropped()

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates, Features, Regions, verdict_code
+from wayside.schemas.detections import Candidates, Dropped, Features, Regions, verdict_code
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.motion import Motion, PosedDetections
@@ -45,7 +45,7 @@ class WindowFrame:
     motion: Motion
     candidates: Candidates
     region_count: int
-    left_out: int
+    dropped: Dropped
     followed: NDArray[np.int64]
     back: NDArray[np.bool_]
     seeds: NDArray[np.bool_]
@@ -87,7 +87,7 @@ class WindowFrame:
             motion=motion,
             candidates=table,
             region_count=detections.segmentation.region_count,
-            left_out=detections.segmentation.left_out,
+            dropped=detections.segmentation.dropped,
             followed=rows,
             back=back,
             seeds=back | (table.verdict[rows] != verdict_code("score")),
@@ -159,7 +159,7 @@ class WindowFrame:
             self.residual_px,
             self.region_count,
             tuple(self.landmarks),
-            self.left_out,
+            self.dropped,
         )
 
 
@@ -219,7 +219,7 @@ def untracked(posed: PosedDetections) -> TrackedFrame:
         np.full(len(table), NO_TRACK, np.int32),
         np.full(len(table), np.nan, np.float32),
         detections.segmentation.region_count,
-        left_out=detections.segmentation.left_out,
+        dropped=detections.segmentation.dropped,
     )
 
 

@@ -8,7 +8,7 @@ from math import atan2, ceil, floor, radians, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions, Segmentation
+from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import GateSettings, SegmentSettings
@@ -114,14 +114,16 @@ def _segment_rows(
         connected_regions(label_image, band, gate.smallest_px, gate.largest_px, region_work)
         for label_image in labels
     ]
+    table, count = _table(passes, rows[0]), sum(one.total for one in passes)
     return Segmentation(
         image,
-        _table(passes, rows[0]),
-        sum(one.total for one in passes),
+        table,
+        count,
         centers.astype(np.float32),
         breaks.astype(np.float32),
         rows,
         labels,
+        Dropped(size=count - len(table)),
     )
 
 
