@@ -255,6 +255,9 @@ class Dropped(NamedTuple):
         return Dropped(*(a + b for a, b in zip(self, others, strict=True)))
 
 
+NOTHING_DROPPED = Dropped()
+
+
 @dataclass(frozen=True, slots=True)
 class Segmentation:
     """An image with its regions.
@@ -272,7 +275,7 @@ class Segmentation:
     difference_levels: NDArray[np.float32]
     rows: tuple[int, int]
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
-    dropped: Dropped = Dropped()
+    dropped: Dropped = NOTHING_DROPPED
 
     @property
     def frame(self) -> Frame:

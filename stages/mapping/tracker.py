@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset
@@ -26,7 +27,7 @@ from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_features import classify_landmark, landmark_features
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.panel import Panel, measure_panel
+from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.verdicts import position_verdict, stands_still
 from wayside.stages.mapping.window import (
@@ -189,12 +190,12 @@ class _Tracker:
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
-        verdict, panel = self._verdict(one)
+        verdict, seen = self._verdict(one)
         if verdict == "sign":
             self._reported.append(fit)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
-        measured = measure_landmark(fit, self._window, self._settings, panel, adjustment)
+        measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
         landmark = build_landmark(
             fit,
             self._window,
@@ -206,11 +207,17 @@ class _Tracker:
             verdict=verdict,
             features=tuple(one.features.tolist()),
         )
-        self._window[fit.frames[0]].landmarks.append(landmark)
+        first = self._window[fit.frames[0]]
+        first.landmarks.append(landmark)
+        if seen.views or measured.residual is not None:
+            shape = None if seen.outline is None else seen.outline.shape
+            first.measurements.append(
+                Measurement(self._next_id, seen.views, seen.segments, shape, measured.residual)
+            )
         self._assign(fit, verdict)
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, Panel | None]:
+    def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
         """The verdict by the rules in turn, and the panel, which is measured of what may be a sign."""
         settings, fit = self._settings.verdict, one.fit
         camera = self._window[fit.frames[-1]].motion.pose
@@ -218,17 +225,17 @@ class _Tracker:
             fit, one.offset, self._reported, camera, settings, passes=one.passes
         )
         if verdict != "sign":
-            return verdict, None
-        registered, panel = 0, None
+            return verdict, PanelMeasurement()
+        seen = PanelMeasurement()
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
-            registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
-        panel_px = np.inf if panel is None else panel.residual_px
+            seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
+        panel_px = np.inf if seen.panel is None else seen.panel.residual_px
         known = self._sides[fit.back].landmark is not None
         log_odds = one.score if known else settings.sure_log_odds
         fewest = self._settings.track.fewest_views
-        stands = stands_still(fit, registered, panel_px, log_odds, fewest, settings)
-        return "sign" if stands else "residual", panel
+        stands = stands_still(fit, len(seen.views), panel_px, log_odds, fewest, settings)
+        return "sign" if stands else "residual", seen
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

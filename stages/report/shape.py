@@ -47,7 +47,7 @@ def classify_shape(
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        outlines = _outlines(one.segmentation, candidates.regions.select(rows))
+        outlines = outlines_of(one.segmentation, candidates.regions.select(rows))
         features = fourier_descriptors(outlines)
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
@@ -55,8 +55,8 @@ def classify_shape(
         yield replace(one, candidates=named.with_verdict(rows[~accepted], "shape"))
 
 
-def _outlines(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
-    """Resampled outline of each region, (n, samples); nan where there is none."""
+def outlines_of(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
+    """Resampled outline of each region, (n, samples) in pixels of the label image; nan where there is none."""
     sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     if segmentation.labels is not None:
         top = segmentation.rows[0]

@@ -20,6 +20,7 @@ import wayside.stages
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.view.candidates import candidate_words
 from wayside.pipeline.view.landmarks import rejection
 from wayside.pipeline.view.sinks import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
@@ -28,7 +29,6 @@ from wayside.pipeline.view.views import (
     VIEWS,
     NoViewError,
     ViewState,
-    candidate_words,
     entities_of,
 )
 from wayside.pipeline.writing import PART

@@ -110,7 +110,9 @@ def test_every_region_has_a_row_or_is_counted_with_its_reason(most):
     rgb = np.clip(road(), 0, 255).astype(np.uint8)
     found = [propose_in_band(*band, settings) for band in bands(rgb, CAMERA, settings)]
     boxes = np.array([[10, 10, 22, 22], [10, 10, 22, 23], [0, 0, 700, 9]], np.float32)
-    segments = Regions(boxes, np.full(3, 90, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8))
+    segments = Regions(
+        boxes, np.full(3, 90, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8)
+    )
     regions, dropped = merge_regions(segments, found, settings)
     unfit = 1 + sum(part.unfit for part in found)
     assert dropped.size == unfit > 1
@@ -121,7 +123,9 @@ def test_every_region_has_a_row_or_is_counted_with_its_reason(most):
 
 def test_stacks_that_no_face_has_the_size_of_are_counted():
     boxes = np.array([[0, 0, 90, 12], [0, 13, 90, 25], [0, 26, 90, 38]], np.float32)
-    table = Regions(boxes, np.full(3, 900, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8))
+    table = Regions(
+        boxes, np.full(3, 900, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8)
+    )
     stacked, dropped = with_stacks(table, SETTINGS)
     pairs = len(stacked) - len(table) + sum(dropped)
     assert pairs == 2
