@@ -47,12 +47,16 @@ def classify_shape(
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        outlines = outlines_of(one.segmentation, candidates.regions.select(rows))
-        features = fourier_descriptors(outlines)
+        features = region_descriptors(one.segmentation, candidates.regions.select(rows))
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
         named = replace(candidates, shape=shape, shape_distance=distance)
         yield replace(one, candidates=named.with_verdict(rows[~accepted], "shape"))
+
+
+def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:
+    """Fourier descriptors (n, 6) of the outlines of regions in the label images; nan where there is none."""
+    return fourier_descriptors(outlines_of(segmentation, regions))
 
 
 def outlines_of(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:

@@ -1,8 +1,9 @@
 """Two-pass K-means segmentation into connected regions (report chapters 2 and 3.1)."""
 
-from wayside.stages.segmentation.two_pass import segment, unsegmented
+from wayside.stages.segmentation.two_pass import regions_before_gate, segment, unsegmented
 
 __all__ = [
+    "regions_before_gate",
     "segment",
     "unsegmented",
 ]

@@ -110,10 +110,7 @@ def _segment_rows(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
-    passes = [
-        connected_regions(label_image, band, gate.smallest_px, gate.largest_px, region_work)
-        for label_image in labels
-    ]
+    passes = _connected(labels, band, gate, region_work)
     table, count = _table(passes, rows[0]), sum(one.total for one in passes)
     return Segmentation(
         image,
@@ -125,6 +122,30 @@ def _segment_rows(
         labels,
         Dropped(size=count - len(table)),
     )
+
+
+def regions_before_gate(segmentation: Segmentation) -> Regions:
+    """All connected regions of an image, whatever their size: those of pass one, then of pass two, in reading order.
+
+    Found again in the label images; none where these were not kept.
+    """
+    image, labels = segmentation.image.rgb, segmentation.labels
+    if image is None or labels is None:
+        return Regions.empty()
+    first, last = segmentation.rows
+    every = GateSettings(1, labels[0].size)
+    return _table(_connected(labels, image[first:last], every, None), first)
+
+
+def _connected(
+    labels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    band: NDArray[np.uint8],
+    gate: GateSettings,
+    work: RegionWork | None,
+) -> list[ConnectedRegions]:
+    return [
+        connected_regions(image, band, gate.smallest_px, gate.largest_px, work) for image in labels
+    ]
 
 
 def _table(passes: list[ConnectedRegions], first_row: int) -> Regions:

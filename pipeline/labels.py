@@ -1,0 +1,121 @@
+"""Labels of any format, and the frames of a log that they are of."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import ParseError
+
+from wayside.pipeline.class_map import read_class_map
+from wayside.pipeline.label_file import read_label_file
+from wayside.pipeline.label_formats import read_json, read_voc, read_yolo
+from wayside.schemas.errors import InputError
+from wayside.schemas.labels import Label, LabelledImage, Labels
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLabels:
+    """Labels of one log by frame.
+
+    labels: of each frame that has any; complete: frames in which every sign is labelled; left_out: labels and complete
+    images that are of no frame of the log, by reason (`other_log`, `other_time`, `no_such_image`).
+    """
+
+    labels: dict[int, list[Label]]
+    complete: frozenset[int]
+    left_out: dict[str, int]
+
+
+def read_labels(path: Path, class_map: Path | None = None) -> Labels:
+    """Labels from a file or folder, its format told by what is there.
+
+    Parameters
+    ----------
+    path
+        Our Parquet file; JSON: COCO, `truth.json`, `labels.json` or `scenes.json`; a folder: of VOC where it holds XML
+        files, else of YOLO.
+    class_map
+        TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is none of these, or holds not one label that can be used.
+    """
+    classes = None if class_map is None else read_class_map(class_map)
+    try:
+        if path.is_dir():
+            read = read_voc if any(path.rglob("*.xml")) else read_yolo
+            labels = read(path, classes)
+        elif path.suffix.lower() == ".json":
+            labels = read_json(path, classes)
+        else:
+            labels = read_label_file(path)
+    except (OSError, ParseError, KeyError, TypeError, AttributeError, ValueError) as error:
+        found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "
+            "see docs/labels.md"
+        ) from error
+    if not labels.labels and not labels.complete:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in labels.left_out.items())
+        raise InputError(
+            f"{path}: wanted labels, found none{f' that can be used ({reasons})' if reasons else ''}; "
+            "see docs/labels.md"
+        )
+    return labels
+
+
+def labels_by_frame(
+    labels: Labels,
+    log: str,
+    log_times_ns: Mapping[int, int],
+    image_names: Mapping[int, str] | None = None,
+) -> FrameLabels:
+    """The labels of a log by its frames.
+
+    An image is found by its frame, its log time or its name; where several of these are known, they must be of one
+    frame.
+
+    Parameters
+    ----------
+    labels
+        Of this log and perhaps of others.
+    log
+        Stem of its file name.
+    log_times_ns
+        Log time of each frame.
+    image_names
+        File name of the image of each frame; None: not known.
+    """
+    by_time = {time: frame for frame, time in log_times_ns.items()}
+    by_name = {name: frame for frame, name in (image_names or {}).items()}
+    left_out: Counter[str] = Counter()
+
+    def frame_of(image: LabelledImage) -> int | None:
+        if image.log not in (None, log):
+            left_out["other_log"] += 1
+            return None
+        found = {
+            image.frame if image.frame in log_times_ns else None,
+            by_time.get(image.log_time_ns) if image.log_time_ns is not None else None,
+            by_name.get(image.image_name) if image.image_name and by_name else None,
+        } - {None}
+        if image.log_time_ns is not None and image.log_time_ns not in by_time:
+            found.clear()
+        if len(found) == 1:
+            return found.pop()
+        left_out["other_time" if image.log_time_ns is not None else "no_such_image"] += 1
+        return None
+
+    kept: defaultdict[int, list[Label]] = defaultdict(list)
+    for label in labels.labels:
+        frame = frame_of(label.image)
+        if frame is not None:
+            kept[frame].append(label)
+    complete = (frame_of(image) for image in labels.complete)
+    return FrameLabels(
+        dict(kept), frozenset(frame for frame in complete if frame is not None), dict(left_out)
+    )

@@ -1,0 +1,358 @@
+"""What each classifier of the chain is really asked about on a drive, with the answer that labels give.
+
+The flow runs as in `wayside run`; an observer takes the input of each classifier where it stands: the connected regions
+for the size gate, those that pass it for the colour gate, those that pass that for the shape gate, the triangulated
+landmarks for the location, and in preset `default` the boxes and landmarks that are scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.flow import Flow
+from wayside.pipeline.labels import labels_by_frame
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.model_files import Models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.roc.faces import Faces, labelled_faces
+from wayside.pipeline.workers import Item, StageClock
+from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation, verdict_code
+from wayside.schemas.errors import InputError
+from wayside.schemas.labels import Labels
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.settings import GateSettings, Settings
+from wayside.schemas.signs import Sign
+from wayside.stages.report import region_descriptors
+from wayside.stages.segmentation import regions_before_gate
+
+_LABELS = 3
+NO_CLASS = ""
+"""Class of what is no sign, and of what a classifier refuses."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClassifierSamples:
+    """What one classifier was asked about, n rows, in order of drive and frame.
+
+    classifier: its name; space: of its values; values (n, d) float64; label (n,) int8 `OFF`, `ON` or `NEITHER` a sign;
+    kind (n,): class of the labelled sign in this classifier's terms, `NO_CLASS` where there is none; accepted (n,)
+    bool: what it decided; named (n,): the class that it gave, `NO_CLASS` where it refused; drive (n,), frame (n,)
+    int32, box (n, 4) float32: where it came from (of a landmark its best view), pixels; count (n,) int64: how many
+    equal ones of the same frame the row stands for (of the size gate; else 1), their boxes nan.
+    """
+
+    classifier: str
+    space: str
+    values: NDArray[np.float64]
+    label: NDArray[np.int8]
+    kind: NDArray[np.str_]
+    accepted: NDArray[np.bool_]
+    named: NDArray[np.str_]
+    drive: NDArray[np.str_]
+    frame: NDArray[np.int32]
+    box: NDArray[np.float32]
+    count: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(self.label)
+
+    def select(self, rows: NDArray[Any]) -> ClassifierSamples:
+        """Those rows, in that order."""
+        columns = (getattr(self, f.name)[rows] for f in fields(self)[2:])
+        return ClassifierSamples(self.classifier, self.space, *columns)
+
+    def known(self) -> ClassifierSamples:
+        """Those that are on a sign or off all signs."""
+        return self.select(self.label != NEITHER)
+
+    @staticmethod
+    def joined(parts: Sequence[ClassifierSamples]) -> ClassifierSamples:
+        """The rows of several, at least one, in that order."""
+        columns = (
+            np.concatenate([getattr(part, f.name) for part in parts])
+            for f in fields(ClassifierSamples)[2:]
+        )
+        return ClassifierSamples(parts[0].classifier, parts[0].space, *columns)
+
+
+def gather_samples(
+    log: Path, labels: Labels, settings: Settings, models: Models
+) -> dict[str, ClassifierSamples]:
+    """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
+
+    Parameters
+    ----------
+    log
+        The MCAP file.
+    labels
+        Of its images, and perhaps of those of other logs.
+    settings, models
+        What the run works with.
+
+    Raises
+    ------
+    InputError
+        The log cannot be used, or none of the labels is of it.
+    StageError
+        A stage failed.
+    """
+    times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}
+    found = labels_by_frame(labels, log.stem, times)
+    if not found.labels and not found.complete:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
+        raise InputError(
+            f"{log}: wanted labels of its images, found none ({reasons}); see docs/labels.md for how an image is named"
+        )
+    collector = _Collector(labelled_faces(found), models, settings.gate, log.stem)
+    flow = Flow(settings, models, StageClock(), collector)
+    for _ in flow.track(read_frames(log, settings.read, ReadReport())):
+        pass
+    for sign in flow.signs(flow.georeference()):
+        collector.see_sign(sign)
+    return collector.samples()
+
+
+def join_drives(
+    drives: Iterable[Mapping[str, ClassifierSamples]],
+) -> dict[str, ClassifierSamples]:
+    """The samples of several drives together, by classifier."""
+    parts: dict[str, list[ClassifierSamples]] = {}
+    for drive in drives:
+        for name, samples in drive.items():
+            parts.setdefault(name, []).append(samples)
+    return {name: ClassifierSamples.joined(own) for name, own in parts.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """Questions put at once: as in `ClassifierSamples`, without the drive."""
+
+    space: str
+    frame: NDArray[np.int64]
+    values: NDArray[np.floating[Any]]
+    label: NDArray[np.int8]
+    kind: Sequence[str] | NDArray[np.str_]
+    accepted: NDArray[np.bool_]
+    named: Sequence[str] | NDArray[np.str_]
+    box: NDArray[np.floating[Any]]
+    count: NDArray[np.int64] | None = None
+
+
+class _Collector:
+    """Sees the items of a flow and keeps what its classifiers were asked; frames may come in any order."""
+
+    def __init__(self, faces: Faces, models: Models, gate: GateSettings, drive: str) -> None:
+        self._faces, self._models, self._gate, self._drive = faces, models, gate, drive
+        self._asked: list[tuple[str, _Asked]] = []
+        self._by_stage: dict[str, Callable[[Any], Iterable[tuple[str, _Asked]]]] = {
+            "segment": self._size,
+            "color": self._color,
+            "shape": self._shape,
+            "detect": self._boxes,
+            "track": self._tracked,
+            "location": self._located,
+        }
+
+    def see(self, stage: str, item: Item) -> None:
+        """Keep what the classifier of this stage was asked; other stages have none."""
+        if stage in self._by_stage:
+            self._asked.extend(self._by_stage[stage](item))
+
+    def see_sign(self, sign: Sign) -> None:
+        """Keep what the threshold of the confidence was asked; preset `report` gives none."""
+        if sign.status in ("sign", "uncertain") and self._models.color_classes is None:
+            accepted, value = [sign.status == "sign"], [(sign.confidence,)]
+            asked = self._landmarks([sign.landmark], "probability", value, accepted)
+            self._asked.append(("confidence", asked))
+
+    def samples(self) -> dict[str, ClassifierSamples]:
+        """All that was asked, by classifier, in the order of the chain and of the frames."""
+        return {
+            name: self._together(name, own)
+            for name in CLASSIFIERS
+            if (own := [asked for other, asked in self._asked if other == name])
+        }
+
+    def _together(self, name: str, asked: list[_Asked]) -> ClassifierSamples:
+        def column(values: Callable[[_Asked], Any], kind: Any) -> NDArray[Any]:
+            return np.concatenate([np.asarray(values(one), kind) for one in asked])
+
+        frame = column(lambda one: one.frame, np.int32)
+        samples = ClassifierSamples(
+            name,
+            asked[0].space,
+            column(lambda one: one.values, np.float64),
+            column(lambda one: one.label, np.int8),
+            column(lambda one: one.kind, np.str_),
+            column(lambda one: one.accepted, np.bool_),
+            column(lambda one: one.named, np.str_),
+            np.full(len(frame), self._drive),
+            frame,
+            column(lambda one: one.box, np.float32),
+            column(
+                lambda one: np.ones(len(one.label)) if one.count is None else one.count, np.int64
+            ),
+        )
+        return samples.select(np.argsort(frame, kind="stable"))
+
+    def _size(self, item: Segmentation) -> Iterable[tuple[str, _Asked]]:
+        """Areas of all connected regions, equal ones of a frame counted in one row."""
+        if item.image.rgb is None or self._models.color_classes is None:
+            return
+        regions = regions_before_gate(item)
+        label, _ = self._faces.label_regions(item.frame.index, regions.box)
+        # area and label in one number: far faster to sort than pairs
+        pairs, count = np.unique(
+            regions.area_px.astype(np.int64) * _LABELS + (label - NEITHER), return_counts=True
+        )
+        area, kind = pairs // _LABELS, pairs % _LABELS + NEITHER
+        none = [NO_CLASS] * len(area)
+        asked = _Asked(
+            "area_px",
+            np.full(len(area), item.frame.index),
+            area[:, None],
+            kind.astype(np.int8),
+            none,
+            (area >= self._gate.smallest_px) & (area <= self._gate.largest_px),
+            none,
+            np.full((len(area), 4), np.nan),
+            count,
+        )
+        yield "size", asked
+
+    def _color(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
+        rows = np.arange(len(item.candidates))
+        refused = item.candidates.verdict == verdict_code("color")
+        yield (
+            "color",
+            self._regions(
+                item,
+                rows,
+                "rgb",
+                item.candidates.regions.rgb,
+                ~refused,
+                COLORS,
+                item.candidates.color,
+            ),
+        )
+
+    def _shape(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
+        candidates = item.candidates
+        refused = candidates.verdict == verdict_code("shape")
+        rows = np.flatnonzero(refused | (candidates.verdict == verdict_code("open")))
+        values = region_descriptors(item.segmentation, candidates.regions.select(rows))
+        yield (
+            "shape",
+            self._regions(
+                item, rows, "fourier6", values, ~refused[rows], SHAPES, candidates.shape[rows]
+            ),
+        )
+
+    def _boxes(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
+        """Every box that the detector scored; one that a better box suppresses is none that it refused."""
+        candidates = item.candidates
+        rows = np.flatnonzero(np.isfinite(candidates.score))
+        above = candidates.score[rows] >= self._models.box_classifier.threshold
+        scores = candidates.score[rows, None]
+        names = np.full(len(rows), -1)
+        yield "detector", self._regions(item, rows, "log_odds", scores, above, (), names)
+
+    def _regions(
+        self,
+        item: Detections,
+        rows: NDArray[np.int64],
+        space: str,
+        values: NDArray[np.floating[Any]],
+        accepted: NDArray[np.bool_],
+        names: tuple[str, ...],
+        code: NDArray[np.integer[Any]],
+    ) -> _Asked:
+        """Candidates of one image; `code` names them among `names`."""
+        frame, box = item.frame.index, item.candidates.regions.box[rows]
+        label, face = self._faces.label_regions(frame, box)
+        of = {COLORS: self._faces.color, SHAPES: self._faces.shape}.get(names)
+        kind = [NO_CLASS if of is None or i < 0 else of[i] for i in face]
+        named = [
+            names[c] if c >= 0 and ok else NO_CLASS for c, ok in zip(code, accepted, strict=True)
+        ]
+        return _Asked(space, np.full(len(box), frame), values, label, kind, accepted, named, box)
+
+    def _tracked(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
+        """Landmarks of faces that the landmark classifier scores."""
+        asked = [
+            one
+            for one in frame.landmarks
+            if not one.back and one.features and one.verdict in ("sign", "place_score")
+        ]
+        if asked and self._models.color_classes is None:
+            accepted = [one.verdict == "sign" for one in asked]
+            yield (
+                "landmark",
+                self._landmarks(asked, "log_odds", [(o.score,) for o in asked], accepted),
+            )
+
+    def _located(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
+        """Landmarks of faces that were signs but for their location, which came before their size."""
+        asked = [
+            one
+            for one in frame.landmarks
+            if not one.back and one.verdict in ("sign", "location", "panel_size")
+        ]
+        if asked:
+            places = [(one.right_m, one.above_m) for one in asked]
+            accepted = [one.verdict != "location" for one in asked]
+            yield "location", self._landmarks(asked, "right_up_m", places, accepted)
+
+    def _landmarks(
+        self,
+        landmarks: Sequence[Landmark],
+        space: str,
+        values: Sequence[tuple[float, ...]],
+        accepted: Sequence[bool],
+    ) -> _Asked:
+        label = [
+            self._faces.label_views([(view.frame, view.box) for view in one.views])
+            for one in landmarks
+        ]
+        none = [NO_CLASS] * len(landmarks)
+        return _Asked(
+            space,
+            np.array([one.best_frame for one in landmarks]),
+            np.array(values),
+            np.array(label, np.int8),
+            none,
+            np.array(accepted),
+            none,
+            np.array([one.best_box for one in landmarks]),
+        )
+
+
+CLASSIFIERS = (
+    "size",
+    "color",
+    "shape",
+    "trajectory",
+    "detector",
+    "landmark",
+    "location",
+    "confidence",
+)
+"""Every classifier of the presets, in the order of the chain."""
+
+__all__ = [
+    "CLASSIFIERS",
+    "NEITHER",
+    "NO_CLASS",
+    "OFF",
+    "ON",
+    "ClassifierSamples",
+    "gather_samples",
+    "join_drives",
+]

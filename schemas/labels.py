@@ -1,0 +1,173 @@
+"""Labels: what a person, or the truth of a rendered drive, says of boxes in images. The file is one Parquet table.
+
+Boxes and polygons are in pixels of the image as recorded (distorted), from its upper left corner: x0, y0, x1, y1, half
+open, as the boxes of every table of a result. The middle of the first pixel is at (0.5, 0.5) in these coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pyarrow as pa
+
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.tables import Column, Table
+
+SIGN, BACK, NOT_A_SIGN, UNSURE = "sign", "back", "not_sign", "unsure"
+COMPLETE = "complete"
+LABEL_KINDS = {
+    SIGN: "the face of a road sign",
+    BACK: "a road sign seen from behind",
+    NOT_A_SIGN: "something else: a sample of what no sign is",
+    UNSURE: "looked at and not decided: neither right nor wrong",
+    COMPLETE: "no box: every sign of this image is labelled, so the rest of it shows none",
+}
+
+Box = tuple[float, float, float, float]
+Polygon = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledImage:
+    """Which image a label is of; as many of these as are known, at least one of frame, time and name.
+
+    log: stem of the log's file name; frame: index in the log, from 0; log_time_ns: when it was logged; image_name: its
+    file, or its path below the folder of images; size: width, height, pixels.
+    """
+
+    log: str | None = None
+    frame: int | None = None
+    log_time_ns: int | None = None
+    image_name: str | None = None
+    size: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an image that nothing names."""
+        if self.frame is None and self.log_time_ns is None and not self.image_name:
+            raise ValueError("an image of a label is named by its frame, its log time or its file")
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """One thing in one image.
+
+    Attributes
+    ----------
+    image
+        Where it is.
+    kind
+        `SIGN`, `BACK`, `NOT_A_SIGN` or `UNSURE`.
+    box
+        x0, y0, x1, y1 around the whole face with its border, pixels.
+    color, shape
+        Of `COLORS` and `SHAPES`; None where not known or none of them.
+    polygon
+        Outline of the face, pixels; empty where only the box is known.
+    panel
+        Name of the physical thing, the same in all images that show it; None where not known.
+    visible
+        Fraction of the face that nothing hides, 0 to 1; None where not known.
+    wanted
+        Whether it counts for recall; what does not is neither right nor wrong.
+    source
+        Who or what says so: a reviewer, a file.
+    note
+        Words of the reviewer, or what it is.
+    """
+
+    image: LabelledImage
+    kind: str
+    box: Box
+    color: str | None = None
+    shape: str | None = None
+    polygon: Polygon = ()
+    panel: str | None = None
+    visible: float | None = None
+    wanted: bool = True
+    source: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no label: an unknown kind or class, a box without area."""
+        if self.kind not in LABEL_KINDS or self.kind == COMPLETE:
+            raise ValueError(f"kind {self.kind!r} is none of {', '.join(list(LABEL_KINDS)[:-1])}")
+        if self.color is not None and self.color not in COLORS:
+            raise ValueError(f"colour {self.color!r} is none of {', '.join(COLORS)}")
+        if self.shape is not None and self.shape not in SHAPES:
+            raise ValueError(f"shape {self.shape!r} is none of {', '.join(SHAPES)}")
+        x0, y0, x1, y1 = self.box
+        if not (-1e6 < x0 < x1 < 1e6 and -1e6 < y0 < y1 < 1e6):
+            raise ValueError(f"box {self.box} has no area, or is not finite")
+
+    @property
+    def height_px(self) -> float:
+        """Height of the box."""
+        return self.box[3] - self.box[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Labels:
+    """Labels, and the images in which every sign is labelled: only there is what has no label no sign.
+
+    left_out: how many entries of what was read are not among the labels, by reason.
+    """
+
+    labels: tuple[Label, ...] = ()
+    complete: tuple[LabelledImage, ...] = ()
+    left_out: dict[str, int] = field(default_factory=dict)
+
+
+_TEXT, _FLAG, _WHOLE, _LONG, _REAL = pa.string(), pa.bool_(), pa.int32(), pa.int64(), pa.float64()
+_CHOICE = pa.dictionary(pa.int8(), pa.string())
+_POINTS = pa.list_(pa.field("element", pa.list_(pa.field("element", pa.float64()), 2)))
+
+LABELS = Table(
+    "labels",
+    "One row per thing in one image, or per image whose signs are all labelled (`kind` is `complete`). At least one of "
+    "`frame`, `log_time_ns` and `image_name` is not null.",
+    (
+        Column(
+            "log", _TEXT, "", "stem of the log's file name; null: any log, or images without one"
+        ),
+        Column("frame", _WHOLE, "", "index of the frame in the log, from 0"),
+        Column("log_time_ns", _LONG, "ns", "time at which it was logged"),
+        Column(
+            "image_name",
+            _TEXT,
+            "",
+            "file name of the image, or its path below the folder of images",
+        ),
+        Column("image_width", _WHOLE, "px", "size of the image that the box is of"),
+        Column("image_height", _WHOLE, "px", "size of the image that the box is of"),
+        Column("kind", _CHOICE, "", "what it is", False, tuple(LABEL_KINDS)),
+        Column(
+            "x_min",
+            _REAL,
+            "px",
+            "box around the whole face with its border, half open; null: `complete`",
+        ),
+        Column("y_min", _REAL, "px", "the same"),
+        Column("x_max", _REAL, "px", "the same"),
+        Column("y_max", _REAL, "px", "the same"),
+        Column("polygon", _POINTS, "px", "outline of the face; null: only the box is known"),
+        Column(
+            "color",
+            _CHOICE,
+            "",
+            "colour class of the face; null: not known, or none of them",
+            values=COLORS,
+        ),
+        Column(
+            "shape",
+            _CHOICE,
+            "",
+            "shape class of the face; null: not known, or none of them",
+            values=SHAPES,
+        ),
+        Column("panel", _TEXT, "", "name of the physical thing, the same in all images of it"),
+        Column("visible", _REAL, "", "fraction of the face that nothing hides, 0 to 1"),
+        Column("wanted", _FLAG, "", "whether it counts for recall", False),
+        Column("source", _TEXT, "", "who or what says so", False),
+        Column("note", _TEXT, "", "words of the reviewer, or what it is", False),
+    ),
+)
