@@ -13,6 +13,7 @@ import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_planning as planning
+from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import check_folders, exit_with, process
 from wayside.pipeline.process import (
@@ -331,6 +332,7 @@ app.command(
 )(viewer.evidence)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
+app.command(epilog=figures.REPORT_FIGURES_EPILOG)(figures.report_figures)
 
 
 def main() -> None:
