@@ -25,6 +25,7 @@ from wayside.schemas.models import (
     LinearModel,
     Model,
     NetworkModel,
+    OperatingPoint,
     TreeModel,
 )
 
@@ -46,18 +47,13 @@ def model_to_json(model: Model) -> str:
     if isinstance(model, GaussianModel):
         body: dict[str, Any] = {
             "space": model.space,
-            "classes": [
-                {
-                    "name": c.name,
-                    "mean": np.round(c.mean, 6).tolist(),
-                    "covariance": np.round(c.covariance, 8).tolist(),
-                    "threshold": round(c.threshold, 4),
-                    "threshold_rule": c.threshold_rule,
-                    "count": c.count,
-                }
-                for c in model.classes
-            ],
+            "classes": [_gaussian_class(c) for c in model.classes],
         }
+        if model.curve:
+            body["curve"] = [
+                [round(v, 6) for v in (p.false_alarm, p.power)] + [round(t, 4) for t in p.thresholds]
+                for p in model.curve
+            ]
     elif isinstance(model, LinearModel):
         weights = [float(f"{w:.6g}") for w in model.weights]
         body = {"weights": dict(zip(model.features, weights, strict=True))}
@@ -113,7 +109,8 @@ def model_from_json(text: str, name: str = "model") -> Model:
 def _model_of(data: dict[str, Any], name: str) -> Model:
     if data["kind"] == "gaussian":
         classes = tuple(_gaussian_class_of(c) for c in data["classes"])
-        return GaussianModel(data["space"], classes, str(data["provenance"]))
+        curve = tuple(_operating_point_of(point, len(classes)) for point in data.get("curve", ()))
+        return GaussianModel(data["space"], classes, str(data["provenance"]), curve)
     if data["kind"] == "trees":
         return _trees_of(data, name)
     if data["kind"] == "linear":
@@ -127,9 +124,33 @@ def _model_of(data: dict[str, Any], name: str) -> Model:
     raise KeyError(f"kind {data['kind']!r}")
 
 
+def _gaussian_class(one: GaussianClass) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "name": one.name,
+        "mean": np.round(one.mean, 6).tolist(),
+        "covariance": np.round(one.covariance, 8).tolist(),
+        "threshold": round(one.threshold, 4),
+        "threshold_rule": one.threshold_rule,
+        "count": one.count,
+    }
+    if one.threshold_interval is not None:
+        content["threshold_interval"] = [round(end, 4) for end in one.threshold_interval]
+    return content
+
+
+def _operating_point_of(data: list[Any], classes: int) -> OperatingPoint:
+    false_alarm, power, *thresholds = (_finite(value, "curve") for value in data)
+    if len(thresholds) != classes or not (0 <= false_alarm <= 1 and 0 <= power <= 1):
+        raise ValueError(f"curve: wanted two rates and {classes} thresholds, found {data}")
+    return OperatingPoint(false_alarm, power, tuple(thresholds))
+
+
 def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
     mean = np.array(data["mean"], np.float64)
     covariance = np.array(data["covariance"], np.float64)
+    interval = [_finite(end, "threshold_interval") for end in data.get("threshold_interval", ())]
+    if len(interval) not in (0, 2):
+        raise ValueError(f"threshold_interval: wanted two numbers, found {len(interval)}")
     d = mean.size
     _check_shapes({"mean": mean, "covariance": covariance}, ((d,), (d, d)))
     if not (d and np.allclose(covariance, covariance.T) and np.linalg.eigvalsh(covariance)[0] > 0):
@@ -141,6 +162,7 @@ def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
         _finite(data["threshold"], "threshold"),
         str(data["threshold_rule"]),
         int(data["count"]),
+        (interval[0], interval[1]) if interval else None,
     )
 
 

@@ -22,8 +22,23 @@ class OnnxFile:
 
 
 @dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """What a gate does at given thresholds: the shares of others and of signs that it accepts (eq. 10.2 and 10.1).
+
+    false_alarm, power: measured where the model was learned; thresholds: of each class, in the order of the model's.
+    """
+
+    false_alarm: float
+    power: float
+    thresholds: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class GaussianClass:
-    """One class: mean (d,), covariance (d, d), largest accepted distance, the rule that set it, samples."""
+    """One class: mean (d,), covariance (d, d), largest accepted distance, the rule that set it, samples.
+
+    threshold_interval: 95 % interval of the threshold, by resampling the drives it was learned from; None: unknown.
+    """
 
     name: str
     mean: NDArray[np.float64]
@@ -31,16 +46,21 @@ class GaussianClass:
     threshold: float
     threshold_rule: str
     count: int
+    threshold_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianModel:
-    """Classes by Mahalanobis distance (report eq. 3.1), in the named space."""
+    """Classes by Mahalanobis distance (report eq. 3.1), in the named space.
+
+    curve: operating points of all classes together, by rising false-alarm rate; empty: unknown.
+    """
 
     kind: ClassVar[str] = "gaussian"
     space: str
     classes: tuple[GaussianClass, ...]
     provenance: str
+    curve: tuple[OperatingPoint, ...] = ()
 
     def distances(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
@@ -59,6 +59,7 @@ def test_the_likelihood_ratio_of_the_report_is_one_at_195():
     assert at == pytest.approx(195.17, abs=0.02)
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 0.9))
 def test_no_other_region_of_the_same_false_alarm_rate_has_more_power(seed, alpha):
     draw = np.random.default_rng(seed)
@@ -73,9 +74,9 @@ def test_no_other_region_of_the_same_false_alarm_rate_has_more_power(seed, alpha
 
 def test_two_fitted_normal_densities_have_the_power_of_the_normal_ones():
     draw = np.random.default_rng(3)
-    fitted = fitted_densities(draw.normal(2, 1, 4000), draw.normal(0, 1, 4000))
+    fitted = fitted_densities(draw.normal(2, 1, 1000), draw.normal(0, 1, 1000))
     found = most_powerful_test(fitted, 0.1)
-    assert found.power == pytest.approx(norm.sf(norm.isf(0.1) - 2), abs=0.03)
+    assert found.power == pytest.approx(norm.sf(norm.isf(0.1) - 2), abs=0.05)
 
 
 def test_signs_on_both_sides_of_the_others_need_two_thresholds():
