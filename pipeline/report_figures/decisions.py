@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.report_figures.gather import Drive, Scene
+from wayside.pipeline.report_figures.gather import Drive
 from wayside.pipeline.report_figures.numbers import share_words
 from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
@@ -33,53 +33,82 @@ _IMAGES, _PIXELS, _SEED = 12, 20_000, 1
 
 def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 9.1 to 9.6."""
-    scenes = drive.scenes(_frames_with(drive, "white"))
-    on, off = _pixels(drive, scenes)
+    images = drive.images(_frames_with(drive, "white"))
+    on, off = _pixels(drive, images)
     reds = (on[:, 0], off[:, 0])
     enough = all(len(np.unique(values)) > 1 for values in reds)
     densities = [("report", report_densities())]
     if enough:
         densities.append(("this drive", fitted_densities(*reds)))
-    ours = f"red of {len(on)} pixels of white signs and {len(off)} beside them, in {len(scenes)} images"
+    ours = f"red of {len(on)} pixels of white signs and {len(off)} beside them, in {len(images)} images"
     if not enough:
         ours = "no labelled white sign: the report's own densities only"
     yield _densities(densities, ours)
     yield _ratio(densities)
     yield _power(densities)
-    frame = max(scenes, default=None, key=lambda f: _white_area(drive, f))
+    frame = max(images, default=None, key=lambda f: _white_area(drive, f))
     for number, alpha in (("9.4", None), ("9.5", 0.1), ("9.6", 0.03)):
-        yield _image(drive, scenes, frame, number, alpha, on, off)
+        yield _image(drive, images, frame, number, alpha, on, off)
 
 
 def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
     samples = drive.samples["color"].known()
     title = "ROC of the colour classifier"
-    report = "50 labelled images; green: all signs found while 1.8 % of the segments of no sign pass"
+    report = (
+        "50 labelled images; green: all signs found while 1.8 % of the segments of no sign pass"
+    )
     plot = Plot((0, 1), (0, 1), ("false positive rate (10.2)", "true positive rate (10.1)"))
-    rows = [("colour", "signs", "others", "area", "at the shipped distance: TPR", "FPR", "FPR where all signs pass")]
+    rows = [
+        (
+            "colour",
+            "signs",
+            "others",
+            "area",
+            "at the shipped distance: TPR",
+            "FPR",
+            "FPR where all signs pass",
+        )
+    ]
     green = ""
-    for name in (one.name for one in drive.models.color_classes.classes if drive.models.color_classes):
+    model = drive.models.color_classes
+    for name in () if model is None else (one.name for one in model.classes):
         one = _curve_of(drive, samples, name)
         if one is None:
             continue
-        fpr, tpr, area, words, full = one
+        fpr, tpr, words, full = one
         ink = "#{:02x}{:02x}{:02x}".format(*(max(v - 30, 0) for v in COLOR_RGB[name]))
-        plot.line(np.column_stack([fpr, tpr]), ink if name != "white" else "#161b22", name.replace("_", " "))
+        plot.line(
+            np.column_stack([fpr, tpr]),
+            ink if name != "white" else "#161b22",
+            name.replace("_", " "),
+        )
         rows.append((name.replace("_", " "), *words, full))
         if name == "green":
             green = f"green: all signs pass with FPR {full}"
     if len(rows) == 1:
-        yield Figure("10.1", title, report, needs="labelled signs of a colour that the report's classifier has")
+        yield Figure(
+            "10.1",
+            title,
+            report,
+            needs="labelled signs of a colour that the report's classifier has",
+        )
         return
-    yield Figure("10.1", title, report, green or "no labelled green sign", (plot.picture(),), table=tuple(rows))
+    yield Figure(
+        "10.1",
+        title,
+        report,
+        green or "no labelled green sign",
+        (plot.picture(),),
+        table=tuple(rows),
+    )
     yield _confusion(samples)
 
 
 def _curve_of(
     drive: Drive, samples: ClassifierSamples, name: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float, tuple[str, ...], str] | None:
-    """Rates, area and words of one colour: its signs against all that is no sign."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[str, ...], str] | None:
+    """Rates and words of one colour: its signs against all that is no sign."""
     model = drive.models.color_classes
     if model is None:
         return None
@@ -106,7 +135,7 @@ def _curve_of(
         share_words(int(accepted[on].sum()), int(on.sum())),
         share_words(int(accepted[~on].sum()), int((~on).sum())),
     )
-    return curve.fpr, curve.tpr, curve.area, words, share_words(passing, int((~on).sum()))
+    return curve.fpr, curve.tpr, words, share_words(passing, int((~on).sum()))
 
 
 def _confusion(samples: ClassifierSamples) -> Figure:
@@ -136,7 +165,9 @@ def _frames_with(drive: Drive, color: str) -> list[int]:
     return list(dict.fromkeys(int(faces.frame[row]) for row in rows))[:_IMAGES]
 
 
-def _white_mask(drive: Drive, frame: int, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _white_mask(
+    drive: Drive, frame: int, shape: tuple[int, ...]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Pixels of an image inside white faces (their middle four fifths), and outside of all faces."""
     inside, outside = np.zeros(shape[:2], bool), np.ones(shape[:2], bool)
     faces = drive.faces
@@ -145,16 +176,20 @@ def _white_mask(drive: Drive, frame: int, shape: tuple[int, ...]) -> tuple[NDArr
         outside[max(int(y0) - 1, 0) : int(y1) + 2, max(int(x0) - 1, 0) : int(x1) + 2] = False
         if faces.color[row] == "white" and faces.example[row]:
             dx, dy = 0.1 * (x1 - x0), 0.1 * (y1 - y0)
-            inside[max(round(y0 + dy), 0) : round(y1 - dy), max(round(x0 + dx), 0) : round(x1 - dx)] = True
+            inside[
+                max(round(y0 + dy), 0) : round(y1 - dy), max(round(x0 + dx), 0) : round(x1 - dx)
+            ] = True
     return inside, outside
 
 
-def _pixels(drive: Drive, scenes: dict[int, Scene]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _pixels(
+    drive: Drive, images: dict[int, NDArray[np.uint8]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Colours of pixels of white signs and of what is no sign, (n, 3) each."""
     draw, found = np.random.default_rng(_SEED), ([], [])
-    for frame, scene in sorted(scenes.items()):
-        for kept, mask in zip(found, _white_mask(drive, frame, scene.rgb.shape), strict=True):
-            pixels = scene.rgb[mask].astype(np.float64)
+    for frame, rgb in sorted(images.items()):
+        for kept, mask in zip(found, _white_mask(drive, frame, rgb.shape), strict=True):
+            pixels = rgb[mask].astype(np.float64)
             most = _PIXELS // _IMAGES
             kept.append(pixels[draw.permutation(len(pixels))[:most]])
     none = [np.zeros((0, 3))]
@@ -171,8 +206,15 @@ def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
     top = max(float(max(d.off.max(), d.on.max())) for _, d in densities)
     plot = Plot((0, 255), (0, 1.1 * top), ("red", "density"))
     for i, (name, d) in enumerate(densities):
-        plot.line(np.column_stack([d.values, d.off]), INKS[2 * i], f"{name}: no sign, p0", dashed=i > 0)
-        plot.line(np.column_stack([d.values, d.on]), INKS[2 * i + 1], f"{name}: white sign, p1", dashed=i > 0)
+        plot.line(
+            np.column_stack([d.values, d.off]), INKS[2 * i], f"{name}: no sign, p0", dashed=i > 0
+        )
+        plot.line(
+            np.column_stack([d.values, d.on]),
+            INKS[2 * i + 1],
+            f"{name}: white sign, p1",
+            dashed=i > 0,
+        )
     return Figure(
         "9.1",
         "densities of the red of white signs and of the rest",
@@ -194,7 +236,13 @@ def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
         above = good[ratio[good] >= 0]
         if len(above):
             words.append(f"{name}: L reaches 1 at {d.values[above[0]]:.1f}")
-    return Figure("9.2", "likelihood ratio", "L = p1 / p0 rises with the red", "; ".join(words), (plot.picture(),))
+    return Figure(
+        "9.2",
+        "likelihood ratio",
+        "L = p1 / p0 rises with the red",
+        "; ".join(words),
+        (plot.picture(),),
+    )
 
 
 def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -202,7 +250,16 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
     plot = Plot((0, 1), (0, 1), ("false-alarm rate alpha", "power"))
     equation = [(a, report_power(report_threshold(float(a)))) for a in alphas]
     plot.line(equation, INKS[0], "report, eq. 9.7 and 9.8")
-    rows = [("alpha", "report, eq. 9.7: red from", "power by 9.8", "captions", "this drive: red from", "power")]
+    rows = [
+        (
+            "alpha",
+            "report, eq. 9.7: red from",
+            "power by 9.8",
+            "captions",
+            "this drive: red from",
+            "power",
+        )
+    ]
     own = densities[1][1] if len(densities) > 1 else None
     if own is not None:
         tests = [most_powerful_test(own, float(a)) for a in alphas]
@@ -212,7 +269,10 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
         cells = [f"{alpha:g}", f"{y:.2f}", f"{report_power(y):.4f}", str(CAPTIONS.get(alpha, ""))]
         if own is not None:
             test = most_powerful_test(own, alpha)
-            cells += ["several ranges" if test.threshold is None else f"{test.threshold:.1f}", f"{test.power:.4f}"]
+            cells += [
+                "several ranges" if test.threshold is None else f"{test.threshold:.1f}",
+                f"{test.power:.4f}",
+            ]
         rows.append((*cells, *[""] * (6 - len(cells))))
     return Figure(
         "9.3",
@@ -226,7 +286,7 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
 
 def _image(
     drive: Drive,
-    scenes: dict[int, Scene],
+    images: dict[int, NDArray[np.uint8]],
     frame: int | None,
     number: str,
     alpha: float | None,
@@ -237,7 +297,7 @@ def _image(
     said = "white signs" if alpha is None else f"red, green and blue above {CAPTIONS[alpha]}"
     if frame is None:
         return Figure(number, title, said, needs="a labelled white sign")
-    rgb = scenes[frame].rgb
+    rgb = images[frame]
     if alpha is None:
         return Figure(number, title, said, f"frame {frame}", (photo(rgb, scale=0.5),))
     y = report_threshold(alpha)

@@ -25,7 +25,9 @@ def around(
     return left, top, left + side, top + side
 
 
-def cut(image: NDArray[np.uint8], corners: tuple[int, int, int, int], tall: int) -> NDArray[np.uint8]:
+def cut(
+    image: NDArray[np.uint8], corners: tuple[int, int, int, int], tall: int
+) -> NDArray[np.uint8]:
     """A cut-out as RGB, enlarged or shrunk to a height."""
     x0, y0, x1, y1 = corners
     part = image[y0:y1, x0:x1]

@@ -19,6 +19,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.motion import Motion
@@ -105,12 +106,20 @@ class Drive:
         """Landmarks that are reported."""
         return [one for one in self.landmarks if one.verdict == "sign"]
 
+    def images(self, wanted: Collection[int]) -> dict[int, NDArray[np.uint8]]:
+        """Images (height, width, 3) RGB of frames, read and decoded again."""
+        found = decode(self._frames(wanted))
+        return {one.frame.index: one.rgb for one in found if one.rgb is not None}
+
     def scenes(self, wanted: Collection[int]) -> dict[int, Scene]:
-        """Images read, decoded and segmented again."""
+        """Images of frames, segmented again."""
         s = self.settings
-        read = (f for f in read_frames(self.log, s.read, ReadReport()) if f.index in wanted)
-        found = segment(decode(read), settings=s.segment, gate=s.gate)
+        found = segment(decode(self._frames(wanted)), settings=s.segment, gate=s.gate)
         return {one.frame.index: Scene(one.frame.index, one) for one in found if one.frame.used}
+
+    def _frames(self, wanted: Collection[int]) -> Iterator[Frame]:
+        read = read_frames(self.log, self.settings.read, ReadReport())
+        return (frame for frame in read if frame.index in wanted)
 
 
 class _Watch:
@@ -131,7 +140,6 @@ class _Watch:
             self.frames[item.frame.index] = item.motion
             self.landmarks.extend(item.landmarks)
             self.regions[item.frame.index] = item.candidates.regions
-
 
     def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
         rows = item.candidates.open_rows()

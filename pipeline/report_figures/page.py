@@ -16,7 +16,8 @@ from wayside.pipeline.file_marks import marked_head
 MARK = "wayside report-figures"
 _WIDEST, _QUALITY = 1100, 82
 _STYLE = """
-body { margin: 0 auto; max-width: 1180px; padding: 24px; font: 15px/1.5 system-ui, sans-serif; color: #161b22; background: #fff; }
+body { margin: 0 auto; max-width: 1180px; padding: 24px; font: 15px/1.5 system-ui, sans-serif; color: #161b22;
+  background: #fff; }
 h2 { margin: 40px 0 0; border-top: 2px solid #161b22; padding-top: 10px; }
 h3 { margin: 26px 0 6px; }
 table { border-collapse: collapse; margin: 8px 0; }

@@ -35,7 +35,13 @@ class Plot:
         self._axes(labels)
 
     def line(
-        self, points: ArrayLike, ink: str, name: str = "", *, dashed: bool = False, width: float = 1.6
+        self,
+        points: ArrayLike,
+        ink: str,
+        name: str = "",
+        *,
+        dashed: bool = False,
+        width: float = 1.6,
     ) -> None:
         """A line through points (n, 2), broken where one is not finite."""
         values = np.asarray(points, np.float64).reshape(-1, 2)
@@ -116,7 +122,8 @@ class Plot:
             ((_, v),) = self._at(np.array([[self._x[0], value]]))
             self._parts.append(
                 f'<line x1="{_LEFT}" y1="{v:.1f}" x2="{_LEFT + wide}" y2="{v:.1f}" stroke="{_GREY}"/>'
-                f'<text x="{_LEFT - 6}" y="{v + 4:.1f}" font-size="11" text-anchor="end" fill="{_TEXT}">{value:g}</text>'
+                f'<text x="{_LEFT - 6}" y="{v + 4:.1f}" font-size="11" text-anchor="end" fill="{_TEXT}">'
+                f"{value:g}</text>"
             )
         self._parts.append(
             f'<text x="{_LEFT + wide / 2}" y="{_TOP + tall + 35}" font-size="12" text-anchor="middle" '

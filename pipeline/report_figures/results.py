@@ -14,8 +14,8 @@ from wayside.pipeline.report_figures.drawing import ACCENT, SIGN_INK, boxed
 from wayside.pipeline.report_figures.gather import Drive
 from wayside.pipeline.report_figures.numbers import rate_words, share_words
 from wayside.pipeline.report_figures.page import Figure, photo
-from wayside.schemas.landmarks import Landmark
 from wayside.schemas.labels import SIGN
+from wayside.schemas.landmarks import Landmark
 
 REPORT_IMAGES = 100
 
@@ -26,11 +26,11 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
     judged = {one.track_id: judge(drive, one) for one in signs}
     busiest = Counter(view.frame for one in signs for view in one.views).most_common()
     frames = sorted({frame for frame, _ in busiest[:1]} | {_apart(busiest)} - {-1})
-    scenes = drive.scenes(frames)
-    if not scenes:
+    images = drive.images(frames)
+    if not images:
         yield Figure("11.1", "what is found", "all signs of an image", needs="a sign that is found")
-    for number, frame in zip(("11.1", "11.2"), sorted(scenes), strict=False):
-        page = scenes[frame].rgb
+    for number, frame in zip(("11.1", "11.2"), sorted(images), strict=False):
+        page = images[frame]
         for ink, kinds in ((SIGN_INK, (ON,)), (ACCENT, (OFF,)), ((170, 170, 170), (-1,))):
             boxes = [
                 view.box

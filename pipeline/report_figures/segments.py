@@ -31,7 +31,12 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
     large = "keeps its own cluster"
     yield _clustered(drive, scenes, near, "2.1", f"a large sign {large}", f"a yellow sign {large}")
     yield _clustered(
-        drive, scenes, far, "2.2", "a small sign is lost", "a small green sign is lost in vegetation"
+        drive,
+        scenes,
+        far,
+        "2.2",
+        "a small sign is lost",
+        "a small green sign is lost in vegetation",
     )
     yield _difference(drive, scenes, far)
     yield _size_gate(drive, scenes, near)
@@ -40,16 +45,16 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
 def color_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 3.2 to 3.4."""
     samples = drive.samples["color"].known()
-    scenes = drive.scenes(_crop_frames(samples))
+    images = drive.images(_crop_frames(samples))
     said = "the classifier of yellow signs is near perfect on 25 images"
     rows = np.flatnonzero((samples.kind == "yellow") & (samples.named == "yellow"))
-    yield _accepted(scenes, samples, rows, "3.2", "yellow signs by mean colour", said, "yellow")
+    yield _accepted(images, samples, rows, "3.2", "yellow signs by mean colour", said, "yellow")
     rows = _wrongly(samples, "green")
     said = "segments that look like green signs are taken for them"
-    yield _accepted(scenes, samples, rows, "3.3", "what is taken for a green sign", said, "green")
+    yield _accepted(images, samples, rows, "3.3", "what is taken for a green sign", said, "green")
     rows = _wrongly(samples, "yellow")
     said = "road stripes are taken for yellow signs"
-    yield _accepted(scenes, samples, rows, "3.4", "what is taken for a yellow sign", said, "yellow")
+    yield _accepted(images, samples, rows, "3.4", "what is taken for a yellow sign", said, "yellow")
 
 
 def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int]:
@@ -91,14 +96,17 @@ def _clustered(
         f"{report} (k = 16)",
         f"frame {scene.frame}, {shown} sign {box[2] - box[0]:.0f} x {box[3] - box[1]:.0f} px, "
         f"k = {len(scene.segmentation.palette)}: {100 * counts.max() / counts.sum():.0f} % of its pixels are of one "
-        f"cluster, whose colour is ({first[0]}, {first[1]}, {first[2]}); its pixels lie {np.median(own):.0f} levels from "
-        f"the colours of their clusters (median; whole image {np.median(scene.difference):.0f})",
+        f"cluster, whose colour is ({first[0]}, {first[1]}, {first[2]}); its pixels lie {np.median(own):.0f} levels "
+        f"from the colours of their clusters (median; whole image {np.median(scene.difference):.0f})",
         (photo(pictures, "the image, and in the colours of its clusters"),),
     )
 
 
 def _difference(drive: Drive, scenes: dict[int, Scene], row: int | None) -> Figure:
-    title, report = "difference image and second pass", "small objects stand out in the difference image"
+    title, report = (
+        "difference image and second pass",
+        "small objects stand out in the difference image",
+    )
     if row is None or int(drive.faces.frame[row]) not in scenes:
         return Figure("2.3", title, report, needs="labels of a whole sign face")
     scene, box = scenes[int(drive.faces.frame[row])], drive.faces.box[row]
@@ -113,7 +121,11 @@ def _difference(drive: Drive, scenes: dict[int, Scene], row: int | None) -> Figu
         report,
         f"of {total} labelled views of signs, by the connected regions that pass the size gate: {words}",
         (
-            photo(grey, f"frame {scene.frame}: distance of each pixel to its cluster, three times as bright", scale=0.5),
+            photo(
+                grey,
+                f"frame {scene.frame}: distance of each pixel to its cluster, three times as bright",
+                scale=0.5,
+            ),
             photo(cut(grey, corners, TALL), "the small sign of figure 2.2 in it"),
         ),
     )
@@ -144,8 +156,15 @@ def _size_gate(drive: Drive, scenes: dict[int, Scene], row: int | None) -> Figur
     edges = np.logspace(0, 6, 37)
     every, _ = np.histogram(area, edges, weights=count)
     faces, _ = np.histogram(area[on], edges, weights=count[on])
-    plot = Plot((0, 6), (0, np.log10(max(every.max(), 1)) + 0.3), ("log10 of the area, px", "log10 of segments"))
-    for values, ink, name in ((every, INKS[0], "all segments"), (faces, INKS[1], "on labelled signs")):
+    plot = Plot(
+        (0, 6),
+        (0, np.log10(max(every.max(), 1)) + 0.3),
+        ("log10 of the area, px", "log10 of segments"),
+    )
+    for values, ink, name in (
+        (every, INKS[0], "all segments"),
+        (faces, INKS[1], "on labelled signs"),
+    ):
         plot.bars(np.log10(edges), np.log10(np.maximum(values, 1)), ink, name)
     for limit in (*REPORT_GATE_PX, gate.largest_px):
         plot.line([(np.log10(limit), 0), (np.log10(limit), 9)], "#161b22", dashed=True)
@@ -153,24 +172,31 @@ def _size_gate(drive: Drive, scenes: dict[int, Scene], row: int | None) -> Figur
     small, large = (int(count[rows].sum()) for rows in (area < low, area > high))
     lost = int(count[on & ((area < low) | (area > high))].sum())
     own = int(count[on & ((area < gate.smallest_px) | (area > gate.largest_px))].sum())
-    pictures: list[Picture] = [plot.picture("dashed: 50 and 20000 px, and the largest area that is kept here")]
+    pictures: list[Picture] = [
+        plot.picture("dashed: 50 and 20000 px, and the largest area that is kept here")
+    ]
     if row is not None and int(drive.faces.frame[row]) in scenes:
         scene = scenes[int(drive.faces.frame[row])]
-        pictures.append(photo(_gated(scene, gate.smallest_px, gate.largest_px), "pass one after the gate", scale=0.5))
+        pictures.append(
+            photo(
+                _gated(scene, gate.smallest_px, gate.largest_px),
+                "pass one after the gate",
+                scale=0.5,
+            )
+        )
     return Figure(
         "3.1",
         title,
         report,
         f"{total} segments: {100 * small / total:.1f} % below {low} px, {large} above {high} px; of {on_total} on "
-        f"labelled signs the report's gate drops {lost}, the gate here ({gate.smallest_px} to {gate.largest_px} px) {own}",
+        f"labelled signs the report's gate drops {lost}, "
+        f"the gate here ({gate.smallest_px} to {gate.largest_px} px) {own}",
         tuple(pictures),
     )
 
 
 def _gated(scene: Scene, smallest: int, largest: int) -> NDArray[np.uint8]:
     """The clustered image with the boxes of the regions that the gate drops in black."""
-
-
     one = scene.segmentation
     page = scene.clustered
     if one.labels is None:
@@ -217,7 +243,7 @@ def _crop_frames(samples: ClassifierSamples) -> set[int]:
 
 
 def _accepted(
-    scenes: dict[int, Scene],
+    images: dict[int, NDArray[np.uint8]],
     samples: ClassifierSamples,
     rows: NDArray[np.int64],
     number: str,
@@ -228,10 +254,10 @@ def _accepted(
     found, signs, false, others = rates_of(samples, color)
     crops = []
     for row in _chosen(rows):
-        scene, box = scenes.get(int(samples.frame[row])), samples.box[row]
-        if scene is not None:
-            corners = around(box, scene.rgb.shape[:2], least=48)
-            crops.append(cut(boxed(scene.rgb, [box], width=1), corners, 120))
+        rgb, box = images.get(int(samples.frame[row])), samples.box[row]
+        if rgb is not None:
+            corners = around(box, rgb.shape[:2], least=48)
+            crops.append(cut(boxed(rgb, [box], width=1), corners, 120))
     pictures = (photo(beside(crops, 8), f"{len(crops)} of {len(rows)} segments"),) if crops else ()
     return Figure(
         number,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.report_figures.drawing import Ink, around, beside, lined
-from wayside.pipeline.report_figures.gather import Drive, FaceOutline, Scene
+from wayside.pipeline.report_figures.gather import Drive, FaceOutline
 from wayside.pipeline.report_figures.numbers import share_words
 from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.view.outlines import CURVES, INKS, curve_of_terms
@@ -27,9 +27,9 @@ def shape_figures(drive: Drive) -> Iterator[Figure]:
     missed = [view for view in views if not right(drive, view)]
     shown = _largest_of_each_shape(drive, views)
     worst = sorted(missed, key=lambda view: -_size(view))[:_MOST]
-    scenes = drive.scenes({view[0].frame for view in (*shown, *worst)})
-    yield _curves(drive, scenes, shown)
-    yield _false_negatives(drive, scenes, worst)
+    images = drive.images({view[0].frame for view in (*shown, *worst)})
+    yield _curves(drive, images, shown)
+    yield _false_negatives(drive, images, worst)
     yield _claim(drive, views)
 
 
@@ -75,22 +75,22 @@ def _largest_of_each_shape(drive: Drive, views: Sequence[View]) -> list[View]:
 
 
 def _drawn(
-    scenes: dict[int, Scene], one: FaceOutline, curves: Sequence[str]
+    images: dict[int, NDArray[np.uint8]], one: FaceOutline, curves: Sequence[str]
 ) -> NDArray[np.uint8] | None:
-    scene = scenes.get(one.frame)
-    if scene is None:
+    rgb = images.get(one.frame)
+    if rgb is None:
         return None
-    corners = around(one.box, scene.rgb.shape[:2], times=1.5, least=24)
+    corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
     strips: list[tuple[NDArray[np.complex128], Ink]] = [(one.sequence, INKS["traced"])]
     strips += [(curve_of_terms(one.sequence[None], CURVES[name])[0], INKS[name]) for name in curves]
-    return lined(scene.rgb, corners, _TALL, strips)
+    return lined(rgb, corners, _TALL, strips)
 
 
-def _curves(drive: Drive, scenes: dict[int, Scene], shown: Sequence[View]) -> Figure:
+def _curves(drive: Drive, images: dict[int, NDArray[np.uint8]], shown: Sequence[View]) -> Figure:
     title = "circle, ellipse and curve of six terms fitted to outlines"
     report = "an outline is described by its first Fourier terms; six descriptors are used"
-    images = [_drawn(scenes, _largest(view), tuple(CURVES)) for view in shown]
-    drawn = [image for image in images if image is not None]
+    crops = [_drawn(images, _largest(view), tuple(CURVES)) for view in shown]
+    drawn = [image for image in crops if image is not None]
     if not drawn:
         return Figure("4.1", title, report, needs="a labelled sign whose outline is recognised")
     rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
@@ -109,10 +109,12 @@ def _curves(drive: Drive, scenes: dict[int, Scene], shown: Sequence[View]) -> Fi
     )
 
 
-def _false_negatives(drive: Drive, scenes: dict[int, Scene], worst: Sequence[View]) -> Figure:
+def _false_negatives(
+    drive: Drive, images: dict[int, NDArray[np.uint8]], worst: Sequence[View]
+) -> Figure:
     title, report = "signs whose shape is missed", "8 % are missed: boundaries are irregular"
-    images = [_drawn(scenes, _largest(view), ()) for view in worst]
-    drawn = [image for image in images if image is not None]
+    crops = [_drawn(images, _largest(view), ()) for view in worst]
+    drawn = [image for image in crops if image is not None]
     if not drawn:
         return Figure("4.2", title, report, "none of the labelled signs is missed")
     told = [
@@ -132,7 +134,8 @@ def _claim(drive: Drive, views: Sequence[View]) -> Figure:
         "4 (claim)",
         "the shape is right on 50 images",
         f"{100 * REPORT_FOUND:.0f} % found of {REPORT_IMAGES}, 8 % missed",
-        f"views of labelled signs that reach the classifier, evenly along the drive: right {share_words(hits, len(sample))}; "
-        f"some sign shape {share_words(found, len(sample))}; right on all {share_words(every, len(views))}. The intervals "
-        "take views as independent, which those of one sign are not",
+        f"views of labelled signs that reach the classifier, evenly along the drive: right "
+        f"{share_words(hits, len(sample))}; "
+        f"some sign shape {share_words(found, len(sample))}; right on all {share_words(every, len(views))}. "
+        "The intervals take views as independent, which those of one sign are not",
     )

@@ -27,7 +27,10 @@ SCENE_M = 25.0
 
 def track_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 5.2 to 5.4."""
-    title, report = "the track of a sign through four images", "SIFT points are followed from image to image"
+    title, report = (
+        "the track of a sign through four images",
+        "SIFT points are followed from image to image",
+    )
     longest = max(drive.signs, key=lambda one: len(one.views), default=None)
     if longest is None:
         yield Figure("5.2", title, report, needs="a sign that is followed over several images")
@@ -46,8 +49,12 @@ def board_figure(boards: list[Path], board: str | None, settings: Settings) -> F
     title = "calibration by a chessboard"
     report = "a chessboard on a foam sheet of 4 x 8 ft; no residual is given"
     if not boards or board is None:
-        return Figure("6.1", title, report, needs="images of a chessboard: --boards FOLDER --board 9x6")
-    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob", settings.calibration.boards)
+        return Figure(
+            "6.1", title, report, needs="images of a chessboard: --boards FOLDER --board 9x6"
+        )
+    found = calibrate_images(
+        boards, parse_board(board, float("nan")), "plumb_bob", settings.calibration.boards
+    )
     one = found.calibration
     drawn = draw_coverage(found, settings.calibration.boards.cells)
     used = sum(view.used for view in one.views)
@@ -57,7 +64,13 @@ def board_figure(boards: list[Path], board: str | None, settings: Settings) -> F
         report,
         f"{used} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx {one.camera.fx:.1f} px, "
         f"fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",
-        (photo(np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8), "corners of all images", scale=0.7),),
+        (
+            photo(
+                np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8),
+                "corners of all images",
+                scale=0.7,
+            ),
+        ),
     )
 
 
@@ -69,18 +82,24 @@ def residual_figure(drive: Drive) -> Figure:
     turns = np.array([0.0 if m.step is None else _turn_deg(m.step.rotation) for _, m in steps])
     good = np.isfinite(straight[:, 1])
     title = "residual of straight motion"
-    report = "low on straight road, high in curves, where two views are adjusted; no number is given"
+    report = (
+        "low on straight road, high in curves, where two views are adjusted; no number is given"
+    )
     if not good.any():
         return Figure("7.2", title, report, needs="two images that follow each other")
     top = float(np.nanmax(np.concatenate([straight[:, 1], adjusted[:, 1]])))
     plot = Plot(
-        (float(straight[0, 0]), float(straight[-1, 0])), (0, 1.1 * top), ("image", "residual per coordinate, px")
+        (float(straight[0, 0]), float(straight[-1, 0])),
+        (0, 1.1 * top),
+        ("image", "residual per coordinate, px"),
     )
     plot.line(straight, INKS[1], "straight motion")
     plot.line(adjusted, INKS[2], "motion that is used")
     bent = good & (np.abs(turns) > 0.5)
     even = good & ~bent
-    values = [float(np.median(straight[rows, 1])) if rows.any() else np.nan for rows in (even, bent)]
+    values = [
+        float(np.median(straight[rows, 1])) if rows.any() else np.nan for rows in (even, bent)
+    ]
     median = float(np.nanmedian(adjusted[good, 1]))
     return Figure(
         "7.2",
@@ -96,10 +115,17 @@ def scene_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 8.3 to 8.6."""
     signs = drive.signs
     title = "the scene from above and across the road"
-    report = "stripes lie between the yellow signs at the left and the green and white ones at the right"
+    report = (
+        "stripes lie between the yellow signs at the left and the green and white ones at the right"
+    )
     if not signs or not drive.frames:
         yield Figure("8.3 to 8.5", title, report, needs="signs in three dimensions")
-        yield Figure("8.6", "size of a sign", "about 3.5 ft wide, 2 ft high", needs="signs in three dimensions")
+        yield Figure(
+            "8.6",
+            "size of a sign",
+            "about 3.5 ft wide, 2 ft high",
+            needs="signs in three dimensions",
+        )
         return
     yield _scene(drive, signs, title, report)
     yield _size(drive, signs)
@@ -108,13 +134,13 @@ def scene_figures(drive: Drive) -> Iterator[Figure]:
 def _track(drive: Drive, sign: Landmark, title: str, report: str) -> Figure:
     views = sorted(sign.views, key=lambda view: view.frame)
     at = np.unique(np.linspace(0, len(views) - 1, 4).round().astype(int))
-    scenes = drive.scenes({views[i].frame for i in at})
+    images = drive.images({views[i].frame for i in at})
     crops = []
     for i in at:
-        scene = scenes[views[i].frame]
-        corners = around(views[i].box, scene.rgb.shape[:2], times=6, least=160)
-        crops.append(cut(boxed(scene.rgb, [views[i].box], SIGN_INK), corners, 230))
-    page = scenes[views[-1].frame].rgb.copy()
+        rgb = images[views[i].frame]
+        corners = around(views[i].box, rgb.shape[:2], times=6, least=160)
+        crops.append(cut(boxed(rgb, [views[i].box], SIGN_INK), corners, 230))
+    page = images[views[-1].frame].copy()
     path = np.array([(view.u_px, view.v_px) for view in views])
     cv2.polylines(page, [np.rint(path).astype(np.int32)[:, None]], False, SIGN_INK, 3, cv2.LINE_AA)
     for u, v in path:
@@ -125,7 +151,8 @@ def _track(drive: Drive, sign: Landmark, title: str, report: str) -> Figure:
         "5.2",
         title,
         report,
-        f"{len(views)} images, frames {views[0].frame} to {views[-1].frame}; it moves by {lengths} px from image to image",
+        f"{len(views)} images, frames {views[0].frame} to {views[-1].frame}; "
+        f"it moves by {lengths} px from image to image",
         (photo(beside(crops)), photo(page, "its path in the last image", scale=0.5)),
     )
 
@@ -151,7 +178,9 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
         if m.ties is not None
     ]
     ground = np.concatenate(points) if points else np.zeros((0, 3))
-    above.points(ground[:: max(len(ground) // 3000, 1)][:, [2, 0]] * (1, -1), "#b8c0c8", "tie points", 1.0)
+    above.points(
+        ground[:: max(len(ground) // 3000, 1)][:, [2, 0]] * (1, -1), "#b8c0c8", "tie points", 1.0
+    )
     above.line(path[:, [2, 0]] * (1, -1), "#161b22", "camera")
     across = Plot(
         (-15, 15), (-3, 8), ("right of the path, m", "above the camera, m"), (640, 300), equal=True
@@ -169,7 +198,8 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
         title,
         report,
         f"{len(signs)} signs, {sum(r < 0 for r in right)} left and {sum(r >= 0 for r in right)} right of the path, at "
-        f"{np.median(np.abs(right)):.1f} m from it (median); the report's mean sign is 3.1 m right, 0.6 m above the camera",
+        f"{np.median(np.abs(right)):.1f} m from it (median); "
+        "the report's mean sign is 3.1 m right, 0.6 m above the camera",
         (above.picture("from above"), across.picture("across the road")),
     )
 
@@ -180,7 +210,12 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     plot = Plot((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
     corners = np.array([(0, 0), (wide, 0), (wide, tall), (0, tall), (0, 0)])
     plot.line(corners, INKS[0], "the sign", width=2.5)
-    plot.line(np.array([(0, 0), (3.5, 0), (3.5, 2), (0, 2), (0, 0)]), INKS[1], "the report's sign", dashed=True)
+    plot.line(
+        np.array([(0, 0), (3.5, 0), (3.5, 2), (0, 2), (0, 0)]),
+        INKS[1],
+        "the report's sign",
+        dashed=True,
+    )
     sizes = [
         ("sign", "width ft", "height ft", "width m", "height m"),
         *(
@@ -198,7 +233,8 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
         "8.6",
         "size of a sign on a grid of feet",
         f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment",
-        f"the largest sign, {one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
+        f"the largest sign, {one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft "
+        f"wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
         (plot.picture(),),
         table=tuple(sizes),
