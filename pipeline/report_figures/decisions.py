@@ -160,7 +160,8 @@ def _confusion(samples: ClassifierSamples) -> Figure:
 def _frames_with(drive: Drive, color: str) -> list[int]:
     """Frames with a face of a colour, those of the largest faces first."""
     faces = drive.faces
-    rows = [row for row in np.flatnonzero(faces.example) if faces.color[row] == color]
+    used = faces.example & np.isin(faces.frame, list(drive.frames))
+    rows = [row for row in np.flatnonzero(used) if faces.color[row] == color]
     rows.sort(key=lambda row: -float(np.prod(faces.box[row, 2:] - faces.box[row, :2])))
     return list(dict.fromkeys(int(faces.frame[row]) for row in rows))[:_IMAGES]
 
@@ -232,10 +233,10 @@ def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
             ratio = np.log10(d.likelihood_ratio)
         ratio[~np.isfinite(ratio)] = np.nan
         plot.line(np.column_stack([d.values, ratio]), INKS[i], name)
-        good = np.flatnonzero(np.isfinite(ratio))
-        above = good[ratio[good] >= 0]
-        if len(above):
-            words.append(f"{name}: L reaches 1 at {d.values[above[0]]:.1f}")
+        inside = (d.values >= 0) & (d.values <= 255)
+        below = np.flatnonzero(inside & (d.likelihood_ratio < 1) & (d.off > 0))
+        if len(below) and below[-1] + 1 < len(d.values):
+            words.append(f"{name}: L is above 1 from {d.values[below[-1] + 1]:.1f} on")
     return Figure(
         "9.2",
         "likelihood ratio",

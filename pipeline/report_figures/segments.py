@@ -67,7 +67,7 @@ def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int
 def _face(drive: Drive, color: str, *, largest: bool) -> int | None:
     """Row of the largest or smallest face of a colour; of any colour where there is none of it; None without faces."""
     faces = drive.faces
-    rows = np.flatnonzero(faces.example)
+    rows = np.flatnonzero(faces.example & np.isin(faces.frame, list(drive.frames)))
     own = [row for row in rows if faces.color[row] == color] or rows.tolist()
     if not own:
         return None
