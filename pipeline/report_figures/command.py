@@ -82,7 +82,7 @@ def chapters_of(
         ("3.2 Colour", list(color_figures(drive))),
         ("4 Shape", list(shape_figures(drive))),
         ("5 Trajectory", list(track_figures(drive))),
-        ("6 Calibration", [board_figure(boards, board, drive.settings)]),
+        ("6 Calibration", [board_figure(boards, board)]),
         ("7 Triangulation", [residual_figure(drive)]),
         ("8 Adjustment", list(scene_figures(drive))),
         ("9 Neyman-Pearson", list(neyman_pearson_figures(drive))),

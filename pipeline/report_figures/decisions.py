@@ -59,7 +59,7 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         "50 labelled images; green: all signs found while 1.8 % of the segments of no sign pass"
     )
     plot = Plot((0, 1), (0, 1), ("false positive rate (10.2)", "true positive rate (10.1)"))
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             "colour",
             "signs",
@@ -187,14 +187,14 @@ def _pixels(
     drive: Drive, images: dict[int, NDArray[np.uint8]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Colours of pixels of white signs and of what is no sign, (n, 3) each."""
-    draw, found = np.random.default_rng(_SEED), ([], [])
+    draw = np.random.default_rng(_SEED)
+    found: tuple[list[NDArray[np.float64]], ...] = ([np.zeros((0, 3))], [np.zeros((0, 3))])
     for frame, rgb in sorted(images.items()):
         for kept, mask in zip(found, _white_mask(drive, frame, rgb.shape), strict=True):
             pixels = rgb[mask].astype(np.float64)
             most = _PIXELS // _IMAGES
             kept.append(pixels[draw.permutation(len(pixels))[:most]])
-    none = [np.zeros((0, 3))]
-    return np.concatenate(none + found[0]), np.concatenate(none + found[1])
+    return np.concatenate(found[0]), np.concatenate(found[1])
 
 
 def _white_area(drive: Drive, frame: int) -> float:
@@ -251,7 +251,7 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
     plot = Plot((0, 1), (0, 1), ("false-alarm rate alpha", "power"))
     equation = [(a, report_power(report_threshold(float(a)))) for a in alphas]
     plot.line(equation, INKS[0], "report, eq. 9.7 and 9.8")
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             "alpha",
             "report, eq. 9.7: red from",

@@ -81,4 +81,4 @@ def lined(
 
 def grey_of(values: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Values as grey levels, 255 at most."""
-    return np.minimum(np.rint(values), 255).astype(np.uint8)
+    return np.asarray(np.minimum(np.rint(values), 255), np.uint8)

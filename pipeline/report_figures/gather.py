@@ -106,6 +106,10 @@ class Drive:
         """Landmarks that are reported."""
         return [one for one in self.landmarks if one.verdict == "sign"]
 
+    def judge(self, sign: Landmark) -> int:
+        """Whether a landmark is `ON` a labelled face, `OFF` all, or `NEITHER`."""
+        return self.faces.label_views([(view.frame, view.box) for view in sign.views])
+
     def images(self, wanted: Collection[int]) -> dict[int, NDArray[np.uint8]]:
         """Images (height, width, 3) RGB of frames, read and decoded again."""
         found = decode(self._frames(wanted))

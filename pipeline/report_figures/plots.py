@@ -45,7 +45,7 @@ class Plot:
     ) -> None:
         """A line through points (n, 2), broken where one is not finite."""
         values = np.asarray(points, np.float64).reshape(-1, 2)
-        good = np.isfinite(values).all(axis=1)
+        good = np.asarray(np.isfinite(values).all(axis=1))
         dash = ' stroke-dasharray="5 4"' if dashed else ""
         for run in np.split(np.arange(len(values)), np.flatnonzero(np.diff(good.astype(int))) + 1):
             if len(run) > 1 and good[run[0]]:

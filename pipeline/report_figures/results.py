@@ -15,7 +15,6 @@ from wayside.pipeline.report_figures.gather import Drive
 from wayside.pipeline.report_figures.numbers import rate_words, share_words
 from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.schemas.labels import SIGN
-from wayside.schemas.landmarks import Landmark
 
 REPORT_IMAGES = 100
 
@@ -23,7 +22,7 @@ REPORT_IMAGES = 100
 def result_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 11.1 and 11.2, and the claim."""
     signs = drive.signs
-    judged = {one.track_id: judge(drive, one) for one in signs}
+    judged = {one.track_id: drive.judge(one) for one in signs}
     busiest = Counter(view.frame for one in signs for view in one.views).most_common()
     frames = sorted({frame for frame, _ in busiest[:1]} | {_apart(busiest)} - {-1})
     images = drive.images(frames)
@@ -49,11 +48,6 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
             (photo(page, "yellow: on a labelled sign; pink: on none; grey: not known", scale=0.6),),
         )
     yield _claim(drive, judged)
-
-
-def judge(drive: Drive, sign: Landmark) -> int:
-    """Whether a landmark is `ON` a labelled face, `OFF` all, or `NEITHER`."""
-    return drive.faces.label_views([(view.frame, view.box) for view in sign.views])
 
 
 def wanted_panels(drive: Drive) -> dict[str, list[tuple[int, tuple[float, ...]]]]:
@@ -91,8 +85,7 @@ def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
 def _is_found(drive: Drive, boxes: list[tuple[int, tuple[float, ...]]]) -> bool:
     by_frame = dict(boxes)
     return any(
-        view.frame in by_frame
-        and overlap(np.array([view.box]), np.array(by_frame[view.frame]))[0] > 0
+        view.frame in by_frame and overlap(np.array([view.box]), by_frame[view.frame])[0] > 0
         for one in drive.signs
         for view in one.views
     )

@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.coverage import draw_coverage
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut
 from wayside.pipeline.report_figures.gather import Drive
 from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import Settings
+from wayside.schemas.settings.calibration import BoardSettings
 
 FEET = 0.3048
+_JUDGED = {ON: "yes", OFF: "no", NEITHER: "not known"}
 REPORT_SIZE_FT = (3.5, 2.0)
 SCENE_M = 25.0
 """Points of the scene are drawn so near to the camera, and so far beside its path."""
@@ -44,7 +46,7 @@ def track_figures(drive: Drive) -> Iterator[Figure]:
     )
 
 
-def board_figure(boards: list[Path], board: str | None, settings: Settings) -> Figure:
+def board_figure(boards: list[Path], board: str | None) -> Figure:
     """Figure 6.1, by images of a chessboard where some are given."""
     title = "calibration by a chessboard"
     report = "a chessboard on a foam sheet of 4 x 8 ft; no residual is given"
@@ -52,11 +54,10 @@ def board_figure(boards: list[Path], board: str | None, settings: Settings) -> F
         return Figure(
             "6.1", title, report, needs="images of a chessboard: --boards FOLDER --board 9x6"
         )
-    found = calibrate_images(
-        boards, parse_board(board, float("nan")), "plumb_bob", settings.calibration.boards
-    )
+    settings = BoardSettings()
+    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob", settings)
     one = found.calibration
-    drawn = draw_coverage(found, settings.calibration.boards.cells)
+    drawn = draw_coverage(found, settings.cells)
     used = sum(view.used for view in one.views)
     return Figure(
         "6.1",
@@ -97,16 +98,17 @@ def residual_figure(drive: Drive) -> Figure:
     plot.line(adjusted, INKS[2], "motion that is used")
     bent = good & (np.abs(turns) > 0.5)
     even = good & ~bent
-    values = [
-        float(np.median(straight[rows, 1])) if rows.any() else np.nan for rows in (even, bent)
+    words = [
+        f"{np.median(straight[rows, 1]):.2f} px in {rows.sum()} steps that turn by {kind} than half a degree"
+        for rows, kind in ((even, "less"), (bent, "more"))
+        if rows.any()
     ]
     median = float(np.nanmedian(adjusted[good, 1]))
     return Figure(
         "7.2",
         title,
         report,
-        f"median of straight motion {values[0]:.2f} px in {even.sum()} steps that turn by less than half a degree, "
-        f"{values[1]:.2f} px in {bent.sum()} that turn by more; of the motion that is used {median:.2f} px",
+        f"median of straight motion {', '.join(words)}; of the motion that is used {median:.2f} px",
         (plot.picture(),),
     )
 
@@ -205,7 +207,8 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
 
 
 def _size(drive: Drive, signs: list[Landmark]) -> Figure:
-    one = max(signs, key=lambda sign: sign.width_m * sign.height_m)
+    right = [sign for sign in signs if drive.judge(sign) == ON]
+    one = max(right or signs, key=lambda sign: sign.width_m * sign.height_m)
     wide, tall = one.width_m / FEET, one.height_m / FEET
     plot = Plot((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
     corners = np.array([(0, 0), (wide, 0), (wide, tall), (0, tall), (0, 0)])
@@ -217,10 +220,11 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
         dashed=True,
     )
     sizes = [
-        ("sign", "width ft", "height ft", "width m", "height m"),
+        ("sign", "on a labelled sign", "width ft", "height ft", "width m", "height m"),
         *(
             (
                 f"{s.color or '?'} {s.shape or '?'}, frame {s.best_frame}",
+                _JUDGED[drive.judge(s)],
                 f"{s.width_m / FEET:.1f} ± {s.sigma_width_m / FEET:.1f}",
                 f"{s.height_m / FEET:.1f} ± {s.sigma_height_m / FEET:.1f}",
                 f"{s.width_m:.2f}",
@@ -233,7 +237,7 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
         "8.6",
         "size of a sign on a grid of feet",
         f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment",
-        f"the largest sign, {one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft "
+        f"the largest labelled sign, {one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft "
         f"wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
         (plot.picture(),),
