@@ -237,7 +237,8 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
         "8.6",
         "size of a sign on a grid of feet",
         f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment",
-        f"the largest labelled sign, {one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft "
+        "the largest labelled sign, "
+        f"{one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft "
         f"wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
         (plot.picture(),),
