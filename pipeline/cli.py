@@ -14,6 +14,7 @@ from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_report_figures as figures
+from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import check_folders, exit_with, process
 from wayside.pipeline.process import (
@@ -126,6 +127,12 @@ def run(
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(
+            help="Preset report: false-alarm rate of every gate, instead of the thresholds of the models."
+        ),
+    ] = None,
     observations: Annotated[
         Listed,
         typer.Option(
@@ -152,6 +159,8 @@ def run(
         )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
     options |= boxes.options(detector, detections, classes)
+    if alpha is not None:
+        options["models.alpha"] = alpha
     if detections is not None:
         boxes.require_one_log(logs)
     chosen = _load_settings(preset, settings, assignments, options)
@@ -333,6 +342,7 @@ app.command(
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=figures.REPORT_FIGURES_EPILOG)(figures.report_figures)
+app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 
 def main() -> None:

@@ -41,7 +41,6 @@ from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
     CandidateSamples,
     TrainingDrive,
-    distractor_positions,
     read_box_features,
     read_drive,
     read_patches,
@@ -95,13 +94,12 @@ Notify = Callable[[str], None]
 class TrainingData:
     """All that is learned from: drives, real images as a drive a source, and their images, once more, by name.
 
-    crops: clear faces of real images; distractors (n, 2): positions of objects that are no signs, metres right and up.
+    crops: clear faces of real images.
     """
 
     drives: tuple[TrainingDrive, ...]
     scenes: tuple[TrainingDrive, ...]
     crops: tuple[FaceSample, ...]
-    distractors: NDArray[np.float64]
     reread: dict[str, Callable[[], Iterator[Image]]]
 
     def features_of(
@@ -120,7 +118,6 @@ def gather(
 ) -> TrainingData:
     """Go through all drives and real images; raises InputError where one cannot be used."""
     drives: list[TrainingDrive] = []
-    distractors: list[NDArray[np.float64]] = []
     reread: dict[str, Callable[[], Iterator[Image]]] = {}
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))
@@ -128,7 +125,6 @@ def gather(
         reread[name] = partial(_shown, log, seed)
         masks = log.with_suffix(".masks")
         drives.append(read_drive(images(log), reread[name](), truth, masks, settings))
-        distractors.append(distractor_positions(truth))
         notify(
             f"{log.stem}: {drives[-1].frames} images, {len(drives[-1].faces)} clear faces, "
             f"{len(drives[-1].candidates.frame)} candidates"
@@ -140,7 +136,7 @@ def gather(
             scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed, settings))
             notify(f"{source}: {scenes[-1].frames} images, {len(scenes[-1].signs)} faces")
     crops = () if real is None else tuple(real_faces(real))
-    return TrainingData(tuple(drives), tuple(scenes), crops, np.concatenate(distractors), reread)
+    return TrainingData(tuple(drives), tuple(scenes), crops, reread)
 
 
 def learning_logs(folder: Path) -> list[Path]:
@@ -167,7 +163,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     settings, _ = load_settings()
     samples = gather(logs, real, settings, seed, notify)
     origin = _origin(samples.drives, samples.crops, seed)
-    models = gaussian_models(samples.drives, samples.crops, samples.distractors, origin)
+    models = gaussian_models(samples.drives, samples.crops, origin)
     candidates = settings.candidates
     detector = learn_detector(
         samples.drives,
@@ -275,7 +271,6 @@ def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
 def gaussian_models(
     drives: Sequence[TrainingDrive],
     crops: Sequence[FaceSample],
-    distractors: NDArray[np.float64],
     origin: str,
 ) -> dict[str, Model]:
     """Gaussian classes of colour, shape and location, by the name of their file.
@@ -291,7 +286,7 @@ def gaussian_models(
     return {
         "color_rgb.json": color_model(faces, background, origin),
         "shape.json": shape_model(faces, origin),
-        "location.json": location_model(places, distractors, origin),
+        "location.json": location_model(places, origin),
     }
 
 

@@ -41,7 +41,9 @@ from wayside.stages.panel import OUTLINE_FEATURES
 
 DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
-"""The location class that is the report's single mean; the others are the mixture of preset `default`."""
+"""Class of a location file that is of preset `report`; the others of such a file are of preset `default`."""
+
+LOCATION, REPORT_LOCATION = "location.json", "location_report.json"
 
 Kind = TypeVar("Kind", GaussianModel, TreeModel, NetworkModel, LinearModel)
 
@@ -123,15 +125,13 @@ def load_models(settings: Settings) -> Models:
     """
     folder = _own_folder(settings.models.folder)
     by_report = settings.candidates.judge == "report"
-    location = _gaussian(folder, "location.json")
-    wanted = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
 
     def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
         return load(folder, name) if _exists(folder, name) and not by_report else None
 
     models = Models(
         _trees(folder, "judge.json"),
-        replace(location, classes=wanted),
+        _location(folder, settings.models.location, by_report=by_report),
         _linear(folder, "outline.json"),
         _gaussian(folder, "color_rgb.json") if by_report else None,
         _gaussian(folder, "shape.json") if by_report else None,
@@ -146,7 +146,7 @@ def load_models(settings: Settings) -> Models:
         _external(settings),
     )
     _check_inputs(models, folder)
-    return models
+    return _retraded(models, settings.models.alpha) if settings.models.alpha else models
 
 
 def _check_inputs(models: Models, folder: Path | None) -> None:
@@ -180,6 +180,54 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
                 f"{_file(folder, name)}: wanted known features and classes, found {min(unknown, default='none')!r}; "
                 "it is of another version of wayside: learn it again"
             )
+
+
+def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianModel:
+    """The location model that is named, or that of the preset.
+
+    A folder of the user's own may hold the location of preset `report` as the class `REPORT_CLASS` of its
+    `location.json`.
+    """
+    if name:
+        shipped = f"{Path(name).stem}.json"
+        if (shipped_models() / shipped).is_file() and not Path(name).is_file():
+            return _gaussian(None, shipped)
+        if not Path(name).is_file():
+            raise InputError(
+                f"models.location: wanted a model file or report-kansas, found none at {name}; correct the path or "
+                "leave the setting out"
+            )
+        return _gaussian(Path(name).parent, Path(name).name)
+    own = folder is not None and (folder / LOCATION).is_file()
+    if by_report and not (own and not (folder / REPORT_LOCATION).is_file()):
+        return _gaussian(folder, REPORT_LOCATION)
+    location = _gaussian(folder, LOCATION)
+    classes = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
+    if by_report and not classes:
+        return _gaussian(None, REPORT_LOCATION)
+    return replace(location, classes=classes)
+
+
+def _retraded(models: Models, alpha: float) -> Models:
+    """The models with the thresholds of a false-alarm rate; InputError where one holds no operating points."""
+    gates = {
+        "color_classes": models.color_classes,
+        "shape_classes": models.shape_classes,
+        "location_classes": models.location_classes,
+    }
+    wanted = {name: model for name, model in gates.items() if model is not None}
+    lacking = [name.removesuffix("_classes") for name, one in wanted.items() if not one.curve]
+    if models.color_classes is None:
+        raise InputError(
+            "models.alpha: wanted the gates of the report's chain, found preset default, whose classifiers are scored "
+            "together; set locate.confidence instead, or --preset report"
+        )
+    if lacking:
+        raise InputError(
+            f"models.alpha: wanted operating points in every model, found none for {', '.join(lacking)}; learn these "
+            "models again, or leave the rate out"
+        )
+    return replace(models, **{name: one.at_alpha(alpha) for name, one in wanted.items()})
 
 
 def _external(settings: Settings) -> DetectorFile | BoxFile | None:

@@ -51,7 +51,8 @@ def model_to_json(model: Model) -> str:
         }
         if model.curve:
             body["curve"] = [
-                [round(v, 6) for v in (p.false_alarm, p.power)] + [round(t, 4) for t in p.thresholds]
+                [round(v, 6) for v in (p.false_alarm, p.power)]
+                + [round(t, 4) for t in p.thresholds]
                 for p in model.curve
             ]
     elif isinstance(model, LinearModel):

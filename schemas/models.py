@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -71,6 +71,25 @@ class GaussianModel:
                 np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
             )
         return result
+
+    def at_alpha(self, alpha: float) -> GaussianModel:
+        """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
+
+        Raises
+        ------
+        ValueError
+            The model has no operating points.
+        """
+        allowed = [one for one in self.curve if one.false_alarm <= alpha]
+        if not allowed:
+            raise ValueError("model: wanted operating points, found none")
+        point = max(allowed, key=lambda one: one.power)
+        rule = f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
+        classes = tuple(
+            replace(one, threshold=threshold, threshold_rule=rule, threshold_interval=None)
+            for one, threshold in zip(self.classes, point.thresholds, strict=True)
+        )
+        return replace(self, classes=classes)
 
 
 @dataclass(frozen=True, slots=True)

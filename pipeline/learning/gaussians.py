@@ -14,9 +14,6 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.report import fourier_descriptors
 
-REPORT_MEAN = (3.121, 0.603)
-"""Mean place of a sign in the report: (1.9783, 10.2391) feet up and right of the camera (chapters 8 and 11)."""
-
 COLOR_FLOOR = (6.0, 6.0, 6.0)
 """Smallest spread of a colour class: less is an accident of few signs."""
 
@@ -61,14 +58,12 @@ def shape_model(faces: Sequence[FaceSample], provenance: str) -> GaussianModel:
     return GaussianModel("fourier6", tuple(classes), provenance)
 
 
-def location_model(
-    places: NDArray[np.float64], others: NDArray[np.float64], provenance: str
-) -> GaussianModel:
-    """Where signs stand, (right of the path, above the camera's path) in metres: a mixture, and the report's mean.
+def location_model(places: NDArray[np.float64], provenance: str) -> GaussianModel:
+    """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
 
-    places (n, 2): of signs; others (m, 2): of things that are none. Overhead panels hang 4 m above the camera or
-    higher; the rest stands right or left. A component holds all of its own signs that stand within 4 sigma, for what
-    stands beyond the last sign seen may be the next sign.
+    places (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
+    component holds all of its own signs that stand within 4 sigma, for what stands beyond the last sign seen may be the
+    next sign. Those of preset `report` are learned by `gates`.
     """
     overhead = places[:, 1] > 4.0
     groups = {
@@ -86,13 +81,6 @@ def location_model(
             # Over any lane: three lanes either way are as likely as the middle.
             mean[0], covariance = 0.0, np.diag([5.0**2, covariance[1, 1]])
         classes.append(GaussianClass(name, mean, covariance, 4.0, "four sigma", int(own.sum())))
-    # The report calls the plain distance from its mean the Mahalanobis distance: unit covariance.
-    report = GaussianClass("report", np.array(REPORT_MEAN), np.eye(2), 0.0, KNEE, len(places))
-    single = GaussianModel("right_up_m", (report,), "")
-    threshold = knee(single.distances(places)[:, 0], single.distances(others)[:, 0])
-    classes.append(
-        GaussianClass("report", report.mean, report.covariance, threshold, KNEE, len(places))
-    )
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 

@@ -264,21 +264,6 @@ def sign_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
-def distractor_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
-    """Right of the camera and above it of objects that are no signs, (n, 2) metres, where each is first visible."""
-    frames = {frame["index"]: frame for frame in truth["frames"]}
-    rows = []
-    for distractor in truth.get("distractors", ()):
-        view = distractor["frames"][0]
-        position = np.array(view.get("position", distractor.get("position")), np.float64)
-        frame = frames[view["frame"]]
-        x, y, z, w = frame["quaternion"]
-        right = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)])
-        offset = position - np.array(frame["position"])
-        rows.append((float(right @ offset), float(offset[2])))
-    return np.array(rows, np.float64).reshape(-1, 2)
-
-
 def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if mask is None or mask.shape != shape or mask.dtype != np.uint8:

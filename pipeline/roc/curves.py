@@ -1,4 +1,4 @@
-"""True and false positive rates of a classifier over its thresholds, their area, knee and confidence bands (chapter 10).
+"""True and false positive rates of a classifier over its thresholds: area, knee and confidence bands (chapter 10).
 
 A rate is of counted samples: TPR = TP / (TP + FN) (eq. 10.1), FPR = FP / (FP + TN) (eq. 10.2). Samples of one drive are
 alike, so bands resample whole drives (Efron and Tibshirani 1993, chapter 8), or stretches of one drive where there is
@@ -110,20 +110,19 @@ def roc_curve(scores: Scores, seed: int = 1) -> RocCurve | None:
     knee = int(np.argmax(tpr - fpr))
     tpr_band = fpr_band = area_interval = knee_interval = None
     threshold = -cuts if scores.accept_below else cuts
-    if len(groups) > 1:
+    if min((every > 0).sum(axis=1)) > 1:
         draw = np.random.default_rng(seed)
         weight = draw.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
+        totals = np.stack([weight @ every[kind] for kind in (0, 1)])
+        usable = (totals > 0).all(axis=0)  # a resampling may have no sign, or nothing else
         rates = np.stack(
-            [
-                (weight @ accepted[kind]) / np.maximum(weight @ every[kind], 1)[:, None]
-                for kind in (0, 1)
-            ]
+            [(weight[usable] @ accepted[kind]) / totals[kind, usable, None] for kind in (0, 1)]
         )
         tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
         fpr_band, tpr_band = np.quantile(rates, tails, axis=1).transpose(1, 2, 0)
         area_interval = Interval(*np.quantile(area_under(*rates), tails).tolist())
         knees = threshold[np.argmax(rates[1] - rates[0], axis=1)]
-        knees = knees[np.isfinite(knees)]  # a resampling may have no sign, or nothing else
+        knees = knees[np.isfinite(knees)]
         if len(knees):
             knee_interval = Interval(*np.quantile(knees, tails, method="nearest").tolist())
     return RocCurve(

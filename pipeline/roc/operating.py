@@ -1,72 +1,147 @@
-"""Operating points of a gate of several classes: which thresholds give the most true positives for a false positive rate.
+"""Thresholds of a model of Gaussian classes by a rule, and its operating points: what it does at other thresholds.
 
-A sample belongs to the class that it is nearest to, so each class has a curve of its own, and what the gate accepts is
-the sum over the classes. The slope of the upper convex hull of a curve is the likelihood ratio of the samples there; the
-lemma of Neyman and Pearson asks for one ratio in all classes. Taking the hulls' segments in the order of their slope
-therefore gives, for every false positive rate, the thresholds with the largest true positive rate.
+Classes that the labels tell apart (colours, shapes) are each a test of their own: its signs against what is no sign, as
+in chapter 10; an operating point gives all of them one false positive rate. Components of one class (signs right of the
+road, left of it, above it) are one test. A sample belongs to the component that it is nearest to; the slope of the
+upper convex hull of a component's curve is the likelihood ratio of the samples there, and the lemma of Neyman and
+Pearson asks for one ratio everywhere. Taking the steps of all curves in the order of the slope of their hull gives, for
+every false positive rate, the radii with the largest true positive rate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.roc.curves import DRAWS, KNEE_RULE
+from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.roc.curves import KNEE_RULE, Scores, resampled_groups, roc_curve
+from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.statistics import CONFIDENCE
+from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel, OperatingPoint
 
 MOST_POINTS = 40
 """Operating points that a model file holds."""
 
+DRAWS = 100
+"""Resamplings of the radii of components."""
 
-def operating_points(
+JOINT_RULE = "knee of the ROC of all components together: " + KNEE_RULE.partition(": ")[2]
+
+
+def with_learned_thresholds(
+    model: GaussianModel, samples: ClassifierSamples, seed: int = 1
+) -> GaussianModel:
+    """The model with the thresholds of its knees, their 95 % intervals, and its operating points.
+
+    Parameters
+    ----------
+    model
+        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule.
+    samples
+        What the classifier was asked about on labelled drives; the intervals resample the drives, or the stretches of a
+        single one.
+    seed
+        Of the resampling.
+
+    Raises
+    ------
+    InputError
+        There is no sign among the samples, or nothing else.
+    """
+    own = samples.known()
+    on, group = own.label == ON, resampled_groups(own.drive, own.frame)[0]
+    distance = model.distances(own.values)
+    if not on.any() or on.all():
+        raise InputError(
+            f"thresholds of {samples.classifier}: wanted signs and other things, found {int(on.sum())} signs among "
+            f"{len(on)} samples; label more images"
+        )
+    if (own.kind != NO_CLASS).any():
+        return _with_class_knees(model, own, distance, on, group, seed)
+    points = component_points(distance, on, own.count)
+    chosen = _knee(points)
+    draws = _resampled(distance, on, own.count, group, seed)
+    tails = [100 * (1 - CONFIDENCE) / 2, 100 * (1 + CONFIDENCE) / 2]
+    ends = np.percentile(draws, tails, axis=0) if len(draws) else None
+    classes = tuple(
+        replace(
+            one,
+            threshold=chosen.thresholds[j],
+            threshold_rule=JOINT_RULE if len(model.classes) > 1 else KNEE_RULE,
+            threshold_interval=None if ends is None else (float(ends[0, j]), float(ends[1, j])),
+        )
+        for j, one in enumerate(model.classes)
+    )
+    return replace(model, classes=classes, curve=points)
+
+
+def component_points(
     distance: NDArray[np.float64], on: NDArray[np.bool_], count: NDArray[np.int64]
 ) -> tuple[OperatingPoint, ...]:
-    """The operating points of a gate, from one that accepts nothing to one that accepts every sign.
+    """Operating points of the components of one class, from one that accepts nothing to one that accepts every sign.
 
     Parameters
     ----------
     distance
-        From each class, (n, classes); rows with nan are never accepted.
+        From each component, (n, components); rows with nan are never accepted.
     on, count
-        Whether a sample is a sign, (n,); how many samples it stands for, (n,).
-
-    Returns
-    -------
-    Rates are those of the gate as it decides, which accepts what any class accepts.
-
-    Raises
-    ------
-    ValueError
-        There is no sign, or nothing else.
+        Whether a sample is a sign, (n,); how many samples it stands for, (n,). There are signs and others.
     """
     known = np.isfinite(distance).all(axis=1)
     positives, negatives = float(count[on].sum()), float(count[~on].sum())
-    if not positives or not negatives:
-        raise ValueError("operating points: wanted signs and others, found one of them only")
-    nearest = np.where(known[:, None], distance, np.inf).argmin(axis=1)
+    share = count / np.where(on, positives, negatives)
+    nearest = np.asarray(np.where(known[:, None], distance, np.inf).argmin(axis=1))
     segments: list[tuple[float, int, float]] = []
     for j in range(distance.shape[1]):
         own = known & (nearest == j)
-        segments += [
-            (slope, j, reach)
-            for slope, reach in _hull(
-                distance[own, j], on[own], count[own] / np.where(on[own], positives, negatives)
-            )
-        ]
+        hull = _hull(distance[own, j], on[own], share[own])
+        segments += [(slope, j, reach) for slope, reach in hull]
     segments.sort(key=lambda one: -one[0])
     thresholds = np.zeros((len(segments) + 1, distance.shape[1]))
     for row, (_, j, reach) in enumerate(segments, 1):
         thresholds[row] = thresholds[row - 1]
         thresholds[row, j] = reach
-    rates = np.array([gate_rates(distance, on, count, row) for row in thresholds])
-    return tuple(
-        OperatingPoint(*(float(v) for v in rates[i]), tuple(thresholds[i].tolist()))
-        for i in _spread(rates)
-    )
+    return _points(distance, on, count, thresholds)
+
+
+def class_points(
+    distance: NDArray[np.float64],
+    own: NDArray[np.bool_],
+    on: NDArray[np.bool_],
+    count: NDArray[np.int64],
+) -> tuple[OperatingPoint, ...]:
+    """Operating points of classes that labels tell apart: at each, all have one false positive rate.
+
+    Parameters
+    ----------
+    distance
+        From each class, (n, classes); rows with nan are never accepted.
+    own
+        Whether a sample is a sign of the class, (n, classes).
+    on, count
+        As in `component_points`.
+    """
+    levels = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 4 * MOST_POINTS)])
+    thresholds = np.zeros((len(levels), distance.shape[1]))
+    weight = count[~on]
+    for j in range(distance.shape[1]):
+        order = np.argsort(distance[~on, j])
+        reach, accepted = distance[~on, j][order], np.cumsum(weight[order]) / weight.sum()
+        signs = np.sort(distance[own[:, j], j])
+        signs = signs[np.isfinite(signs)]
+        if len(signs) == 0:
+            continue
+        # the farthest sign before more others than the level come in
+        rows = np.searchsorted(accepted, levels, side="right")
+        limits = np.append(reach, np.inf)[rows]
+        nearer = np.searchsorted(signs, limits, side="left")
+        thresholds[:, j] = np.where(nearer > 0, signs[nearer - 1], 0.0)
+    return _points(distance, on, count, np.unique(thresholds, axis=0))
 
 
 def gate_rates(
@@ -83,65 +158,39 @@ def gate_rates(
     )
 
 
-def knee_point(points: Sequence[OperatingPoint]) -> OperatingPoint:
-    """The point of the largest true minus false positive rate."""
-    return max(points, key=lambda one: one.power - one.false_alarm)
-
-
-def point_at_alpha(points: Sequence[OperatingPoint], alpha: float) -> OperatingPoint:
-    """The point of the largest power among those of a false alarm rate of at most `alpha`."""
-    allowed = [one for one in points if one.false_alarm <= alpha]
-    return max(allowed, key=lambda one: one.power)
-
-
-def alpha_rule(alpha: float) -> str:
-    """The words of a model file for thresholds of a stated false-alarm rate."""
-    return f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
-
-
-def with_learned_thresholds(
+def _with_class_knees(
     model: GaussianModel,
+    samples: ClassifierSamples,
     distance: NDArray[np.float64],
     on: NDArray[np.bool_],
-    count: NDArray[np.int64],
     group: NDArray[np.int64],
-    alpha: float | None = None,
-    seed: int = 1,
+    seed: int,
 ) -> GaussianModel:
-    """The model with the thresholds of its knee (or of `alpha`), their 95 % intervals and all operating points.
-
-    Parameters
-    ----------
-    model
-        Its classes; their thresholds are replaced.
-    distance, on, count
-        As in `operating_points`.
-    group
-        Of each sample (n,): the intervals resample whole groups.
-    alpha
-        False-alarm rate of the gate; None: the knee.
-    seed
-        Of the resampling.
-    """
-    points = operating_points(distance, on, count)
-    chosen = knee_point(points) if alpha is None else point_at_alpha(points, alpha)
-    draws = _resampled(distance, on, count, group, alpha, seed)
-    tails = [100 * (1 - CONFIDENCE) / 2, 100 * (1 + CONFIDENCE) / 2]
+    own = np.stack([on & (samples.kind == one.name) for one in model.classes], axis=1)
     classes = []
     for j, one in enumerate(model.classes):
-        interval = None
-        if len(draws):
-            low, high = np.percentile(draws[:, j], tails)
-            interval = (float(low), float(high))
+        rows = ~on | own[:, j]
+        values, mine = distance[rows, j], own[rows, j]
+        scores = Scores(values, mine, samples.count[rows], group[rows], accept_below=True)
+        curve = roc_curve(scores, seed)
+        if curve is None:
+            classes.append(one)
+            continue
         classes.append(
             replace(
                 one,
-                threshold=chosen.thresholds[j],
-                threshold_rule=KNEE_RULE if alpha is None else alpha_rule(alpha),
-                threshold_interval=interval,
+                threshold=max(0.0, float(curve.threshold[curve.knee])),
+                threshold_rule=KNEE_RULE,
+                threshold_interval=curve.knee_interval,
             )
         )
+    points = class_points(distance, own, on, samples.count)
     return replace(model, classes=tuple(classes), curve=points)
+
+
+def _knee(points: Sequence[OperatingPoint]) -> OperatingPoint:
+    """The point of the largest true minus false positive rate."""
+    return max(points, key=lambda one: one.power - one.false_alarm)
 
 
 def _resampled(
@@ -149,29 +198,45 @@ def _resampled(
     on: NDArray[np.bool_],
     count: NDArray[np.int64],
     group: NDArray[np.int64],
-    alpha: float | None,
     seed: int,
 ) -> NDArray[np.float64]:
-    """Thresholds (draws, classes) chosen by the same rule on resampled groups; none of a single group."""
+    """Radii (draws, components) at the knee of resampled groups; none of a single group."""
     groups, member = np.unique(group, return_inverse=True)
     chosen = []
     if len(groups) > 1:
         draw = np.random.default_rng(seed)
-        for _ in range(DRAWS // 8):
+        for _ in range(DRAWS):
             weight = draw.multinomial(len(groups), np.full(len(groups), 1 / len(groups)))[member]
             kept = weight > 0
-            if not (on & kept).any() or not (~on & kept).any():
-                continue
-            points = operating_points(distance[kept], on[kept], (count * weight)[kept])
-            point = knee_point(points) if alpha is None else point_at_alpha(points, alpha)
-            chosen.append(point.thresholds)
+            if (on & kept).any() and (~on & kept).any():
+                points = component_points(distance[kept], on[kept], (count * weight)[kept])
+                chosen.append(_knee(points).thresholds)
     return np.array(chosen, np.float64).reshape(-1, distance.shape[1])
+
+
+def _points(
+    distance: NDArray[np.float64],
+    on: NDArray[np.bool_],
+    count: NDArray[np.int64],
+    thresholds: NDArray[np.float64],
+) -> tuple[OperatingPoint, ...]:
+    """Some of these thresholds (m, classes) with the rates of the gate there, by rising rates."""
+    thresholds = thresholds[
+        np.linspace(0, len(thresholds) - 1, min(len(thresholds), 4 * MOST_POINTS)).astype(int)
+    ]
+    rates = np.array([gate_rates(distance, on, count, row) for row in thresholds])
+    order = np.lexsort((rates[:, 1], rates[:, 0]))
+    order = order[_spread(rates[order])]
+    return tuple(
+        OperatingPoint(float(rates[i, 0]), float(rates[i, 1]), tuple(thresholds[i].tolist()))
+        for i in order
+    )
 
 
 def _hull(
     distance: NDArray[np.float64], on: NDArray[np.bool_], share: NDArray[np.float64]
 ) -> list[tuple[float, float]]:
-    """Slope and largest distance of each segment of the upper convex hull of a class's curve, up to its last sign."""
+    """Steps of a component's curve from sign to sign: the slope of the upper convex hull there, and the distance."""
     if not on.any():
         return []
     order = np.argsort(distance, kind="stable")
@@ -180,18 +245,20 @@ def _hull(
     x = np.append(0.0, np.cumsum(np.where(kind, 0.0, part))[last])
     y = np.append(0.0, np.cumsum(np.where(kind, part, 0.0))[last])
     at = np.append(0.0, reach[last])
+    signs = np.flatnonzero(np.append(True, np.diff(y) > 0))
     hull: list[int] = []
-    for i in np.flatnonzero(np.append(True, np.diff(y) > 0)):
-        while len(hull) > 1 and _left_of(x, y, hull[-2], hull[-1], int(i)):
+    for i in signs.tolist():
+        while len(hull) > 1 and _on_or_below(x, y, hull[-2], hull[-1], i):
             hull.pop()
-        hull.append(int(i))
+        hull.append(i)
     return [
-        ((y[b] - y[a]) / max(x[b] - x[a], 1e-12), float(at[b]))
-        for a, b in zip(hull[:-1], hull[1:], strict=True)
+        ((y[b] - y[a]) / max(x[b] - x[a], 1e-12), float(at[i]))
+        for a, b in pairwise(hull)
+        for i in signs[(signs > a) & (signs <= b)]
     ]
 
 
-def _left_of(x: NDArray[np.float64], y: NDArray[np.float64], a: int, b: int, c: int) -> bool:
+def _on_or_below(x: NDArray[np.float64], y: NDArray[np.float64], a: int, b: int, c: int) -> bool:
     """Whether point b lies on or below the line from a to c."""
     return bool((y[b] - y[a]) * (x[c] - x[a]) <= (y[c] - y[a]) * (x[b] - x[a]))
 

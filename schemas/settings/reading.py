@@ -126,6 +126,20 @@ class ModelSettings:
     folder: str = setting(
         "", "folder", "model files here replace those that ship, each by its name; empty: none"
     )
+    location: str = setting(
+        "",
+        "file",
+        "where signs stand: a model file, or the name of one that ships (report-kansas: the mean of the report); "
+        "empty: that of the preset",
+    )
+    alpha: float = setting(
+        0.0,
+        "",
+        "false-alarm rate of every gate of the report's chain: the thresholds with the most true positives of at most "
+        "this rate, by the curves in the model files; 0: the thresholds of the files",
+        low=0,
+        high=1,
+    )
     network: str = setting(
         "",
         "file",

@@ -15,7 +15,6 @@ from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
 from wayside.pipeline.learning.samples import (
     CandidateSamples,
-    distractor_positions,
     face_weights,
     read_truth,
     sign_positions,
@@ -230,15 +229,6 @@ def test_places_are_right_of_the_path_and_above_the_camera():
     assert sign_positions(truth).tolist() == [[4.0, 0.5]]
 
 
-def test_things_that_are_no_signs_are_placed_from_the_camera():
-    # The camera looks east: south is on its right.
-    truth = {
-        "frames": [{"index": 0, "position": [10, 5, 2], "quaternion": [-0.5, 0.5, -0.5, 0.5]}],
-        "distractors": [{"position": [40.0, 1.0, 3.0], "frames": [{"frame": 0}]}],
-    }
-    assert distractor_positions(truth) == pytest.approx(np.array([[4.0, 1.0]]))
-
-
 def test_legends_and_borders_do_not_count_for_the_main_colour():
     face = np.full((100, 3), (20, 110, 60), np.uint8)
     face[:35] = 240
@@ -263,7 +253,7 @@ def test_the_knee_parts_two_separate_groups_between_them():
     assert knee(own, others) == pytest.approx(2.0)
 
 
-def test_the_mixture_of_places_keeps_the_mean_of_the_report_beside_it():
+def test_signs_stand_right_left_and_above_of_the_road():
     rng = np.random.default_rng(2)
     places = np.concatenate(
         [
@@ -272,12 +262,10 @@ def test_the_mixture_of_places_keeps_the_mean_of_the_report_beside_it():
             [(0, 4.5), (1, 4.6), (3, 4.4)],
         ]
     )
-    model = location_model(places, rng.uniform(-20, 20, (40, 2)), "made by hand")
+    model = location_model(places, "made by hand")
     named = {one.name: one for one in model.classes}
-    assert list(named) == ["right", "left", "overhead", "report"]
+    assert list(named) == ["right", "left", "overhead"]
     assert named["right"].mean == pytest.approx([6, 0.5], abs=0.3)
-    assert named["report"].mean == pytest.approx([3.121, 0.603])
-    assert named["report"].covariance == pytest.approx(np.eye(2))
 
 
 def test_each_view_of_a_face_weighs_the_same_and_background_weighs_one():

@@ -23,15 +23,18 @@ NAMES = (
     "face_shape.json",
     "judge.json",
     "location.json",
+    "location_report.json",
     "outline.json",
     "place.json",
     "ranking.json",
+    "report-kansas.json",
     "shape.json",
 )
 
 
-def settings(preset="default", folder=""):
+def settings(preset="default", folder="", **more):
     given = {"models.folder": str(folder)} if folder else {}
+    given |= {f"models.{name}": value for name, value in more.items()}
     return load_settings(preset, None, [], given)[0]
 
 
@@ -45,7 +48,9 @@ def test_a_model_that_ships_reads_and_writes_the_same_bytes(name):
 def test_a_model_that_ships_says_where_it_comes_from(name):
     provenance = model_from_json((shipped_models() / name).read_text()).provenance
     # the drives that the outlines were learned from were not recorded
-    assert ("rendered drives" if name == "outline.json" else "learn_") in provenance
+    by_landmarks = name in ("location_report.json", "report-kansas.json")
+    drives = "rendered drives" if name == "outline.json" else "tune_" if by_landmarks else "learn_"
+    assert drives in provenance
 
 
 def test_the_box_classifier_knows_the_features_that_the_stage_computes():
@@ -94,8 +99,66 @@ def test_each_preset_has_its_own_colours_shapes_and_places():
     default, report = load_models(settings()), load_models(settings("report"))
     assert (default.color_classes, default.shape_classes) == (None, None)
     assert (report.color_classes.space, report.shape_classes.space) == ("rgb", "fourier6")
-    assert [c.name for c in report.location_classes.classes] == ["report"]
-    assert "report" not in [c.name for c in default.location_classes.classes]
+    names = [c.name for c in report.location_classes.classes]
+    assert names == ["right", "left", "overhead"]
+    assert report.location_classes.provenance != default.location_classes.provenance
+
+
+def test_the_mean_of_the_report_stands_as_a_location_model_of_its_own():
+    (kansas,) = load_models(settings("report", location="report-kansas")).location_classes.classes
+    feet = 0.3048
+    assert kansas.mean == pytest.approx([10.2391 * feet, 1.9783 * feet], abs=1e-3)
+    assert kansas.covariance.tolist() == [[1, 0], [0, 1]]
+    assert kansas.threshold_rule.startswith("knee of the ROC")
+
+
+def test_a_location_model_that_is_not_there_is_named():
+    with pytest.raises(InputError, match="report-kansas, found none at nowhere"):
+        load_models(settings("report", location="nowhere"))
+
+
+def test_a_folder_of_ones_own_may_hold_the_location_of_the_report_as_a_class(tmp_path):
+    data = json.loads((shipped_models() / "location.json").read_text())
+    data["classes"][0]["name"] = "report"
+    (tmp_path / "location.json").write_text(json.dumps(data))
+    report = load_models(settings("report", tmp_path)).location_classes
+    default = load_models(settings("default", tmp_path)).location_classes
+    assert [one.name for one in report.classes] == ["report"]
+    assert [one.name for one in default.classes] == ["left", "overhead"]
+
+
+@pytest.mark.parametrize("name", ["color_rgb.json", "location_report.json", "shape.json"])
+def test_every_threshold_of_the_report_names_its_rule_and_interval(name):
+    model = model_from_json((shipped_models() / name).read_text())
+    for one in model.classes:
+        assert one.threshold_rule.startswith("knee of the ROC")
+        if one.name in ("brown", "crossbuck"):
+            continue  # seen on one drive only: nothing to resample
+        low, high = one.threshold_interval
+        assert low <= one.threshold <= high
+
+
+def test_a_false_alarm_rate_trades_every_gate_of_the_report():
+    shipped = load_models(settings("report"))
+    strict, loose = (load_models(settings("report", alpha=alpha)) for alpha in (0.02, 0.5))
+    for gate in ("color_classes", "location_classes"):
+        radii = [
+            sum(one.threshold for one in getattr(models, gate).classes)
+            for models in (strict, loose)
+        ]
+        assert radii[0] < radii[1]
+        assert getattr(strict, gate).classes[0].threshold_rule.startswith("alpha 0.02")
+    assert strict.digests() != shipped.digests()
+
+
+def test_a_false_alarm_rate_is_refused_where_no_curve_is_stored(tmp_path):
+    with pytest.raises(InputError, match=r"locate\.confidence"):
+        load_models(settings("default", alpha=0.05))
+    data = json.loads((shipped_models() / "color_rgb.json").read_text())
+    del data["curve"]
+    (tmp_path / "color_rgb.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match="found none for color;"):
+        load_models(settings("report", tmp_path, alpha=0.05))
 
 
 def test_digests_are_those_of_the_files_and_the_same_each_time():

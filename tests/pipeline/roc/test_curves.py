@@ -36,9 +36,9 @@ def test_the_area_is_the_chance_that_a_sign_is_more_like_one_than_something_else
 def test_the_rates_are_those_of_the_counted_samples_at_each_threshold(on, off, below):
     curve = roc_curve(scores(on, off, below=below))
     for threshold, tpr, fpr in zip(curve.threshold, curve.tpr, curve.fpr, strict=True):
-        passes = (lambda v: v <= threshold) if below else (lambda v: v >= threshold)
-        assert tpr == pytest.approx(np.mean([passes(v) for v in on]))
-        assert fpr == pytest.approx(np.mean([passes(v) for v in off]))
+        turn = -1 if below else 1
+        assert tpr == pytest.approx(np.mean([turn * v >= turn * threshold for v in on]))
+        assert fpr == pytest.approx(np.mean([turn * v >= turn * threshold for v in off]))
     assert (np.diff(curve.tp) >= 0).all()
     assert curve.tpr[-1] == curve.fpr[-1] == 1
 

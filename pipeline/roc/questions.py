@@ -1,0 +1,116 @@
+"""Each classifier and class as one test: the values of its samples, and the threshold that the run compares with."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.model_files import Models
+from wayside.pipeline.roc.curves import Scores, resampled_groups
+from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
+from wayside.schemas.models import GaussianModel
+from wayside.schemas.settings import Settings
+
+ALL = "all"
+"""Class of a classifier as a whole."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A classifier's test for one class.
+
+    threshold: that of the run; unit: of its values; resampled: what the groups of the scores are.
+    """
+
+    classifier: str
+    name: str
+    scores: Scores
+    threshold: float
+    unit: str
+    resampled: str
+
+
+def questions(
+    samples: Mapping[str, ClassifierSamples], settings: Settings, models: Models
+) -> Iterator[Question]:
+    """Every test of the classifiers that were asked, in the order of the chain.
+
+    A class of colour or shape is tested with its own signs against what is no sign; signs of other classes count in the
+    confusion. A place has no class: a sign belongs to the component of the model that it is nearest to. `all` is a
+    classifier of several classes as a whole: the least distance over threshold, which it accepts up to 1.
+    """
+    for classifier, every in samples.items():
+        yield from _questions_of(classifier, every.known(), settings, models)
+
+
+def _questions_of(
+    classifier: str, own: ClassifierSamples, settings: Settings, models: Models
+) -> Iterator[Question]:
+    group, resampled = resampled_groups(own.drive, own.frame)
+    on, everything = own.label == ON, np.ones(len(own), np.bool_)
+    gate, model = settings.gate, gaussian_model(classifier, models)
+
+    def question(
+        name: str,
+        value: NDArray[np.float64],
+        threshold: float,
+        unit: str,
+        rows: NDArray[np.bool_] = everything,
+        *,
+        below: bool = False,
+    ) -> Question:
+        scores = Scores(value[rows], on[rows], own.count[rows], group[rows], below)
+        return Question(classifier, name, scores, threshold, unit, resampled)
+
+    if classifier == "size":
+        yield question("smallest", own.values[:, 0], gate.smallest_px, "px")
+        yield question("largest", own.values[:, 0], gate.largest_px, "px", below=True)
+    elif model is not None:
+        distance = model.distances(own.values)
+        thresholds = np.array([one.threshold for one in model.classes])
+        whole = (distance / np.maximum(thresholds, 1e-9)).min(axis=1)
+        yield question(ALL, whole, 1.0, "thresholds", below=True)
+        nearest = np.where(np.isfinite(distance), distance, np.inf).argmin(axis=1)
+        has_classes = bool((own.kind != NO_CLASS).any())
+        for j, one in enumerate(model.classes):
+            rows = ~on | (own.kind == one.name) if has_classes else nearest == j
+            unit = "Mahalanobis distance"
+            yield question(one.name, distance[:, j], one.threshold, unit, rows, below=True)
+    elif classifier == "confidence":
+        yield question(ALL, own.values[:, 0], settings.locate.confidence, "probability")
+    else:
+        tree = models.box_classifier if classifier == "detector" else models.landmark_classifier
+        yield question(
+            ALL, own.values[:, 0], np.nan if tree is None else tree.threshold, "log odds"
+        )
+
+
+def gaussian_model(classifier: str, models: Models) -> GaussianModel | None:
+    """The model of a classifier by Mahalanobis distance; None where it is another kind."""
+    return {
+        "color": models.color_classes,
+        "shape": models.shape_classes,
+        "location": models.location_classes,
+    }.get(classifier)
+
+
+def confusion(samples: ClassifierSamples) -> dict[tuple[str, str], int]:
+    """How many samples of each labelled class got which class, as the run decided."""
+    own = samples.known()
+    counts: Counter[tuple[str, str]] = Counter()
+    for label, kind, accepted, named, count in zip(
+        own.label.tolist(),
+        own.kind.tolist(),
+        own.accepted.tolist(),
+        own.named.tolist(),
+        own.count.tolist(),
+        strict=True,
+    ):
+        labelled = (kind or "sign") if label == ON else "none"
+        counts[labelled, (named or "accepted") if accepted else "refused"] += count
+    return dict(sorted(counts.items()))

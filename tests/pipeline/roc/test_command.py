@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.pipeline.labels import read_labels
+from wayside.pipeline.learning.gates import learn_gates
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.roc.command import _write, characteristics, measure_roc
+from wayside.pipeline.roc.questions import confusion
+from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.labels import LabelledImage, Labels
+from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
+
+DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+REPORT = load_settings("report")[0]
+
+
+def samples(classifier, space, values, label, kind, named=None):
+    n = len(label)
+    names = np.array([""] * n if named is None else named)
+    return ClassifierSamples(
+        classifier,
+        space,
+        np.asarray(values, np.float64).reshape(n, -1),
+        np.array(label, np.int8),
+        np.array(kind),
+        names != "",
+        names,
+        np.array([f"d{i % 4}" for i in range(n)]),
+        np.arange(n, dtype=np.int32),
+        np.zeros((n, 4), np.float32),
+        np.ones(n, np.int64),
+    )
+
+
+@pytest.fixture(scope="module")
+def models():
+    return load_models(REPORT)
+
+
+@pytest.fixture
+def asked(models):
+    """Regions about the green and the blue of the model, far from all, and landmarks."""
+    draw = np.random.default_rng(1)
+    green, blue = (
+        next(one for one in models.color_classes.classes if one.name == name)
+        for name in ("green", "blue")
+    )
+    rgb = np.concatenate(
+        [
+            draw.multivariate_normal(green.mean, green.covariance / 4, 40),
+            draw.multivariate_normal(blue.mean, blue.covariance / 4, 40),
+            draw.uniform(0, 255, (200, 3)),
+            [[0.0, 0.0, 0.0]],
+        ]
+    )
+    colors = samples(
+        "color",
+        "rgb",
+        rgb,
+        [ON] * 80 + [OFF] * 200 + [NEITHER],
+        ["green"] * 40 + ["blue"] * 40 + [""] * 201,
+        ["green"] * 79 + [""] + ["blue"] * 10 + [""] * 191,
+    )
+    places = np.concatenate([draw.normal((7, 0.5), 0.5, (30, 2)), draw.uniform(-30, 30, (90, 2))])
+    located = samples("location", "right_up_m", places, [ON] * 30 + [OFF] * 90, [""] * 120)
+    return {"color": colors, "location": located}
+
+
+def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, asked, models):
+    _write(tmp_path / "roc", characteristics(asked, REPORT, models))
+    for table in (CURVES, CLASSIFIERS, CONFUSION):
+        read = pq.read_table(tmp_path / "roc" / table.file)
+        assert read.schema.equals(table.schema, check_metadata=True)
+        assert len(read)
+    rows = pq.read_table(tmp_path / "roc" / CLASSIFIERS.file).to_pylist()
+    by_class = {(row["classifier"], row["class"]): row for row in rows}
+    green = by_class["color", "green"]
+    assert (green["positives"], green["negatives"]) == (40, 200)
+    assert green["area_low"] <= green["area"] <= green["area_high"]
+    threshold = next(c.threshold for c in models.color_classes.classes if c.name == "green")
+    distance = models.color_classes.distances(asked["color"].values)[:, 2]
+    assert green["tpr"] == np.mean(distance[:40] <= threshold)
+    assert green["fpr"] == pytest.approx(np.mean(distance[80:280] <= threshold))
+    assert (green["resampled"], green["groups"]) == ("drive", 4)
+    assert by_class["color", "white"]["area"] is None  # no white sign
+    image = cv2.imread(str(tmp_path / "roc" / "roc_color.png"))
+    assert image.std() > 5
+    assert (tmp_path / "roc" / "roc.rrd").stat().st_size > 1000
+
+
+def test_the_same_samples_give_the_same_tables(tmp_path, asked, models):
+    for name in ("a", "b"):
+        _write(tmp_path / name, characteristics(asked, REPORT, models))
+    for table in (CURVES, CLASSIFIERS, CONFUSION):
+        assert len({(tmp_path / name / table.file).read_bytes() for name in ("a", "b")}) == 1
+
+
+def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neither(asked):
+    assert confusion(asked["color"]) == {
+        ("blue", "green"): 39,
+        ("blue", "refused"): 1,
+        ("green", "green"): 40,
+        ("none", "blue"): 10,
+        ("none", "refused"): 190,
+    }
+
+
+def test_drives_are_joined_by_classifier(asked):
+    joined = join_drives([asked, {"location": asked["location"]}])
+    assert len(joined["location"]) == 240
+    assert len(joined["color"]) == 281
+
+
+def test_gates_are_learned_with_their_rule_and_what_they_rest_on(asked, models):
+    learned = learn_gates(asked, models)
+    right = learned["location_report.json"].classes[0]
+    assert right.mean == pytest.approx([7, 0.5], abs=0.5)
+    assert right.threshold < 5
+    assert "d0 (8 signs, 22 others)" in learned["location_report.json"].provenance
+    colors = {one.name: one for one in learned["color_rgb.json"].classes}
+    assert colors["green"].mean.tolist() == models.color_classes.classes[2].mean.tolist()
+    assert learned["report-kansas.json"].classes[0].threshold > 2
+    few = {"location": asked["location"].select(np.arange(27, 120))}
+    with pytest.raises(InputError, match="wanted 5 landmarks of signs"):
+        learn_gates(few, models)
+
+
+def test_another_s_files_are_not_replaced(tmp_path, models):
+    (tmp_path / "roc.parquet").write_text("mine")
+    with pytest.raises(OutputError, match="no earlier measurement"):
+        measure_roc([], [], tmp_path, REPORT, models, print)
+    assert (tmp_path / "roc.parquet").read_text() == "mine"
+
+
+def test_labels_of_another_log_are_refused_with_what_to_do(models):
+    other = Labels((), (LabelledImage(log="other", frame=0),))
+    with pytest.raises(InputError, match="wanted labels of its images, found none"):
+        gather_samples(DEMO, other, REPORT, models)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["report", "default"])
+def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
+    settings = load_settings(preset, None, ["read.until_s=3"])[0]
+    labels = read_labels(DEMO.with_suffix(".truth.json"))
+    used = load_models(settings)
+    if preset == "report":
+        # the shape is not asked about in every chain of the report
+        used = replace(used, location_classes=used.location_classes.at_alpha(1.0))
+    found = gather_samples(DEMO, labels, settings, used)
+    wanted = {
+        "report": {"size", "color", "location"},
+        "default": {"detector", "landmark", "location", "confidence"},
+    }
+    assert wanted[preset] <= found.keys()
+    for own in found.values():
+        assert (np.diff(own.frame) >= 0).all()
+        assert set(own.drive.tolist()) == {"demo"}
+    if preset == "report":
+        size, color = found["size"], found["color"]
+        assert size.count[size.accepted].sum() == len(color)
+        assert {"green", "yellow"} & set(color.kind[color.label == ON].tolist())
+    else:
+        truth = json.loads(DEMO.with_suffix(".truth.json").read_text())
+        assert (found["confidence"].label == ON).sum() <= len(truth["signs"])
+        assert (found["confidence"].label == ON).any()
