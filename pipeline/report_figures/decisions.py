@@ -126,12 +126,10 @@ def _curve_of(
     accepted = distance <= limit
     largest = float(distance[on].max())
     passing = int((distance[~on] <= largest).sum())
-    band = curve.area_interval
-    area = f"{curve.area:.4f}" + ("" if band is None else f" ({band.low:.4f} to {band.high:.4f})")
     words = (
         str(int(on.sum())),
         str(int((~on).sum())),
-        area,
+        f"{curve.area:.4f}",
         share_words(int(accepted[on].sum()), int(on.sum())),
         share_words(int(accepted[~on].sum()), int((~on).sum())),
     )

@@ -33,7 +33,8 @@ def track_figures(drive: Drive) -> Iterator[Figure]:
         "the track of a sign through four images",
         "SIFT points are followed from image to image",
     )
-    longest = max(drive.signs, key=lambda one: len(one.views), default=None)
+    labelled = [one for one in drive.signs if drive.judge(one) == ON]
+    longest = max(labelled or drive.signs, key=lambda one: len(one.views), default=None)
     if longest is None:
         yield Figure("5.2", title, report, needs="a sign that is followed over several images")
     else:
