@@ -17,6 +17,7 @@ from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_joining as joining
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
+from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import exit_with, process, process_all
@@ -365,6 +366,7 @@ app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)
 app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
+app.command(epilog=figures.REPORT_FIGURES_EPILOG)(figures.report_figures)
 app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 

@@ -91,8 +91,9 @@ class InventoryWriter:
     def append(self, settled: TrackedFrame) -> None:
         """Take one frame with its candidates."""
         self._frames.append(frame_row(settled))
-        if settled.left_out:
-            self._verdicts["left_out"] += settled.left_out
+        for reason, count in settled.dropped._asdict().items():
+            if count:
+                self._verdicts[reason] += count
         batch = self._observations(settled)
         if batch.num_rows:
             try:

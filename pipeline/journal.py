@@ -34,7 +34,14 @@ from wayside.pipeline.earlier_result import file_digest, log_fingerprint
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.writing import create, not_written
-from wayside.schemas.detections import Candidates, Detections, Features, Regions, Segmentation
+from wayside.schemas.detections import (
+    Candidates,
+    Detections,
+    Dropped,
+    Features,
+    Regions,
+    Segmentation,
+)
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Image
 from wayside.schemas.settings import Settings
@@ -198,7 +205,7 @@ def _packed(found: Detections) -> bytes:
     }
     names = [(name, a.dtype.str, a.shape) for name, a in arrays.items()]
     seen = found.segmentation
-    head = json.dumps([seen.region_count, seen.left_out, names]).encode()
+    head = json.dumps([seen.region_count, seen.dropped, names]).encode()
     body = b"".join([struct.pack("<I", len(head)), head, *(a.tobytes() for a in arrays.values())])
     return struct.pack("<q", found.frame.index) + bytes(lz4.frame.compress(body))
 
@@ -206,7 +213,7 @@ def _packed(found: Detections) -> bytes:
 def _unpacked(content: bytes, image: Image) -> Detections:
     body = lz4.frame.decompress(content[8:])
     (length,) = struct.unpack_from("<I", body)
-    region_count, left_out, names = json.loads(body[4 : 4 + length])
+    region_count, dropped, names = json.loads(body[4 : 4 + length])
     at, parts = 4 + length, dict[str, dict[str, NDArray[Any]]](region={}, candidate={}, feature={})
     for name, kind, shape in names:
         count = int(np.prod(shape, dtype=np.int64))
@@ -221,7 +228,7 @@ def _unpacked(content: bytes, image: Image) -> Detections:
         np.zeros((0, 3), np.float32),
         np.zeros(0, np.float32),
         (0, 0),
-        left_out=left_out,
+        dropped=Dropped(*dropped),
     )
     candidates = Candidates(Regions(**parts["region"]), **parts["candidate"])
     return Detections(seen, candidates, Features(**parts["feature"]))

@@ -25,7 +25,7 @@ FRAME_COLUMNS = (
         "motion_source",
     ),
     *("ties", "residual_straight_px", "residual_px", "adjusted", "iterations"),
-    *("regions", "left_out", "candidates"),
+    *("regions", "outside_size", "merged", "left_out", "candidates"),
 )
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _UPPER_TRIANGLE = np.triu_indices(3)
@@ -38,7 +38,7 @@ def frame_row(tracked: TrackedFrame) -> tuple[Any, ...]:
     head = (frame.index, *times, frame.status, frame.name or None, frame.date or None)
     if motion is None:
         return (*head, *(None,) * (len(FRAME_COLUMNS) - len(head)))
-    counts = (tracked.region_count, tracked.left_out, len(tracked.candidates))
+    counts = (tracked.region_count, *tracked.dropped, len(tracked.candidates))
     return (*head, motion.source, *_step(motion), *counts)
 
 

@@ -6,7 +6,7 @@ Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,14 +240,33 @@ class NetworkBoxes:
     shape: NDArray[np.float32]
 
 
+class Dropped(NamedTuple):
+    """How many regions of an image have no row in its table, by reason.
+
+    size: too few or too many pixels, or no height or aspect of a face; merged: nearly the same as one that stays;
+    left_out: others are likelier.
+    """
+
+    size: int = 0
+    merged: int = 0
+    left_out: int = 0
+
+    def plus(self, others: Dropped) -> Dropped:
+        """Both together."""
+        return Dropped(*(a + b for a, b in zip(self, others, strict=True)))
+
+
+NOTHING_DROPPED = Dropped()
+
+
 @dataclass(frozen=True, slots=True)
 class Segmentation:
     """An image with its regions.
 
     palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
     pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
-    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); left_out: candidates that
-    are not among the regions because others are likelier.
+    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); dropped: regions that are
+    not in the table; region_count: regions of both passes before any was dropped.
     """
 
     image: Image
@@ -257,7 +276,7 @@ class Segmentation:
     difference_levels: NDArray[np.float32]
     rows: tuple[int, int]
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
-    left_out: int = 0
+    dropped: Dropped = NOTHING_DROPPED
 
     @property
     def frame(self) -> Frame:

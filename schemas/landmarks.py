@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates
+from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Dropped
 from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion
 
 EVIDENCE_TERMS = {
@@ -84,7 +85,9 @@ class TrackedFrame:
     """A frame whose candidates are all decided.
 
     track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; region_count: regions of its image;
-    landmarks: those seen first in it; left_out: regions that are not among the candidates because others are likelier.
+    landmarks: those seen first in it; dropped: regions that are not among the candidates;
+    measurements: what those of its landmarks rest on; matches (k, 4): SIFT points of the previous used frame and where
+    they were found in this one, u, v and u, v in recorded pixels (None: not matched by SIFT).
     The pixels are gone by now; `frame.data` keeps the bytes as recorded.
     """
 
@@ -95,4 +98,6 @@ class TrackedFrame:
     residual_px: NDArray[np.float32]
     region_count: int
     landmarks: tuple[Landmark, ...] = field(default=())
-    left_out: int = 0
+    dropped: Dropped = NOTHING_DROPPED
+    measurements: tuple[Measurement, ...] = field(default=(), repr=False)
+    matches: NDArray[np.float32] | None = field(default=None, repr=False)

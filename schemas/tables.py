@@ -35,7 +35,7 @@ MOTION_SOURCES = {
 VERDICT_WORDS = {
     "open": "undecided when the drive ended",
     "sign": "part of a reported panel",
-    "size": "too few or too many pixels",
+    "size": "too few or too many pixels, or no height or aspect of a face: counted, without a row",
     "color": "mean colour too far from every sign colour",
     "shape": "outline too far from every sign shape",
     "glance": "rejected by the pre-filter: size, position and mean colour",
@@ -268,7 +268,25 @@ FRAMES = Table(
         Column("residual_px", _SINGLE, "px", "eq. 7.5 with the motion that was used"),
         Column("adjusted", _FLAG, "", "whether the motion was adjusted"),
         Column("iterations", _WHOLE, "", "iterations of the adjustment"),
-        Column("regions", _WHOLE, "", "connected regions found; null where the frame is not used"),
+        Column(
+            "regions",
+            _WHOLE,
+            "",
+            "connected regions of both passes of segmentation; null where the frame is not used",
+        ),
+        Column(
+            "outside_size",
+            _WHOLE,
+            "",
+            "regions of any source with too few or too many pixels, or no height or aspect of a face; null where the "
+            "frame is not used",
+        ),
+        Column(
+            "merged",
+            _WHOLE,
+            "",
+            "regions nearly the same as one that stays; null where the frame is not used",
+        ),
         Column(
             "left_out",
             _WHOLE,

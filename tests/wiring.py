@@ -68,8 +68,7 @@ def _undecided(posed: PosedDetections) -> TrackedFrame:
         np.full(len(table), -1, np.int32),
         np.full(len(table), np.nan, np.float32),
         segmentation.region_count,
-        segmentation.rows,
-        left_out=segmentation.left_out,
+        dropped=segmentation.dropped,
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.flow import Flow
+from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.labels import labels_by_frame
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.model_files import Models
@@ -83,7 +83,7 @@ class ClassifierSamples:
 
 
 def gather_samples(
-    log: Path, labels: Labels, settings: Settings, models: Models
+    log: Path, labels: Labels, settings: Settings, models: Models, also: Observer | None = None
 ) -> dict[str, ClassifierSamples]:
     """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
 
@@ -95,6 +95,8 @@ def gather_samples(
         Of its images, and perhaps of those of other logs.
     settings, models
         What the run works with.
+    also
+        Sees every item of the run, too.
 
     Raises
     ------
@@ -110,7 +112,7 @@ def gather_samples(
         raise InputError(
             f"{log}: wanted labels of its images, found none ({reasons}); see docs/labels.md for how an image is named"
         )
-    collector = _Collector(labelled_faces(found), models, settings.gate, log.stem)
+    collector = _Collector(labelled_faces(found), models, settings.gate, log.stem, also)
     flow = Flow(settings, models, StageClock(), collector)
     for _ in flow.track(read_frames(log, settings.read, ReadReport())):
         pass
@@ -148,8 +150,16 @@ class _Asked:
 class _Collector:
     """Sees the items of a flow and keeps what its classifiers were asked; frames may come in any order."""
 
-    def __init__(self, faces: Faces, models: Models, gate: GateSettings, drive: str) -> None:
+    def __init__(
+        self,
+        faces: Faces,
+        models: Models,
+        gate: GateSettings,
+        drive: str,
+        also: Observer | None = None,
+    ) -> None:
         self._faces, self._models, self._gate, self._drive = faces, models, gate, drive
+        self._also = also
         self._asked: list[tuple[str, _Asked]] = []
         self._by_stage: dict[str, Callable[[Any], Iterable[tuple[str, _Asked]]]] = {
             "segment": self._size,
@@ -162,6 +172,8 @@ class _Collector:
 
     def see(self, stage: str, item: Item) -> None:
         """Keep what the classifier of this stage was asked; other stages have none."""
+        if self._also is not None:
+            self._also.see(stage, item)
         if stage in self._by_stage:
             self._asked.extend(self._by_stage[stage](item))
 

@@ -23,7 +23,8 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
     follows what comes in.
     """
     hidden = [f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET]
-    hidden += [at.KEYPOINTS, at.SIFT_POINTS, at.MATCHES, *at.PASSES]
+    hidden += [at.KEYPOINTS, at.SIFT_POINTS, at.SIFT_MATCHES, at.MATCHES, at.OUTLINES]
+    hidden += [at.DIFFERENCE, *at.PASSES]
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,
         name="camera",
@@ -56,6 +57,10 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
         origin=at.GATES, name="candidates by stage", plot_legend=rrb.PlotLegend(visible=True)
     )
     signs = rrb.TimeSeriesView(origin=at.SIGN_RESIDUALS, name="residual of signs, px")
+    window = rrb.TimeSeriesView(
+        origin=at.WINDOW_RESIDUALS, name="residual of the windowed adjustment, sigmas"
+    )
+    panels = rrb.Spatial2DView(origin=at.PANELS, name="registered views of panels")
     words = (
         rrb.TextDocumentView(origin=at.INVENTORY, name="inventory"),
         rrb.TextLogView(origin=at.REJECTIONS, name="refused, and why"),
@@ -67,8 +72,8 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
         rrb.Vertical(camera, rrb.Tabs(*words, active_tab=1), row_shares=[3, 1.3]),
         rrb.Vertical(
             chased,
-            rrb.Horizontal(above, across),
-            rrb.Horizontal(residuals, rrb.Tabs(iterations, gates, signs)),
+            rrb.Horizontal(above, rrb.Tabs(across, panels)),
+            rrb.Horizontal(residuals, rrb.Tabs(iterations, gates, signs, window)),
             row_shares=[1.6, 1.2, 1],
         ),
         follow=live,
@@ -117,8 +122,14 @@ def sign_layout(
         origin=f"{at.SIGN_RESIDUALS}/{part}", name="reprojection residual, px"
     )
     words = rrb.TextDocumentView(origin=f"{at.SIGN_FIGURES}/{part}", name="figures")
+    panels = rrb.Spatial2DView(origin=f"{at.SIGN_PANELS}/{part}", name="its registered views")
+    iterations = rrb.BarChartView(
+        origin=f"{at.SIGN_ITERATIONS}/{part}", name="residual by iteration, sigmas"
+    )
     timeline = at.FRAME if images is None else at.LOG
-    return _laid_out(timeline, camera, rrb.Vertical(space, residuals, words, row_shares=[2, 1, 1]))
+    left = rrb.Vertical(camera, panels, row_shares=[3, 1])
+    plots = rrb.Tabs(residuals, iterations)
+    return _laid_out(timeline, left, rrb.Vertical(space, plots, words, row_shares=[2, 1, 1]))
 
 
 def _laid_out(

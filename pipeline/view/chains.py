@@ -19,8 +19,8 @@ from wayside.pipeline.view.landmarks import (
     landmark_words,
     reprojected_box,
 )
-from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN
-from wayside.schemas.detections import SOURCES
+from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN, ViewState
+from wayside.schemas.detections import SOURCES, Dropped
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
@@ -29,7 +29,9 @@ SIGMAS = 2.0
 """Ellipsoids and ellipses are drawn at so many standard deviations."""
 STEPS = ["at the start", *(f"after step {k + 1}" for k in range(ITERATIONS_SHOWN))]
 GATE_NAMES = {
-    **dict.fromkeys(("segment", "propose"), SOURCES),
+    **dict.fromkeys(
+        ("segment", "propose"), (*SOURCES, *(f"dropped, {reason}" for reason in Dropped._fields))
+    ),
     **dict.fromkeys(("color", "detect", "shape"), ("kept", "refused")),
     **dict.fromkeys(("track", "trajectory", "location", "assemble"), ("signs",)),
 }
@@ -54,6 +56,10 @@ def opening(location: GaussianModel) -> Batch:
         found.append(
             Entity(f"{at.RESIDUALS}/{name}", (rr.SeriesLines(colors=[ink], names=[name]),))
         )
+    for name, ink in (("before", BEFORE), ("after", AFTER)):
+        found.append(
+            Entity(f"{at.WINDOW_RESIDUALS}/{name}", (rr.SeriesPoints(colors=[ink], names=[name]),))
+        )
     return Batch(None, tuple(found))
 
 
@@ -68,16 +74,18 @@ def ellipse(
 
 def closing(
     inventory: WrittenTables,
-    poses: Mapping[int, tuple[Pose, Camera]],
+    state: ViewState,
     times: Mapping[int, Times],
 ) -> Iterator[Batch | Columns]:
     """What is known at the end of the drive only, sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
     for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
-        yield from chain(row["sign_id"], sign.landmark, poses, times)
+        yield from chain(row["sign_id"], sign.landmark, state.poses, times)
         figures = rr.TextDocument(sign_figures(row), media_type="text/markdown")
         part = rr.escape_entity_path_part(row["sign_id"])
-        yield Batch(None, (Entity(f"{at.SIGN_FIGURES}/{part}", (figures,)),))
+        measured = state.measured.get(sign.landmark.track_id)
+        shown = () if measured is None else measured.entities(part)
+        yield Batch(None, (Entity(f"{at.SIGN_FIGURES}/{part}", (figures,)), *shown))
 
 
 def chain(

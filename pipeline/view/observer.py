@@ -74,7 +74,7 @@ class RerunObserver:
     def finish(self, inventory: WrittenTables) -> None:
         """Send what is known at the end only."""
         self._guarded(
-            lambda: self._send(Bundle(tuple(closing(inventory, self._state.poses, self._times))))
+            lambda: self._send(Bundle(tuple(closing(inventory, self._state, self._times))))
         )
 
     def close(self) -> list[str]:

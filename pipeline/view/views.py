@@ -17,10 +17,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from wayside.pipeline.view import entities as at
+from wayside.pipeline.view.candidates import verdict_entities
 from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import (
-    GREY,
-    color_of,
     cross_section,
     landmark_color,
     landmark_points,
@@ -28,12 +27,11 @@ from wayside.pipeline.view.landmarks import (
     rejection,
     reprojected_box,
 )
+from wayside.pipeline.view.measured import SignMeasurement, difference_entity, measurement_entities
+from wayside.pipeline.view.outlines import outline_entities
 from wayside.schemas.detections import (
-    COLORS,
-    SHAPES,
     SOURCES,
     VERDICTS,
-    Candidates,
     Detections,
     Segmentation,
     verdict_code,
@@ -52,17 +50,14 @@ GOOD, BAD = (90, 220, 120), (240, 90, 90)
 BEFORE, AFTER = (245, 150, 60), GOOD
 """The straight motion, and the adjusted one."""
 JPEG_QUALITY = 85
+SIFT_INK = (255, 160, 255)
 KEYPOINT_PATHS = {
     "features": (at.KEYPOINTS, (120, 200, 255)),
-    "sift": (at.SIFT_POINTS, (255, 160, 255)),
+    "sift": (at.SIFT_POINTS, SIFT_INK),
 }
 """Stages that find key points: where theirs are shown, and in which colour."""
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
-TELLING = ("location", "panel_size")
-"""Verdicts on what looks like a sign in every view: few, so their words are shown in the image."""
-MANY, MOST_WORDS = ("glance", "size", "color"), 100
-"""Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 
 
 class NoViewError(TypeError):
@@ -73,7 +68,8 @@ class NoViewError(TypeError):
 class ViewState:
     """What is kept from frame to frame; all but the options is used by the thread of the ordered stages alone.
 
-    camera: the one that was shown last; shown: layers that the frame before left something in.
+    camera: the one that was shown last; shown: layers that the frame before left something in; measured: what signs
+    rest on, by their track.
     """
 
     images: str = "all"
@@ -83,6 +79,7 @@ class ViewState:
     poses: dict[int, tuple[Pose, Camera]] = field(default_factory=dict)
     path: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=RECENT))
     landmarks: deque[tuple[int, Landmark]] = field(default_factory=deque)
+    measured: dict[int, SignMeasurement] = field(default_factory=dict)
 
 
 def entities_of(item: Any, stage: str, state: ViewState) -> tuple[Entity, ...]:
@@ -141,9 +138,13 @@ def view_image(image: Image, stage: str, state: ViewState) -> list[Entity]:
 
 
 def view_segmented(item: Segmentation, stage: str, state: ViewState) -> list[Entity]:
-    """How many regions of each source; with detail the label images of both passes in their own colours."""
+    """How many regions of each source, and dropped for each reason.
+
+    With detail the difference image, and the label images of both passes in their own colours.
+    """
     counts = np.bincount(item.regions.source, minlength=len(SOURCES))
-    found = [Entity(f"{at.GATES}/{stage}", (rr.Scalars(counts.astype(float)),))]
+    counted = [*counts.astype(float), *item.dropped]
+    found = [Entity(f"{at.GATES}/{stage}", (rr.Scalars(counted),))]
     if (
         state.detail
         and stage == "segment"
@@ -151,6 +152,7 @@ def view_segmented(item: Segmentation, stage: str, state: ViewState) -> list[Ent
         and item.image.rgb is not None
     ):
         shape = item.image.rgb.shape[:2]
+        found.append(difference_entity(item.image.rgb, item.palette, item.rows))
         levels = np.linspace(40, 255, max(len(item.difference_levels) + 1, 2)).astype(np.uint8)
         inks = (item.palette.astype(np.uint8), np.repeat(levels[:, None], 3, axis=1))
         for path, labels, ink in zip(at.PASSES, item.labels, inks, strict=True):
@@ -186,7 +188,10 @@ def view_detections(item: Detections, stage: str, state: ViewState) -> list[Enti
         points = item.features.corners if stage == "features" else item.features.sign_points
         return [Entity(path, (_points2d(points, ink),))]
     left = len(item.candidates.open_rows())
-    return [Entity(f"{at.GATES}/{stage}", (rr.Scalars([left, len(item.candidates) - left]),))]
+    gates = Entity(f"{at.GATES}/{stage}", (rr.Scalars([left, len(item.candidates) - left]),))
+    if stage != "shape" or not item.frame.used:
+        return [gates]
+    return [gates, *outline_entities(item, detail=state.detail)]
 
 
 def _points2d(points: NDArray[np.float32], ink: tuple[int, int, int]) -> rr.Points2D:
@@ -293,8 +298,9 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
     active = active_landmarks(state, frame.index)
     return [
         signs,
-        *_view_verdicts(item.candidates, state),
+        *verdict_entities(item.candidates, state.shown, detail=state.detail),
         *_view_tracks(active, frame.index, motion, frame.camera, state),
+        *_view_measured(item, state),
         Entity(at.LANDMARKS, (landmark_points(recent),)),
         Entity(f"{at.LOCATION}/places", (cross_section(recent),)),
         *(
@@ -305,54 +311,27 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
     ]
 
 
-def active_landmarks(state: ViewState, index: int) -> list[Landmark]:
-    """Recent landmarks that a frame was measured in."""
-    return [p for _, p in state.landmarks if any(view.frame == index for view in p.views)]
-
-
-def _view_verdicts(candidates: Candidates, state: ViewState) -> list[Entity]:
+def _view_measured(item: TrackedFrame, state: ViewState) -> list[Entity]:
+    """SIFT matches, and how the landmarks first seen here were measured; those of signs are kept for the end."""
+    signs = {landmark.track_id for landmark in item.landmarks if landmark.verdict == "sign"}
+    kept = [m for m in item.measurements if m.track_id in signs]
+    state.measured |= {m.track_id: SignMeasurement.of(m) for m in kept}
     found = []
-    for code, verdict in enumerate(VERDICTS):
-        path = f"{at.CANDIDATES}/{verdict}"
-        rows = np.flatnonzero(candidates.verdict == code)
-        if len(rows) and (state.detail or verdict not in MANY):
-            found.append(Entity(path, _boxes(candidates, rows, verdict)))
-            state.shown.add(path)
-        elif path in state.shown:
-            found.append(Entity(path, (rr.Clear(recursive=False),)))
-            state.shown.discard(path)
+    if item.matches is not None:
+        lines = rr.LineStrips2D(item.matches.reshape(-1, 2, 2), colors=[SIFT_INK])
+        found.append(Entity(at.SIFT_MATCHES, (lines,)))
+    if item.measurements:
+        found += measurement_entities(item.measurements)
+        state.shown.add(at.PANELS)
+    elif at.PANELS in state.shown:
+        found += [Entity(path, (rr.Clear(recursive=True),)) for path in (at.PANELS, at.MOVED)]
+        state.shown.discard(at.PANELS)
     return found
 
 
-def _boxes(candidates: Candidates, rows: NDArray[np.int64], verdict: str) -> tuple[Any, ...]:
-    sign, many = verdict == "sign", verdict in MANY or len(rows) > MOST_WORDS
-    labels = None if many else [candidate_words(candidates, int(row)) for row in rows]
-    boxes = rr.Boxes2D(
-        array=candidates.regions.box[rows],
-        array_format=rr.Box2DFormat.XYXY,
-        colors=[color_of(int(c)) for c in candidates.color[rows]] if sign else [GREY],
-        labels=labels,
-        show_labels=verdict in TELLING,
-        radii=rr.Radius.ui_points(1.5 if sign or verdict in TELLING else 0.7),
-    )
-    return (boxes, rr.AnyValues(score=candidates.score[rows])) if many else (boxes,)
-
-
-def candidate_words(candidates: Candidates, row: int) -> str:
-    """What was found of a candidate: verdict, score, colour and shape, in preset `report` with their distances."""
-    parts = [VERDICTS[candidates.verdict[row]]]
-    if np.isfinite(candidates.score[row]):
-        parts.append(f"score {candidates.score[row]:.1f}")
-    if candidates.back_score is not None and np.isfinite(candidates.back_score[row]):
-        parts.append(f"back {candidates.back_score[row]:.1f}")
-    for names, kind, distance in (
-        (COLORS, candidates.color, candidates.color_distance),
-        (SHAPES, candidates.shape, candidates.shape_distance),
-    ):
-        if kind[row] >= 0:
-            far = f" {distance[row]:.1f}" if np.isfinite(distance[row]) else ""
-            parts.append(names[kind[row]] + far)
-    return ", ".join(parts)
+def active_landmarks(state: ViewState, index: int) -> list[Landmark]:
+    """Recent landmarks that a frame was measured in."""
+    return [p for _, p in state.landmarks if any(view.frame == index for view in p.views)]
 
 
 def _view_tracks(

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SHAPES, SOURCES, NetworkBoxes, Regions, Segmentation
+from wayside.schemas.detections import (
+    SHAPES,
+    SOURCES,
+    Dropped,
+    NetworkBoxes,
+    Regions,
+    Segmentation,
+)
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import OnnxFile, TreeModel
 from wayside.schemas.settings import CandidateSettings
@@ -38,10 +45,14 @@ OTHER_FILLED = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Proposals:
-    """Stable regions of one band, n rows, in pixels of the image; lifetime (n,): levels over which the box stayed."""
+    """Stable regions of one band, n rows, in pixels of the image; lifetime (n,): levels over which the box stayed.
+
+    unfit: how many more there are that no face has the size of.
+    """
 
     regions: Regions
     lifetime: NDArray[np.int32]
+    unfit: int = 0
 
 
 def propose(
@@ -55,7 +66,7 @@ def propose(
 
     Segments outside the size of a face are dropped, boxes that are nearly the same are merged. At most `settings.most`
     regions remain: the most probable faces by their size, position and mean colour, where a `ranking` of these is
-    given, else those of the longest lifetime; the others are counted in `left_out`. The boxes of a detection `network`
+    given, else those of the longest lifetime; all others are counted in `dropped`. The boxes of a detection `network`
     join them without being ranked: it has seen more of them than their colour. An image that is not used passes
     unchanged.
 
@@ -77,16 +88,17 @@ def propose(
             propose_in_band(band, top, scale, settings)
             for band, top, scale in bands(rgb, camera, settings)
         ]
-        regions, left_out = merge_regions(item.regions, found, settings)
-        left_out += max(len(regions) - settings.most, 0)
+        regions, dropped = merge_regions(item.regions, found, settings)
+        dropped = dropped.plus(Dropped(left_out=max(len(regions) - settings.most, 0)))
         if ranking is None:
             regions = regions.select(np.arange(min(len(regions), settings.most)))
         else:
             regions = most_probable(regions, ranking, camera, settings.most)
         if detection_network is not None:
             boxes = boxes_in_band(detection_network, rgb, camera, settings)
-            regions = regions.joined(network_regions(boxes, rgb, settings))
-        yield replace(item, regions=regions, left_out=left_out)
+            more, unfit = network_regions(boxes, rgb, settings)
+            regions, dropped = regions.joined(more), dropped.plus(Dropped(size=unfit))
+        yield replace(item, regions=regions, dropped=item.dropped.plus(dropped))
 
 
 def bands(
@@ -123,19 +135,23 @@ def boxes_in_band(
 
 def network_regions(
     found: NetworkBoxes | None, rgb: NDArray[np.uint8], settings: CandidateSettings
-) -> Regions:
-    """Those of a size that faces have as regions, best first; their area is that of the most probable shape."""
+) -> tuple[Regions, int]:
+    """Those of a size that faces have as regions, best first, and how many have another.
+
+    Their area is that of the most probable shape.
+    """
     if found is None:
-        return Regions.empty()
+        return Regions.empty(), 0
     rows = np.flatnonzero(settings.fits_face(found.box))
     box = found.box[rows]
     means = [mean_inside(rgb, corners) for corners in box]
-    return Regions(
+    regions = Regions(
         box,
         filled_area(box, found.shape[rows].argmax(axis=1)),
         np.array(means, np.float32).reshape(-1, 3),
         np.full(len(box), SOURCES.index("network"), np.uint8),
     )
+    return regions, len(found.box) - len(box)
 
 
 def filled_area(box: NDArray[np.float32], shape: NDArray[np.integer]) -> NDArray[np.int32]:
@@ -178,7 +194,7 @@ def propose_in_band(
             foreground_means(band, values, found.box[keep], settings.mean_samples),
             np.full(int(keep.sum()), SOURCES.index("level"), np.uint8),
         )
-        parts.append(Proposals(regions, found.lifetime[keep]))
+        parts.append(Proposals(regions, found.lifetime[keep], int((~keep).sum())))
     return joined(parts)
 
 
@@ -188,26 +204,29 @@ def joined(parts: list[Proposals]) -> Proposals:
     for part in parts:
         regions = regions.joined(part.regions)
     lifetime = [np.zeros(0, np.int32), *(part.lifetime for part in parts)]
-    return Proposals(regions, np.concatenate(lifetime))
+    return Proposals(regions, np.concatenate(lifetime), sum(part.unfit for part in parts))
 
 
 def merge_regions(
     segments: Regions, found: list[Proposals], settings: CandidateSettings
-) -> tuple[Regions, int]:
-    """Proposals and segments as one table without near-duplicates, longest lifetime first; and how many it lacks.
+) -> tuple[Regions, Dropped]:
+    """Proposals and segments as one table without near-duplicates, longest lifetime first; and what it lacks.
 
     The table has at most `settings.most_compared` rows; stacks of its regions stand behind the others.
     """
-    segments = segments.select(settings.fits_face(segments.box))
-    every = joined([*found, Proposals(segments, np.zeros(len(segments), np.int32))])
+    fitting = segments.select(settings.fits_face(segments.box))
+    unfit = len(segments) - len(fitting)
+    every = joined([*found, Proposals(fitting, np.zeros(len(fitting), np.int32), unfit)])
     order = np.argsort(-every.lifetime, kind="stable")
     kept = non_maximum_suppression(every.regions.box[order], settings.same_region_iou)
     most = settings.most_compared
     regions = every.regions.select(order[kept[:most]])
+    dropped = Dropped(every.unfit, len(order) - len(kept), max(len(kept) - most, 0))
     for _ in range(settings.stack_rounds):
-        regions = with_stacks(regions, settings)
-    cut = max(len(kept) - most, 0) + max(len(regions) - most, 0)
-    return regions.select(np.arange(min(len(regions), most))), cut
+        regions, unstacked = with_stacks(regions, settings)
+        dropped = dropped.plus(unstacked)
+    dropped = dropped.plus(Dropped(left_out=max(len(regions) - most, 0)))
+    return regions.select(np.arange(min(len(regions), most))), dropped
 
 
 def most_probable(regions: Regions, ranking: TreeModel, camera: Camera, most: int) -> Regions:

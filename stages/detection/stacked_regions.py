@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions
+from wayside.schemas.detections import SOURCES, Dropped, Regions
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.kernels import compiled, require_array
 
 
-def with_stacks(regions: Regions, settings: CandidateSettings) -> Regions:
+def with_stacks(regions: Regions, settings: CandidateSettings) -> tuple[Regions, Dropped]:
     """The regions and after them the unions of their stacked pairs (source `stack`), without near-duplicates.
 
-    Pairs whose sides agree best come first: of stacks that are nearly the same they stay.
+    Pairs whose sides agree best come first: of stacks that are nearly the same they stay. The others are counted.
     """
     pairs = stacked_pairs(regions.box, settings)
     sides = regions.box[pairs][:, :, ::2]
@@ -37,7 +37,8 @@ def with_stacks(regions: Regions, settings: CandidateSettings) -> Regions:
         np.full(len(low), SOURCES.index("stack"), np.uint8),
     ).select(settings.fits_face(box))
     both = regions.joined(stacks)
-    return both.select(non_maximum_suppression(both.box, settings.same_region_iou))
+    kept = non_maximum_suppression(both.box, settings.same_region_iou)
+    return both.select(kept), Dropped(len(box) - len(stacks), len(both) - len(kept))
 
 
 def stacked_pairs(box: NDArray[np.float32], settings: CandidateSettings) -> NDArray[np.int64]:

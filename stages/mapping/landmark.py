@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
+from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import voted_class
@@ -21,11 +22,15 @@ from wayside.stages.mapping.window import WindowFrame
 
 
 class LandmarkMeasurement(NamedTuple):
-    """Position of a landmark, point (3,) and covariance (3, 3) in world axes, and the panel it was measured by."""
+    """Position of a landmark, point (3,) and covariance (3, 3) in world axes, and the panel it was measured by.
+
+    residual: of its adjustment; None where there was none.
+    """
 
     point: NDArray[np.float64]
     covariance: NDArray[np.float64]
     panel: Panel
+    residual: WindowResidual | None = None
 
 
 def measure_landmark(
@@ -56,7 +61,7 @@ def measure_landmark(
             window, best, observed, panel.point, adjustment, settings.adjustment, settings.ties
         )
         if joint is not None:
-            return LandmarkMeasurement(joint.point, joint.covariance, panel)
+            return LandmarkMeasurement(joint.point, joint.covariance, panel, joint.residual)
     unknown = np.diag(np.square(settings.landmark.step_sigma))
     steps = [unknown if f.motion.covariance is None else f.motion.covariance for f in window]
     covariance = point_covariance(

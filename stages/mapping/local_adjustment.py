@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.adjustment import (
@@ -44,10 +45,14 @@ class LandmarkRays(NamedTuple):
 
 
 class JointAdjustment(NamedTuple):
-    """An adjusted landmark (3,) in the world; covariance (3, 3) relative to the fixed camera, world axes."""
+    """An adjusted landmark (3,) in the world; covariance (3, 3) relative to the fixed camera, world axes.
+
+    residual: of the adjustment, before and after.
+    """
 
     point: Array
     covariance: Array
+    residual: WindowResidual
 
 
 class _WindowTies(NamedTuple):
@@ -165,8 +170,11 @@ def adjust_jointly(
         ties, found.gain[seen + count :] / focal, settings.displacement_sigma, registration
     )
     covariance = settings.variance_factor * found.covariance + shared
-    rotation = home.rotation
-    return JointAdjustment(home.to_world(found.position), rotation @ covariance @ rotation.T)
+    rotation, position = home.rotation, home.to_world(found.position)
+    history = np.sqrt(found.history / (2 * len(rows.point)))
+    ends = (window[0].frame.index, window[-1].frame.index)
+    residual = WindowResidual(*ends, tuple(history.tolist()), point, position)
+    return JointAdjustment(position, rotation @ covariance @ rotation.T, residual)
 
 
 def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int, int]:

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
+from wayside.schemas.measurement import PanelView
 from wayside.schemas.settings import AdjustmentSettings, PanelSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
@@ -29,6 +31,7 @@ from wayside.stages.panel import (
     RegisteredViews,
     outline_of,
     register_views,
+    segments_of,
     solve_facing,
     usable_views,
 )
@@ -57,14 +60,33 @@ class Panel:
     residual_px: float
 
 
+class PanelMeasurement(NamedTuple):
+    """The registered views of a landmark, its outline in samples of their template, and the panel that they show.
+
+    outline: None where none is strong enough; panel: None where the outline or the position is refused.
+    """
+
+    views: tuple[PanelView, ...] = ()
+    outline: FaceOutline | None = None
+    panel: Panel | None = None
+
+    @property
+    def segments(self) -> Array | None:
+        """Ends of the segments of the outline (k, 2, 2)."""
+        if self.outline is None:
+            return None
+        sides = segments_of(self.outline.shape, self.outline.box, self.outline.rotation)
+        return np.stack([sides.begin, sides.end], axis=1)
+
+
 def measure_panel(
     fit: LandmarkFit,
     held: Sequence[WindowFrame],
     beside: FrenetOffset,
     method: PanelMethod,
     drift_rad: float,
-) -> tuple[int, Panel | None]:
-    """How many registered views a landmark has, and its panel; None where the outline or the position is refused."""
+) -> PanelMeasurement:
+    """The panel of a landmark from its registered views; without views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
     images = [
         PosedImage(k, h.motion.pose, h.frame.camera, h.rgb)
@@ -73,14 +95,17 @@ def measure_panel(
     ]
     usable = usable_views(plane, fit.metric, images, method.panel)
     if not usable:
-        return 0, None
+        return PanelMeasurement()
     registered = register_views(plane, fit.metric, usable, fit.frames, method)
+    views = tuple(
+        PanelView(held[view.image.frame].frame.index, view.rgb, alignment)
+        for view, alignment in registered.views
+    )
     outline = outline_of(registered, fit.metric, method)
     if outline is None:
-        return len(registered.views), None
-    return len(registered.views), solve_panel(
-        fit, registered, outline, held, method.panel, method.solver, drift_rad
-    )
+        return PanelMeasurement(views)
+    panel = solve_panel(fit, registered, outline, held, method.panel, method.solver, drift_rad)
+    return PanelMeasurement(views, outline, panel)
 
 
 def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> PanelPlane:

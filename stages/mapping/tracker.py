@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset
@@ -26,7 +27,7 @@ from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import LandmarkEvidence, registration_agreement
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.panel import Panel, measure_panel
+from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face
 from wayside.stages.mapping.window import (
@@ -187,12 +188,12 @@ class _Tracker:
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
-        verdict, evidence, panel = self._verdict(one)
+        verdict, evidence, seen = self._verdict(one)
         if verdict == "sign":
             self._reported.append(fit)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
-        measured = measure_landmark(fit, self._window, self._settings, panel, adjustment)
+        measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
         landmark = build_landmark(
             fit,
             self._window,
@@ -205,29 +206,34 @@ class _Tracker:
             features=tuple(evidence.features.tolist()),
             evidence=evidence.ratios,
         )
-        self._window[fit.frames[0]].landmarks.append(landmark)
+        first = self._window[fit.frames[0]]
+        first.landmarks.append(landmark)
+        if seen.views or measured.residual is not None:
+            shape = None if seen.outline is None else seen.outline.shape
+            first.measurements.append(
+                Measurement(self._next_id, seen.views, seen.segments, shape, measured.residual)
+            )
         self._assign(fit, verdict)
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, LandmarkEvidence, Panel | None]:
+    def _verdict(self, one: _Classified) -> tuple[str, LandmarkEvidence, PanelMeasurement]:
         """The verdict, the evidence for it, and the panel, which is measured of what may be a sign."""
         settings, fit, evidence = self._settings.verdict, one.fit, one.evidence
-        classifier = self._sides[fit.back].landmark
+        classifier, seen = self._sides[fit.back].landmark, PanelMeasurement()
         if in_swept_volume(fit, one.offset, settings):
-            return "moving", evidence, None
+            return "moving", evidence, seen
         if not classifier.accepts(evidence):
-            return VERDICT_OF_TERM[evidence.weakest], evidence, None
+            return VERDICT_OF_TERM[evidence.weakest], evidence, seen
         camera = self._window[fit.frames[-1]].motion.pose
         if any(same_face(fit, other, camera, settings) for other in self._reported):
-            return "duplicate", evidence, None
-        registered, panel = 0, None
+            return "duplicate", evidence, seen
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
-            registered, panel = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
-        agreement = registration_agreement(registered, panel)
+            seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
+        agreement = registration_agreement(len(seen.views), seen.panel)
         evidence = classifier.classify(fit, self._window, one.offset, agreement)
         verdict = "sign" if classifier.accepts(evidence) else VERDICT_OF_TERM[evidence.weakest]
-        return verdict, evidence, panel
+        return verdict, evidence, seen
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

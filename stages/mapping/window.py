@@ -10,9 +10,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates, Features, Regions, verdict_code
+from wayside.schemas.detections import Candidates, Dropped, Features, Regions, verdict_code
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import (
@@ -38,14 +39,14 @@ class WindowFrame:
     extent; score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge of the image;
     assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate of an earlier, of a later frame;
     bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks: those first
-    seen here; rgb: the image, None where it is gone.
+    seen here; measurements: what theirs rest on; matches: see `TrackedFrame`; rgb: the image, None where it is gone.
     """
 
     frame: Frame
     motion: Motion
     candidates: Candidates
     region_count: int
-    left_out: int
+    dropped: Dropped
     followed: NDArray[np.int64]
     back: NDArray[np.bool_]
     seeds: NDArray[np.bool_]
@@ -61,7 +62,9 @@ class WindowFrame:
     track_id: NDArray[np.int32]
     residual_px: NDArray[np.float32]
     landmarks: list[Landmark]
+    measurements: list[Measurement]
     rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
+    matches: NDArray[np.float32] | None = field(default=None, repr=False)
     _pyramid: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
 
     @classmethod
@@ -87,7 +90,7 @@ class WindowFrame:
             motion=motion,
             candidates=table,
             region_count=detections.segmentation.region_count,
-            left_out=detections.segmentation.left_out,
+            dropped=detections.segmentation.dropped,
             followed=rows,
             back=back,
             seeds=back | (table.verdict[rows] != verdict_code("score")),
@@ -103,6 +106,7 @@ class WindowFrame:
             track_id=np.full(len(table), NO_TRACK, np.int32),
             residual_px=np.full(len(table), np.nan, np.float32),
             landmarks=[],
+            measurements=[],
             rgb=detections.image.rgb,
         )
 
@@ -159,7 +163,9 @@ class WindowFrame:
             self.residual_px,
             self.region_count,
             tuple(self.landmarks),
-            self.left_out,
+            self.dropped,
+            tuple(self.measurements),
+            self.matches,
         )
 
 
@@ -219,7 +225,7 @@ def untracked(posed: PosedDetections) -> TrackedFrame:
         np.full(len(table), NO_TRACK, np.int32),
         np.full(len(table), np.nan, np.float32),
         detections.segmentation.region_count,
-        left_out=detections.segmentation.left_out,
+        dropped=detections.segmentation.dropped,
     )
 
 

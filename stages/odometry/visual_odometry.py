@@ -12,7 +12,7 @@ from math import hypot, inf, nan, radians, sqrt
 
 import numpy as np
 
-from wayside.schemas.detections import Candidates, Detections, Regions
+from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
 from wayside.schemas.frame import DUPLICATE, Frame, Image, Pose
 from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
@@ -64,7 +64,10 @@ def _left_out(item: Detections) -> Detections:
     """A duplicate: neither pixels nor candidates; the number of its regions stays, so that none is lost uncounted."""
     frame = replace(item.frame, status=DUPLICATE)
     segmentation = replace(
-        item.segmentation, image=Image(frame, None, None), regions=Regions.empty(), left_out=0
+        item.segmentation,
+        image=Image(frame, None, None),
+        regions=Regions.empty(),
+        dropped=NOTHING_DROPPED,
     )
     return Detections(segmentation, Candidates.of(Regions.empty()))
 

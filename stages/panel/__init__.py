@@ -1,6 +1,7 @@
 """A panel as a plane: rectified views, their registration, the outer outline, the facing."""
 
 from wayside.stages.panel.facing import Facing, solve_facing
+from wayside.stages.panel.image_alignment import warp_to_template
 from wayside.stages.panel.outline import (
     OUTLINE_FEATURES,
     FaceOutline,
@@ -8,7 +9,7 @@ from wayside.stages.panel.outline import (
     outline_candidates,
 )
 from wayside.stages.panel.outline_edges import gradients_of
-from wayside.stages.panel.outline_shapes import ASPECT, OUTLINE_SHAPES, box_size
+from wayside.stages.panel.outline_shapes import ASPECT, OUTLINE_SHAPES, box_size, segments_of
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 from wayside.stages.panel.registration import (
     PanelMethod,
@@ -33,6 +34,8 @@ __all__ = [
     "outline_candidates",
     "outline_of",
     "register_views",
+    "segments_of",
     "solve_facing",
     "usable_views",
+    "warp_to_template",
 ]

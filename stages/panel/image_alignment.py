@@ -7,29 +7,13 @@ facing.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.measurement import Alignment
 from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.kernels import Array, compiled, require_array
-
-
-class Alignment(NamedTuple):
-    """Where a template was found: sample x of the template shows at middle + shift + stretch * (x - middle).
-
-    shift, stretch (2,): right and down, samples; gain, bias: template = gain * patch + bias; zncc: zero-mean normalised
-    cross-correlation, 1 at best; covariance (4, 4): of shift and stretch, from the residuals.
-    """
-
-    shift: Array
-    stretch: Array
-    gain: float
-    bias: float
-    zncc: float
-    covariance: Array
 
 
 def align(

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.measurement import Alignment
 from wayside.schemas.models import LinearModel
 from wayside.schemas.settings import (
     AdjustmentSettings,
@@ -22,7 +23,7 @@ from wayside.schemas.settings import (
     RegistrationSettings,
 )
 from wayside.stages.kernels import Array
-from wayside.stages.panel.image_alignment import Alignment, align, warp_to_template
+from wayside.stages.panel.image_alignment import align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
 from wayside.stages.panel.outline_shapes import segments_of
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, rectify

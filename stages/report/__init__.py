@@ -2,10 +2,10 @@
 
 from wayside.stages.report.color import classify_color
 from wayside.stages.report.color_space import COLOR_SPACES, color_features
-from wayside.stages.report.fourier import fourier_descriptors
+from wayside.stages.report.fourier import TERMS, fourier_descriptors
 from wayside.stages.report.match import match_by_descriptors
 from wayside.stages.report.outline import SAMPLES, traced_sequences
-from wayside.stages.report.shape import classify_shape, region_descriptors
+from wayside.stages.report.shape import classify_shape, outlines_of, region_descriptors
 from wayside.stages.report.sift import extract_sift
 from wayside.stages.report.trajectory import (
     STEP_M,
@@ -18,6 +18,7 @@ __all__ = [
     "COLOR_SPACES",
     "SAMPLES",
     "STEP_M",
+    "TERMS",
     "TRAJECTORY_FORMS",
     "classify_color",
     "classify_shape",
@@ -27,6 +28,7 @@ __all__ = [
     "fourier_descriptors",
     "match_by_descriptors",
     "mean_log_density",
+    "outlines_of",
     "region_descriptors",
     "traced_sequences",
 ]

@@ -81,6 +81,8 @@ class _Matcher:
             pairs = match_points(
                 previous.sign_descriptors, features.sign_descriptors, self._sift.ratio
             )
+            ends = previous.sign_points[pairs[:, 0]], features.sign_points[pairs[:, 1]]
+            frame.matches = np.concatenate(ends, axis=1)
             local_before, local_now = _faces(before), _faces(frame)
             for a, b in vote_regions(pairs, previous.sign_rows, features.sign_rows):
                 old, new = local_before.get(int(a)), local_now.get(int(b))

@@ -56,11 +56,11 @@ def classify_shape(
 
 def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:
     """Fourier descriptors (n, 6) of the outlines of regions in the label images; nan where there is none."""
-    return fourier_descriptors(_outlines(segmentation, regions))
+    return fourier_descriptors(outlines_of(segmentation, regions))
 
 
-def _outlines(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
-    """Resampled outline of each region, (n, samples); nan where there is none."""
+def outlines_of(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
+    """Resampled outline of each region, (n, samples) in pixels of the label image; nan where there is none."""
     sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     if segmentation.labels is not None:
         top = segmentation.rows[0]

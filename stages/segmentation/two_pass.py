@@ -8,7 +8,7 @@ from math import atan2, ceil, floor, radians, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions, Segmentation
+from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import GateSettings, SegmentSettings
@@ -111,14 +111,16 @@ def _segment_rows(
     )
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
     passes = _connected(labels, band, gate, region_work)
+    table, count = _table(passes, rows[0]), sum(one.total for one in passes)
     return Segmentation(
         image,
-        _table(passes, rows[0]),
-        sum(one.total for one in passes),
+        table,
+        count,
         centers.astype(np.float32),
         breaks.astype(np.float32),
         rows,
         labels,
+        Dropped(size=count - len(table)),
     )
 
 

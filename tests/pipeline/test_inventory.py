@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.inventory import InventoryWriter
-from wayside.schemas.detections import Candidates, Regions, verdict_code
+from wayside.schemas.detections import Candidates, Dropped, Regions, verdict_code
 from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
@@ -154,13 +154,16 @@ def test_every_region_is_listed_on_request(tmp_path):
     assert pq.read_metadata(tmp_path / OBSERVATIONS.file).num_rows == 4
 
 
-def test_candidates_that_were_left_out_are_counted_by_image_and_in_all(tmp_path):
+def test_regions_without_a_row_are_counted_by_reason_and_image_and_in_all(tmp_path):
     room = zip(drive(), (5, 0, 6, 7), strict=True)
-    frames = [dataclasses.replace(frame, left_out=count) for frame, count in room]
+    frames = [dataclasses.replace(frame, dropped=Dropped(10, 1, count)) for frame, count in room]
     inventory = write(tmp_path, frames)
     rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
     assert [r["left_out"] for r in rows] == [5, None, 6, 7]
+    assert [r["outside_size"] for r in rows] == [10, None, 10, 10]
+    assert [r["merged"] for r in rows] == [1, None, 1, 1]
     assert inventory.verdicts["left_out"] == 18
+    assert inventory.verdicts["size"] == 40
 
 
 def test_every_image_has_a_row_used_or_not(tmp_path):

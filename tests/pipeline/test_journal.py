@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from wayside.pipeline.journal import JOURNAL, Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
-from wayside.schemas.detections import Candidates, Detections, Features, Regions, Segmentation
+from wayside.schemas.detections import (
+    Candidates,
+    Detections,
+    Dropped,
+    Features,
+    Regions,
+    Segmentation,
+)
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.frame import Frame, Image
 
@@ -44,7 +51,7 @@ def detections(index, rows=5, points=7, optional=True):
         np.zeros((0, 3), np.float32),
         np.zeros(0, np.float32),
         (0, 0),
-        left_out=index,
+        dropped=Dropped(index, 2, 3),
     )
     return Detections(seen, found, features)
 

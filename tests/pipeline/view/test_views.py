@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
@@ -20,7 +20,9 @@ import wayside.stages
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.view.candidates import candidate_words
 from wayside.pipeline.view.landmarks import rejection
+from wayside.pipeline.view.outlines import CURVES
 from wayside.pipeline.view.sinks import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
 from wayside.pipeline.view.views import (
@@ -28,7 +30,6 @@ from wayside.pipeline.view.views import (
     VIEWS,
     NoViewError,
     ViewState,
-    candidate_words,
     entities_of,
 )
 from wayside.pipeline.writing import PART
@@ -36,10 +37,19 @@ from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
+from wayside.schemas.signs import Sign
+from wayside.stages.georeference import DrivePath
+from wayside.stages.georeference.path import PathPoint
+
+from .everything import EVERYTHING
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 FRAMES, SHORT_S = 24, 2.0
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
+TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
+OUTLINES = "/world/vehicle/camera/outlines"
+AFTER_THE_DRIVE = {PathPoint, DrivePath, Landmark, Sign}
+"""Shown all at once, by `closing`."""
 EVERY_FRAME = (
     "/world/vehicle",
     "/world/vehicle/camera/image",
@@ -60,10 +70,10 @@ EVERY_FRAME = (
 TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
 
 
-def run(folder, viewing=None, workers=2, until_s=None):
+def run(folder, viewing=None, workers=2, until_s=None, preset="default"):
     rr.set_strict_mode(True)
     options = {"run.workers": workers} | ({} if until_s is None else {"read.until_s": until_s})
-    settings, _ = load_settings(options=options)
+    settings, _ = load_settings(preset, options=options)
     models = load_models(settings)
 
     def observer(report, part):
@@ -90,6 +100,15 @@ def chunks(recorded):
 
 
 @pytest.fixture(scope="module")
+def report_chunks(tmp_path_factory):
+    """The chain with shapes and SIFT, over two frames."""
+    folder = tmp_path_factory.mktemp("report")
+    result = run(folder, Viewing(file=True), until_s=TWO_FRAMES_S, preset=SHAPES_AND_SIFT)
+    assert result.view_faults == ()
+    return list(rr.chunk.RrdReader(str(folder / RECORDING)).stream())
+
+
+@pytest.fixture(scope="module")
 def rows(chunks):
     counted = Counter()
     for chunk in chunks:
@@ -109,14 +128,13 @@ def column(chunks, path, name):
 
 
 def stream_types():
-    """Every type that a stage takes or gives on a frame's way, from the annotations of the stages themselves.
+    """Every type that a stage takes or gives, from the annotations of the stages themselves.
 
-    What `georeference` makes after the last frame is shown all at once, by `closing`; the check of the calibration is a
-    note of the run.
+    The check of the calibration is a note of the run.
     """
     found = set()
     for module in pkgutil.walk_packages(wayside.stages.__path__, "wayside.stages."):
-        if module.name.startswith(("wayside.stages.georeference", "wayside.stages.calibration")):
+        if module.name.startswith("wayside.stages.calibration"):
             continue
         loaded = importlib.import_module(module.name)
         for name, function in inspect.getmembers(loaded, inspect.isgeneratorfunction):
@@ -133,8 +151,95 @@ def stream_types():
 
 
 def test_every_type_that_travels_has_a_view():
-    assert len(stream_types()) == 6
-    assert stream_types() - set(VIEWS) == set()
+    assert len(stream_types()) == 6 + len(AFTER_THE_DRIVE)
+    assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE
+
+
+def fields_of(kind):
+    return set(kind._fields if issubclass(kind, tuple) else (f.name for f in fields(kind)))
+
+
+def types_within(hint):
+    """Types of the project that an annotation names, inside of unions and containers."""
+    inner = [found for part in get_args(hint) for found in types_within(part)]
+    own = isinstance(hint, type) and hint.__module__.startswith("wayside.schemas")
+    return [*inner, hint] if own else inner
+
+
+def travelling_types():
+    """All that travels, and all types of the schemas inside it."""
+    found, waiting = set(), list(stream_types())
+    while waiting:
+        kind = waiting.pop()
+        if kind not in found:
+            found.add(kind)
+            for name, hint in get_type_hints(kind).items():
+                waiting += types_within(hint) if name in fields_of(kind) else []
+    return found
+
+
+def test_every_intermediate_of_the_flow_is_listed_with_its_view_or_a_reason():
+    assert {kind.__name__ for kind in travelling_types() ^ set(EVERYTHING)} == set()
+    for kind, listed in EVERYTHING.items():
+        assert set(listed) ^ fields_of(kind) == set(), kind.__name__
+
+
+def test_every_view_that_is_listed_holds_something(chunks, report_chunks):
+    filled = {path for path in filled_paths(chunks) | filled_paths(report_chunks)}
+    named = {told for listed in EVERYTHING.values() for told in listed.values()}
+    views = {told for told in named if not told.startswith("not: ")}
+    assert len(views) > 30
+    missing = {v for v in views if not any(f == v or f.startswith(f"{v}/") for f in filled)}
+    assert missing == set()
+
+
+def filled_paths(chunks):
+    """Entities with a component that has a value in some row; what only clears others is none."""
+    found = set()
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if ":" in name and not name.startswith("Clear"):
+                if any(batch.column(name).to_pylist()):
+                    found.add(chunk.entity_path)
+                    break
+    return found
+
+
+def test_outlines_are_shown_with_their_circle_ellipse_and_six_terms(report_chunks):
+    strips = {
+        name: column(report_chunks, f"{OUTLINES}/{name}", "LineStrips2D:strips")
+        for name in ("traced", *CURVES)
+    }
+    assert [len(frame) for frame in strips["traced"]] == [len(f) for f in strips["circle"]]
+    traced, curves = (np.array(strips[name][0]) for name in ("traced", "circle"))
+    spread = np.linalg.norm(curves - curves[:, :-1].mean(axis=1, keepdims=True), axis=2)
+    np.testing.assert_allclose(spread, spread[:, :1].repeat(spread.shape[1], axis=1), rtol=1e-3)
+    errors = [np.linalg.norm(np.array(strips[name][0]) - traced, axis=2).mean() for name in CURVES]
+    assert errors[0] > errors[1] > errors[2] > 0
+
+
+def test_points_matched_by_sift_are_shown_from_image_to_image(report_chunks):
+    strips = column(report_chunks, "/world/vehicle/camera/sift_matches", "LineStrips2D:strips")
+    ends = np.array([strip for frame in strips for strip in frame])
+    assert ends.shape[1:] == (2, 2)
+    assert np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)) < 100
+
+
+def test_the_windowed_adjustment_shows_its_residual_before_and_after(chunks):
+    before, after = (
+        np.array(column(chunks, f"/window_residuals/{name}", "Scalars:scalars"))[:, 0]
+        for name in ("before", "after")
+    )
+    assert len(before) == len(after) > 1
+    assert (after < before).all()
+
+
+def test_registered_views_look_alike(chunks, recorded):
+    first = recorded.inventory.sign_rows[0]["sign_id"]
+    words = column(chunks, f"/sign_panels/{first}/outlines", "LineStrips2D:labels")[0]
+    assert len(set(words)) > 1
+    assert all(float(word.rsplit(" ", 1)[1]) > 0.8 for word in words)
 
 
 def test_a_type_without_a_view_is_an_error():

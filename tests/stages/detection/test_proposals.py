@@ -1,3 +1,5 @@
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.feature_vectors import REGION_FEATURES
-from wayside.stages.detection.proposals import propose
+from wayside.stages.detection.proposals import bands, merge_regions, propose, propose_in_band
 from wayside.stages.detection.stacked_regions import with_stacks
 from wayside.stages.geometry import iou_matrix
 
@@ -93,13 +95,44 @@ def test_no_more_regions_than_asked_for():
 
 def test_regions_for_which_there_is_no_room_are_counted():
     (everything,) = propose(iter([segmented(road())]), settings=SETTINGS)
-    assert everything.left_out == 0
+    assert everything.dropped.left_out == 0
     (few,) = propose(iter([segmented(road())]), settings=CandidateSettings(most=9))
-    assert few.left_out == len(everything.regions) - 9
+    assert few.dropped.left_out == len(everything.regions) - 9
     fewest = CandidateSettings(most=9, most_compared=9)
     (fewer,) = propose(iter([segmented(road())]), settings=fewest)
     assert len(fewer.regions) == 9
-    assert fewer.left_out > 9
+    assert fewer.dropped.left_out > 9
+
+
+@pytest.mark.parametrize("most", [9, 4000])
+def test_every_region_has_a_row_or_is_counted_with_its_reason(most):
+    settings = CandidateSettings(most_compared=most, stack_rounds=0)
+    rgb = np.clip(road(), 0, 255).astype(np.uint8)
+    found = [propose_in_band(*band, settings) for band in bands(rgb, CAMERA, settings)]
+    boxes = np.array([[10, 10, 22, 22], [10, 10, 22, 23], [0, 0, 700, 9]], np.float32)
+    segments = Regions(
+        boxes, np.full(3, 90, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8)
+    )
+    regions, dropped = merge_regions(segments, found, settings)
+    unfit = 1 + sum(part.unfit for part in found)
+    assert dropped.size == unfit > 1
+    assert dropped.merged > 0
+    given = sum(len(part.regions) for part in found) + len(segments)
+    assert len(regions) + dropped.merged + dropped.left_out + 1 == given
+
+
+def test_stacks_that_no_face_has_the_size_of_are_counted():
+    boxes = np.array([[0, 0, 90, 12], [0, 13, 90, 25], [0, 26, 90, 38]], np.float32)
+    table = Regions(
+        boxes, np.full(3, 900, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8)
+    )
+    stacked, dropped = with_stacks(table, SETTINGS)
+    pairs = len(stacked) - len(table) + sum(dropped)
+    assert pairs == 2
+    narrow = dataclasses.replace(SETTINGS, widest_aspect=2.0)
+    same, dropped = with_stacks(table, narrow)
+    assert len(same) == len(table)
+    assert dropped == (2, 0, 0)
 
 
 def by_width(features=REGION_FEATURES):
@@ -169,7 +202,7 @@ def test_stripes_stand_in_for_the_striped_face():
         np.array([[200, 40, 40], [240, 240, 240], [200, 40, 40], [0, 0, 0]], np.float32),
         np.zeros(4, np.uint8),
     )
-    stacked = with_stacks(with_stacks(table, SETTINGS), SETTINGS)
+    stacked, _ = with_stacks(with_stacks(table, SETTINGS)[0], SETTINGS)
     assert iou_matrix(stacked.box, np.array([(100, 50, 113, 84)])).max() > 0.9
     row = int(iou_matrix(stacked.box, np.array([(100, 50, 112, 72)]))[:, 0].argmax())
     assert SOURCES[stacked.source[row]] == "stack"

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
+from wayside.schemas.measurement import Alignment, PanelView
 from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
-from wayside.stages.mapping.panel import Panel, box_rays
+from wayside.stages.mapping.panel import Panel, PanelMeasurement, box_rays
 from wayside.stages.mapping.tracker import track
 
 BEHIND = SideClassifiers()
+NO_PIXELS = np.zeros((1, 1, 3), np.float32)
+UNMOVED = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
 
 
 def seen_from_behind(frames, score, faces="score"):
@@ -55,7 +58,7 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
     panel, drive, monkeypatch, panel_method, outline, shape
 ):
     def measured(fit, window, offset, method, drift_rad):
-        return 3, Panel(
+        panel = Panel(
             fit.point,
             fit.frames[fit.used],
             box_rays(fit, window),
@@ -69,6 +72,7 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
             outline,
             0.1,
         )
+        return PanelMeasurement((PanelView(0, NO_PIXELS, UNMOVED),) * 3, None, panel)
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)

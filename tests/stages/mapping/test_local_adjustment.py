@@ -87,7 +87,7 @@ def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
                 np.eye(3), np.inf, AHEAD, np.array([0.01, 0.01]), True, float(length), 0.02
             )
             motion = replace(motion, pose=chained, step=measured, ties=ties, prior=prior)
-        frame = SimpleNamespace(camera=CAMERA)
+        frame = SimpleNamespace(camera=CAMERA, index=len(held))
         held.append(SimpleNamespace(frame=frame, motion=motion, focal=CAMERA.fx))
     return held, true
 
@@ -122,6 +122,18 @@ def adjusted(held, observed, point, settings=SETTINGS):
 
 def error_of(held, point):
     return held[-1].motion.pose.to_camera(point) - SIGN
+
+
+def test_the_residual_is_known_before_and_after_with_the_place():
+    held, true = drive(wrong_step=3)
+    observed = observed_by(true)
+    start = chained_place(held, observed)
+    found = adjusted(held, observed, start)
+    told = found.residual
+    assert (told.first_frame, told.last_frame) == (0, FRAMES - 1)
+    assert told.history_sigmas[0] > 2 * told.history_sigmas[-1]
+    np.testing.assert_array_equal(told.start, start)
+    np.testing.assert_array_equal(told.position, found.point)
 
 
 @pytest.mark.parametrize("wrong_step", [1, 3, 5])

@@ -60,6 +60,7 @@ def test_both_passes_agree_with_scipy_on_their_own_label_images():
         rows = np.column_stack([found.box, found.area_px, found.rgb.astype(float).round(2)])
         np.testing.assert_allclose(sorted(rows.tolist()), sorted(wanted), atol=0.011)
     assert result.region_count == total
+    assert result.dropped == (total - len(result.regions), 0, 0)
 
 
 def test_labels_are_nearest_colours_and_classes_of_the_distance_to_them():

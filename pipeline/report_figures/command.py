@@ -1,0 +1,91 @@
+"""All figures of the report on one drive, written as one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from wayside.pipeline.file_marks import is_marked
+from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
+from wayside.pipeline.report_figures.gather import PRESET, Drive, gather_drive, labels_beside
+from wayside.pipeline.report_figures.page import MARK, Figure, format_page
+from wayside.pipeline.report_figures.results import result_figures
+from wayside.pipeline.report_figures.segments import color_figures, segmentation_figures
+from wayside.pipeline.report_figures.shapes import shape_figures
+from wayside.pipeline.report_figures.tracks import (
+    board_figure,
+    residual_figure,
+    scene_figures,
+    track_figures,
+)
+from wayside.pipeline.writing import not_written, write_file
+
+PAGE = "report_figures.html"
+
+
+def write_figures(
+    log: Path,
+    folder: Path,
+    *,
+    labels: Path | None = None,
+    boards: list[Path] | None = None,
+    board: str | None = None,
+    assignments: list[str] | None = None,
+    overwrite: bool = False,
+) -> tuple[Path, list[Figure]]:
+    """Run the report's chain over a log with labels, and write the page; the page and its figures.
+
+    Parameters
+    ----------
+    log
+        The MCAP file.
+    folder
+        Where the page goes, made where it is missing.
+    labels
+        Of its images, in any format that is read; None: those that stand beside the log.
+    boards, board
+        Images of a chessboard and its inner corners (9x6), for figure 6.1.
+    assignments
+        Settings GROUP.NAME=VALUE.
+    overwrite
+        Replace a file of the user's; a page of before is replaced always.
+
+    Raises
+    ------
+    InputError, UsageError, StageError
+        As in `gather_drive` and `calibrate_images`.
+    OutputError
+        The page cannot be written.
+    """
+    page = folder / PAGE
+    drive = gather_drive(log, labels_beside(log) if labels is None else labels, assignments or [])
+    chapters = chapters_of(drive, boards or [], board)
+    figures = [figure for _, own in chapters for figure in own]
+    summary = (
+        f"Preset {PRESET} on {len(drive.frames)} images with {int(drive.faces.example.sum())} labelled views of signs. "
+        "What the report shows and says stands beside the same of this drive; shares have their 95 % interval."
+    )
+    content = format_page(log.stem, summary, chapters).encode()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_written(folder, error) from error
+    write_file(page, content, is_own=lambda path: is_marked(path, MARK), overwrite=overwrite)
+    return page, figures
+
+
+def chapters_of(
+    drive: Drive, boards: list[Path], board: str | None
+) -> list[tuple[str, list[Figure]]]:
+    """All figures by chapter."""
+    return [
+        ("2, 3.1 Segmentation", list(segmentation_figures(drive))),
+        ("3.2 Colour", list(color_figures(drive))),
+        ("4 Shape", list(shape_figures(drive))),
+        ("5 Trajectory", list(track_figures(drive))),
+        ("6 Calibration", [board_figure(boards, board)]),
+        ("7 Triangulation", [residual_figure(drive)]),
+        ("8 Adjustment", list(scene_figures(drive))),
+        ("9 Neyman-Pearson", list(neyman_pearson_figures(drive))),
+        ("10 ROC", list(roc_figures(drive))),
+        ("11 Results", list(result_figures(drive))),
+    ]

@@ -1,0 +1,213 @@
+"""What the figures are made of: a run of the report's chain over a drive with labels, and single images again."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.labels import FrameLabels, labels_by_frame, read_labels
+from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.model_files import Models, load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.roc.faces import Faces, labelled_faces
+from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.workers import Item
+from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Frame
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.models import GaussianModel
+from wayside.schemas.motion import Motion
+from wayside.schemas.settings import Settings
+from wayside.stages.classifiers import nearest_class
+from wayside.stages.imaging import decode
+from wayside.stages.report import fourier_descriptors, outlines_of
+from wayside.stages.segmentation import segment
+
+PRESET, SHAPE_PRESET = "report", "report-shape"
+"""The report's last chain, and the one with its shape classifier."""
+LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
+"""Endings of a log's labels beside it, in the order in which they are looked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceOutline:
+    """The outline of a region on a labelled face, and what the shape classifier makes of it.
+
+    face: row of `Faces`; sequence (samples,): u + iv in the image; named: nearest shape; accepted: within its distance.
+    """
+
+    frame: int
+    face: int
+    box: NDArray[np.float32]
+    sequence: NDArray[np.complex128]
+    named: str
+    accepted: bool
+    distance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One image again: rgb (height, width, 3), its segmentation, the difference image of the segmented rows."""
+
+    frame: int
+    segmentation: Segmentation
+
+    @property
+    def rgb(self) -> NDArray[np.uint8]:
+        """The image."""
+        rgb = self.segmentation.image.rgb
+        if rgb is None:
+            raise ValueError("wanted an image, found none")
+        return rgb
+
+    @property
+    def clustered(self) -> NDArray[np.uint8]:
+        """The image in the colours of the clusters of pass one; black where it was not segmented."""
+        one, shown = self.segmentation, np.zeros_like(self.rgb)
+        if one.labels is not None:
+            shown[one.rows[0] : one.rows[1]] = np.rint(one.palette).astype(np.uint8)[one.labels[0]]
+        return shown
+
+    @property
+    def difference(self) -> NDArray[np.float32]:
+        """Distance of each pixel to the colour of its cluster (chapter 2.3)."""
+        apart = self.rgb.astype(np.float32) - self.clustered
+        return np.asarray(np.sqrt((apart**2).sum(axis=2)), np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A drive that the report's chain has gone through.
+
+    samples: what each classifier was asked, by its name; frames: motion by frame; landmarks: all, with their verdicts;
+    regions: those of each frame that passed the size gate; outlines: of those that passed the colour gate and lie on a
+    face, in order of frames.
+    """
+
+    log: Path
+    settings: Settings
+    models: Models
+    labels: FrameLabels
+    faces: Faces
+    samples: dict[str, ClassifierSamples]
+    frames: dict[int, Motion] = field(repr=False)
+    landmarks: tuple[Landmark, ...] = field(repr=False)
+    regions: dict[int, Regions] = field(repr=False)
+    outlines: tuple[FaceOutline, ...] = field(repr=False)
+
+    @property
+    def signs(self) -> list[Landmark]:
+        """Landmarks that are reported."""
+        return [one for one in self.landmarks if one.verdict == "sign"]
+
+    def judge(self, sign: Landmark) -> int:
+        """Whether a landmark is `ON` a labelled face, `OFF` all, or `NEITHER`."""
+        return self.faces.label_views([(view.frame, view.box) for view in sign.views])
+
+    def images(self, wanted: Collection[int]) -> dict[int, NDArray[np.uint8]]:
+        """Images (height, width, 3) RGB of frames, read and decoded again."""
+        found = decode(self._frames(wanted))
+        return {one.frame.index: one.rgb for one in found if one.rgb is not None}
+
+    def scenes(self, wanted: Collection[int]) -> dict[int, Scene]:
+        """Images of frames, segmented again."""
+        s = self.settings
+        found = segment(decode(self._frames(wanted)), settings=s.segment, gate=s.gate)
+        return {one.frame.index: Scene(one.frame.index, one) for one in found if one.frame.used}
+
+    def _frames(self, wanted: Collection[int]) -> Iterator[Frame]:
+        read = read_frames(self.log, self.settings.read, ReadReport())
+        return (frame for frame in read if frame.index in wanted)
+
+
+class _Watch:
+    """Keeps what the stages make of each frame."""
+
+    def __init__(self, faces: Faces, shapes: GaussianModel) -> None:
+        self._faces, self._shapes = faces, shapes
+        self.outlines: list[FaceOutline] = []
+        self.frames: dict[int, Motion] = {}
+        self.landmarks: list[Landmark] = []
+        self.regions: dict[int, Regions] = {}
+
+    def see(self, stage: str, item: Item) -> None:
+        """Take note of the outlines on faces, and of a frame whose candidates are all decided."""
+        if stage == "color" and isinstance(item, Detections):
+            self.outlines.extend(self._outlines_on_faces(item))
+        if stage == "assemble" and isinstance(item, TrackedFrame) and item.motion is not None:
+            self.frames[item.frame.index] = item.motion
+            self.landmarks.extend(item.landmarks)
+            self.regions[item.frame.index] = item.candidates.regions
+
+    def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
+        rows = item.candidates.open_rows()
+        regions, frame = item.candidates.regions.select(rows), item.frame.index
+        label, face = self._faces.label_regions(frame, regions.box)
+        on = np.flatnonzero(label == ON)
+        regions, face = regions.select(on), face[on]
+        outlines = outlines_of(item.segmentation, regions)
+        features = fourier_descriptors(outlines)
+        code, distance, accepted = nearest_class(features, self._shapes, SHAPES)
+        for i in np.flatnonzero(code >= 0):
+            yield FaceOutline(
+                frame,
+                int(face[i]),
+                regions.box[i],
+                outlines[i] + 1j * item.segmentation.rows[0],
+                SHAPES[code[i]],
+                bool(accepted[i]),
+                float(distance[i]),
+            )
+
+
+def labels_beside(log: Path) -> Path:
+    """The file of labels that stands beside a log; raises InputError where there is none."""
+    for ending in LABELS_BESIDE:
+        path = log.with_name(log.stem + ending)
+        if path.is_file():
+            return path
+    names = ", ".join(log.stem + ending for ending in LABELS_BESIDE)
+    raise InputError(
+        f"{log}: wanted labels of its images beside it ({names}), found none; the figures compare with them: give "
+        "them with --labels, see docs/labels.md"
+    )
+
+
+def gather_drive(log: Path, labels_file: Path, assignments: list[str]) -> Drive:
+    """Run the report's chain over a log, and keep what the figures show.
+
+    Raises
+    ------
+    InputError
+        The log or its labels cannot be used.
+    UsageError
+        A setting is wrong.
+    """
+    settings, _ = load_settings(PRESET, None, assignments)
+    models, labels = load_models(settings), read_labels(labels_file)
+    shapes = load_models(load_settings(SHAPE_PRESET, None, assignments)[0]).shape_classes
+    if shapes is None:
+        raise InputError(f"models: wanted the shape classes of {SHAPE_PRESET}, found none")
+    times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}
+    found = labels_by_frame(labels, log.stem, times)
+    faces = labelled_faces(found)
+    watch = _Watch(faces, shapes)
+    samples = gather_samples(log, labels, settings, models, also=watch)
+    return Drive(
+        log,
+        settings,
+        models,
+        found,
+        faces,
+        samples,
+        watch.frames,
+        tuple(watch.landmarks),
+        watch.regions,
+        tuple(sorted(watch.outlines, key=lambda one: (one.frame, one.face, one.box.tolist()))),
+    )
