@@ -1,6 +1,6 @@
 """Thresholds of the report's gates, and where signs stand, from what the gates are asked about on labelled drives.
 
-    .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o FOLDER
+    .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
 Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes are those of `make
 learn`; the thresholds of colours that it finds against candidates of preset `default` are replaced. Shapes keep theirs,
@@ -23,7 +23,7 @@ from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import REPORT_LOCATION, Models, load_models
 from wayside.pipeline.roc.operating import with_learned_thresholds
 from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
-from wayside.pipeline.settings_file import PRESETS, load_settings
+from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_to_json
@@ -36,6 +36,9 @@ KANSAS_MEAN = (3.121, 0.603)
 
 OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
+
+SPACING_M = 8.0
+"""Distance between the images of drives without poses."""
 
 FEWEST = 5
 """A component of fewer signs is not learned."""
@@ -139,17 +142,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     given = parser.parse_args(arguments)
     learned: dict[str, GaussianModel] = {}
+    given.out.mkdir(parents=True, exist_ok=True)
     # in the report's last chain no shape is asked about
-    for preset in (name for name in ("report-shape", "report") if name in PRESETS):
-        drives = []
-        for log in given.logs:
-            labels = read_labels(log.with_suffix(".truth.json"))
-            settings, _ = load_settings(preset)
-            drives.append(gather_samples(log, labels, settings, load_models(settings)))
-        found = learn_gates(join_drives(drives), load_models(load_settings(preset)[0]))
+    for preset in ("report-shape", "report"):
+        settings, _ = load_settings(preset, None, [], {"models.folder": str(given.out)})
+        settings = replace(settings, read=replace(settings.read, spacing_m=SPACING_M))
+        models = load_models(settings)
+        drives = [
+            gather_samples(log, read_labels(log.with_suffix(".truth.json")), settings, models)
+            for log in given.logs
+        ]
+        found = learn_gates(join_drives(drives), models)
         wanted = {"shape.json"} if preset == "report-shape" else set(found)
         learned |= {name: model for name, model in found.items() if name in wanted}
-    given.out.mkdir(parents=True, exist_ok=True)
     for name, model in learned.items():
         write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0
