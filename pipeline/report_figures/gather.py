@@ -21,7 +21,7 @@ from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.schemas.models import GaussianModel
+from wayside.schemas.models import GaussianModel, MixtureModel
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import Settings
 from wayside.stages.classifiers import nearest_class
@@ -29,7 +29,7 @@ from wayside.stages.imaging import decode
 from wayside.stages.report import fourier_descriptors, outlines_of
 from wayside.stages.segmentation import segment
 
-PRESET, SHAPE_PRESET = "report", "report-shape"
+PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
@@ -100,6 +100,7 @@ class Drive:
     landmarks: tuple[Landmark, ...] = field(repr=False)
     regions: dict[int, Regions] = field(repr=False)
     outlines: tuple[FaceOutline, ...] = field(repr=False)
+    density: MixtureModel
 
     @property
     def signs(self) -> list[Landmark]:
@@ -194,6 +195,9 @@ def gather_drive(log: Path, labels_file: Path, assignments: list[str]) -> Drive:
     shapes = load_models(load_settings(SHAPE_PRESET, None, assignments)[0]).shape_classes
     if shapes is None:
         raise InputError(f"models: wanted the shape classes of {SHAPE_PRESET}, found none")
+    density = load_models(load_settings(TRAJECTORY_PRESET, None, assignments)[0]).trajectory_density
+    if density is None:
+        raise InputError(f"models: wanted the trajectories of {TRAJECTORY_PRESET}, found none")
     times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}
     found = labels_by_frame(labels, log.stem, times)
     faces = labelled_faces(found)
@@ -210,4 +214,5 @@ def gather_drive(log: Path, labels_file: Path, assignments: list[str]) -> Drive:
         tuple(watch.landmarks),
         watch.regions,
         tuple(sorted(watch.outlines, key=lambda one: (one.frame, one.face, one.box.tolist()))),
+        density,
     )

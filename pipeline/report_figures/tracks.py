@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,11 +15,13 @@ from wayside.pipeline.calibration.coverage import draw_coverage
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut
 from wayside.pipeline.report_figures.gather import Drive
+from wayside.pipeline.report_figures.numbers import share_words
 from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings.calibration import BoardSettings
+from wayside.stages.report import mean_log_density
 
 FEET = 0.3048
 _JUDGED = {ON: "yes", OFF: "no", NEITHER: "not known"}
@@ -39,12 +42,7 @@ def track_figures(drive: Drive) -> Iterator[Figure]:
         yield Figure("5.2", title, report, needs="a sign that is followed over several images")
     else:
         yield _track(drive, longest, title, report)
-    yield Figure(
-        "5.3, 5.4",
-        "segments before and after the trajectory classifier",
-        'typically all false segments are removed, except on curves: "typically all" colour false positives',
-        needs="the classifier of trajectories among the samples that the run gathers",
-    )
+    yield _trajectories(drive)
 
 
 def board_figure(boards: list[Path], board: str | None) -> Figure:
@@ -74,6 +72,39 @@ def board_figure(boards: list[Path], board: str | None) -> Figure:
             ),
         ),
     )
+
+
+def _trajectories(drive: Drive) -> Figure:
+    """Figures 5.3 and 5.4: one image with all tracks on it, and with those that move as signs do."""
+    title = "segments before and after the trajectory classifier"
+    report = 'typically all false segments are removed, except on curves: "typically all" colour false positives'
+    asked = [one for one in drive.landmarks if one.verdict in ("sign", "location", "duplicate")]
+    if not asked:
+        return Figure("5.3, 5.4", title, report, needs="tracks of candidates that pass the colours")
+    typical = [
+        mean_log_density(one.trajectory, drive.density) >= drive.density.threshold for one in asked
+    ]
+    words = []
+    for what, label in (("tracks on signs kept", ON), ("others removed", OFF)):
+        own = [
+            keeps == (label == ON)
+            for one, keeps in zip(asked, typical, strict=True)
+            if drive.judge(one) == label
+        ]
+        words.append(f"{what} {share_words(sum(own), len(own))}")
+    counts = Counter(view.frame for one in asked for view in one.views)
+    frame = max(counts, key=lambda k: (counts[k], -k))
+    rgb = drive.images({frame})[frame]
+    pages = []
+    for shown in ([True] * len(asked), typical):
+        boxes = [
+            view.box
+            for one, is_shown in zip(asked, shown, strict=True)
+            for view in one.views
+            if is_shown and view.frame == frame
+        ]
+        pages.append(photo(boxed(rgb, boxes, SIGN_INK), f"image {frame}: {len(boxes)} segments"))
+    return Figure("5.3, 5.4", title, report, "; ".join(words), tuple(pages))
 
 
 def residual_figure(drive: Drive) -> Figure:

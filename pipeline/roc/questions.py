@@ -84,9 +84,13 @@ def _questions_of(
     elif classifier == "confidence":
         yield question(ALL, own.values[:, 0], settings.locate.confidence, "probability")
     else:
-        tree = models.box_classifier if classifier == "detector" else models.landmark_classifier
+        learned, unit = {
+            "detector": (models.box_classifier, "log odds"),
+            "landmark": (models.landmark_classifier, "log odds"),
+            "trajectory": (models.trajectory_density, "mean log density"),
+        }[classifier]
         yield question(
-            ALL, own.values[:, 0], np.nan if tree is None else tree.threshold, "log odds"
+            ALL, own.values[:, 0], np.nan if learned is None else learned.threshold, unit
         )
 
 

@@ -28,7 +28,8 @@ from wayside.schemas.labels import Labels
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.settings import GateSettings, Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.report import region_descriptors
+from wayside.stages.mapping import VERDICT_OF_TERM
+from wayside.stages.report import mean_log_density, region_descriptors
 from wayside.stages.segmentation import regions_before_gate
 
 _LABELS = 3
@@ -167,6 +168,7 @@ class _Collector:
             "shape": self._shape,
             "detect": self._boxes,
             "track": self._tracked,
+            "trajectory": self._moved,
             "location": self._located,
         }
 
@@ -301,7 +303,7 @@ class _Collector:
         asked = [
             one
             for one in frame.landmarks
-            if not one.back and one.features and one.verdict in ("sign", "place_score")
+            if not one.back and one.features and one.verdict in ("sign", *VERDICT_OF_TERM.values())
         ]
         if asked and self._models.color_classes is None:
             accepted = [one.verdict == "sign" for one in asked]
@@ -310,14 +312,19 @@ class _Collector:
                 self._landmarks(asked, "log_odds", [(o.score,) for o in asked], accepted),
             )
 
+    def _moved(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
+        """Landmarks that were signs but for their trajectory."""
+        density = self._models.trajectory_density
+        asked = [one for one in frame.landmarks if one.verdict in ("sign", "trajectory")]
+        if asked and density is not None:
+            values = [(mean_log_density(one.trajectory, density),) for one in asked]
+            accepted = [one.verdict == "sign" for one in asked]
+            yield "trajectory", self._landmarks(asked, "log_density", values, accepted)
+
     def _located(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
-        """Landmarks of faces that were signs but for their location, which came before their size."""
-        asked = [
-            one
-            for one in frame.landmarks
-            if not one.back and one.verdict in ("sign", "location", "panel_size")
-        ]
-        if asked:
+        """Landmarks that were signs but for their location; in preset `default` that is a term of the evidence."""
+        asked = [one for one in frame.landmarks if one.verdict in ("sign", "location")]
+        if asked and self._models.color_classes is not None:
             places = [(one.right_m, one.above_m) for one in asked]
             accepted = [one.verdict != "location" for one in asked]
             yield "location", self._landmarks(asked, "right_up_m", places, accepted)

@@ -8,7 +8,7 @@ from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifie
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import track
-from wayside.stages.mapping.verdicts import VerdictRevision
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, VerdictRevision
 from wayside.stages.mapping.view_scores import score_by_views
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -19,6 +19,7 @@ from wayside.stages.mapping.window import (
 
 __all__ = [
     "FEATURES",
+    "VERDICT_OF_TERM",
     "AssociationGates",
     "LandmarkClassifier",
     "LandmarkFit",

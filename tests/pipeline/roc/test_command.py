@@ -150,7 +150,7 @@ def test_labels_of_another_log_are_refused_with_what_to_do(models):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["report", "default"])
+@pytest.mark.parametrize("preset", ["report-2d", "report", "default"])
 def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     settings = load_settings(preset, None, ["read.until_s=3"])[0]
     labels = read_labels(DEMO.with_suffix(".truth.json"))
@@ -160,14 +160,15 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
         used = replace(used, location_classes=used.location_classes.at_alpha(1.0))
     found = gather_samples(DEMO, labels, settings, used)
     wanted = {
+        "report-2d": {"size", "color", "trajectory"},
         "report": {"size", "color", "location"},
-        "default": {"detector", "landmark", "location", "confidence"},
+        "default": {"detector", "landmark", "confidence"},
     }
-    assert wanted[preset] <= found.keys()
+    assert wanted[preset] == found.keys()
     for own in found.values():
         assert (np.diff(own.frame) >= 0).all()
         assert set(own.drive.tolist()) == {"demo"}
-    if preset == "report":
+    if preset != "default":
         size, color = found["size"], found["color"]
         assert size.count[size.accepted].sum() == len(color)
         assert {"green", "yellow"} & set(color.kind[color.label == ON].tolist())
