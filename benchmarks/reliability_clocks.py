@@ -63,22 +63,26 @@ def run_attack(log: Path, out: Path, options: Sequence[str]) -> Outcome:
         return Outcome(done.returncode, 0, 0, 0, 0, float("nan"), tuple(words[-1:]))
     about = json.loads((out / "run.json").read_text())
     count = about["accounting"]
-    rows = pq.read_table(out / "signs.parquet").num_rows
+    rows = len(reported(out, ["status"]))
     said = (*about["notes"], *count["lost"])
     return Outcome(
         done.returncode, count["frames_read"], count["used"], rows, 0, float("nan"), said
     )
 
 
+def reported(out: Path, columns: list[str]) -> list[dict[str, Any]]:
+    """Rows of the signs that a run reports; those of status uncertain are for a person to look at."""
+    rows = pq.read_table(out / "signs.parquet", columns=columns).to_pylist()
+    return [row for row in rows if row["status"] != "uncertain"]
+
+
 def compare(out: Path, reference: Path) -> tuple[int, float]:
-    """Signs that are also in the reference (nearest by station, same status), and the largest distance, metres.
+    """Signs that are also in the reference (nearest by station), and the largest distance, metres.
 
     Distances are along and beside the path, relative to the sign before, so that another origin is no error.
     """
     columns = ["station_m", "lateral_m", "up_m", "status"]
-    a, b = (
-        pq.read_table(p / "signs.parquet", columns=columns).to_pylist() for p in (out, reference)
-    )
+    a, b = (reported(folder, columns) for folder in (out, reference))
     if not a or not b:
         return 0, float("nan")
 

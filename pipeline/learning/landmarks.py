@@ -248,12 +248,21 @@ class KnownPanels:
                 if back or sign["faces_travel"]:
                     entry = (sign["id"], back, tuple(view["box"]))
                     boxes.setdefault(view["frame"], []).append(entry)
-        centres = {sign["id"]: np.array(sign["centre"], np.float64) for sign in truth["signs"]}
+        centres = {
+            sign["id"]: np.array(sign["centre"], np.float64)
+            for sign in truth["signs"]
+            if "centre" in sign
+        }
         poses = {frame["index"]: camera_pose(frame) for frame in truth["frames"]}
         return cls(boxes, centres, poses)
 
     def stands_at(self, landmark: Landmark, sign: int) -> bool:
-        """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them."""
+        """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them.
+
+        Of a sign without a position its boxes alone tell.
+        """
+        if sign not in self.centres:
+            return True
         rotation, origin = self.poses[landmark.best_frame]
         actual = (self.centres[sign] - origin) @ rotation
         return bool(np.isfinite(match_distance(landmark.position - actual, actual)))
