@@ -14,7 +14,7 @@ from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_exporting as exporting
 from wayside.pipeline import cli_fitting as fitting
-from wayside.pipeline import cli_joining as joining
+from wayside.pipeline import cli_importing as importing
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_report_figures as figures
@@ -28,7 +28,7 @@ from wayside.pipeline.process import (
     report_error,
     silence_standard_streams,
 )
-from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.pipeline.visible_text import visible_lines
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import (
     INTERRUPTED,
@@ -282,36 +282,6 @@ def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file."
     typer.echo(visible_lines(format_information(describe_log(log))))
 
 
-@app.command(
-    "import",
-    epilog="Example: `wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap`",
-)
-def import_(
-    images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
-    ],
-    calibration: Annotated[
-        Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
-    ],
-    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
-    overwrite: viewer.Overwrite = False,
-) -> None:
-    """Make a log of numbered images."""
-    from wayside.pipeline.importing import import_images
-    from wayside.pipeline.lengths import parse_spacing
-
-    count = import_images(
-        images,
-        calibration,
-        parse_spacing(spacing),
-        out,
-        overwrite=overwrite,
-        warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
-    )
-    typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
-
-
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
 def evaluate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")],
@@ -360,7 +330,8 @@ app.command(
     epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
     "`wayside evidence out --log /archive/drive.mcap`"
 )(viewer.evidence)
-app.command(epilog=joining.JOIN_EPILOG)(joining.join)
+app.command("import", epilog=importing.IMPORT_EPILOG)(importing.import_)
+app.command(epilog=importing.JOIN_EPILOG)(importing.join)
 app.command(epilog=planning.SIMULATE_EPILOG)(planning.simulate)
 app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)

@@ -1,4 +1,4 @@
-"""The command that makes one log of several parts or of ROS bags. Heavy imports stand inside."""
+"""The commands that make a log: of images, of parts or of ROS bags. Heavy imports stand inside."""
 
 from __future__ import annotations
 
@@ -12,10 +12,37 @@ from wayside.pipeline.cli_viewing import Overwrite
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST
 
+IMPORT_EPILOG = "Example: `wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap`"
 JOIN_EPILOG = (
     "Examples: `wayside join bag/ -o drive.mcap` · `wayside join day_0.mcap day_1.mcap -o day.mcap` · "
     "`wayside join old.bag -o drive.mcap`"
 )
+
+
+def import_(
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
+    ],
+    calibration: Annotated[
+        Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
+    ],
+    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a log of numbered images."""
+    from wayside.pipeline.importing import import_images
+    from wayside.pipeline.lengths import parse_spacing
+
+    count = import_images(
+        images,
+        calibration,
+        parse_spacing(spacing),
+        out,
+        overwrite=overwrite,
+        warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
+    )
+    typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
 
 
 def join(
