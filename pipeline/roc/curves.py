@@ -147,11 +147,6 @@ def area_under(fpr: NDArray[np.float64], tpr: NDArray[np.float64]) -> NDArray[np
     return area + (1 - fpr[..., -1]) * (1 + tpr[..., -1]) / 2
 
 
-def row_at_alpha(fpr: NDArray[np.float64], alpha: float) -> int:
-    """Row of the loosest threshold with a false positive rate of at most `alpha` (Neyman and Pearson, chapter 9)."""
-    return int(np.searchsorted(fpr, alpha, side="right")) - 1
-
-
 def resampled_groups(
     drive: NDArray[np.str_], frame: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], str]:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu, norm
 
-from wayside.pipeline.roc.curves import Scores, resampled_groups, roc_curve, row_at_alpha
+from wayside.pipeline.roc.curves import Scores, resampled_groups, roc_curve
 
 
 def scores(on, off, *, below=False, groups=4):
@@ -112,10 +112,3 @@ def test_one_drive_is_resampled_by_stretches_and_several_by_drive():
     assert (group.tolist(), what) == ([0, 0, 1, 2], "stretch")
     group, what = resampled_groups(np.array(["b", "a", "b", "a"]), frame)
     assert (group.tolist(), what) == ([1, 0, 1, 0], "drive")
-
-
-def test_the_row_of_a_false_alarm_rate_is_the_loosest_that_keeps_to_it():
-    fpr = np.array([0.0, 0.01, 0.05, 0.05, 0.2])
-    assert row_at_alpha(fpr, 0.05) == 3
-    assert row_at_alpha(fpr, 0.04) == 1
-    assert row_at_alpha(fpr, 0.0) == 0
