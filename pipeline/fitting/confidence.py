@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit
 
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.schemas.errors import InputError
@@ -85,24 +87,17 @@ def calibrated(
     """Slope and shift of log odds (n,) of the largest posterior probability: logistic likelihood, normal priors."""
     columns = np.stack([score, np.ones(len(score))], axis=1)
     expected = np.array([1.0, 0.0])
-    precision = np.diag([settings.slope_sigma**-2, settings.shift_sigma**-2])
-    found = expected.copy()
-    for _ in range(50):  # Newton's method; the posterior has one maximum
-        probability = _probability(columns @ found)
-        gradient = columns.T @ (on - probability) - precision @ (found - expected)
-        weight = probability * (1 - probability)
-        step = np.linalg.solve((columns * weight[:, None]).T @ columns + precision, gradient)
-        # a full step may overshoot where the scores are far off; half steps end at the same maximum
-        while _posterior(found + step, columns, on, expected, precision) < _posterior(
-            found, columns, on, expected, precision
-        ):
-            step = step / 2
-            if np.abs(step).max() < 1e-12:
-                break
-        found = found + step
-        if np.abs(step).max() < 1e-10:
-            break
-    return float(found[0]), float(found[1])
+    precision = np.array([settings.slope_sigma, settings.shift_sigma]) ** -2.0
+
+    def cost(found: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        odds, gap = columns @ found, found - expected
+        value = len(on) * log_loss(odds, on) if len(on) else 0.0
+        return value + 0.5 * float(precision @ gap**2), columns.T @ (
+            expit(odds) - on
+        ) + precision * gap
+
+    slope, shift = minimize(cost, expected, jac=True, method="BFGS", options={"gtol": 1e-7}).x
+    return float(slope), float(shift)
 
 
 def log_loss(score: NDArray[np.float64], on: NDArray[np.bool_]) -> float:
@@ -112,20 +107,4 @@ def log_loss(score: NDArray[np.float64], on: NDArray[np.bool_]) -> float:
 
 def brier_score(score: NDArray[np.float64], on: NDArray[np.bool_]) -> float:
     """Mean squared error of the probabilities of log odds (n,)."""
-    return float(((_probability(score) - on) ** 2).mean())
-
-
-def _probability(score: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(1 / (1 + np.exp(-np.clip(score, -60, 60))))
-
-
-def _posterior(
-    found: NDArray[np.float64],
-    columns: NDArray[np.float64],
-    on: NDArray[np.bool_],
-    expected: NDArray[np.float64],
-    precision: NDArray[np.float64],
-) -> float:
-    gap, score = found - expected, columns @ found
-    loss = float(np.logaddexp(0, np.where(on, -score, score)).sum())
-    return -loss - 0.5 * float(gap @ precision @ gap)
+    return float(((expit(score) - on) ** 2).mean())
