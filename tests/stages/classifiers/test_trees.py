@@ -73,7 +73,7 @@ def test_exported_trees_give_the_scores_of_scikit_learn():
     assert isinstance(read, TreeModel)
     fresh = rng.normal(size=(400, 5)).astype(np.float32)
     for one in (model, read):
-        assert log_odds(one, fresh) == pytest.approx(fitted.decision_function(fresh), abs=1e-4)
+        assert log_odds(one, fresh) == pytest.approx(fitted.log_odds(fresh), abs=1e-4)
 
 
 def test_a_prefilter_survives_the_way_through_text():
