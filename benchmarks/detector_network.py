@@ -37,7 +37,7 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.frame import USED, Camera, Frame
-from wayside.stages.detection import DetectionNetwork
+from wayside.stages.detection import DetectionNetwork, boxes_of_maps
 from wayside.stages.geometry import covered_fractions, iou_matrix
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -118,7 +118,9 @@ def _frames(images: Sequence[LabelledImage]) -> Iterator[Frame]:
 def network_boxes(network: DetectionNetwork, images: Sequence[LabelledImage]) -> Iterator[Found]:
     """What the network finds from the front."""
     for image in images:
-        found = network.boxes(image.rgb, LEAST_SCORE, MOST, SAME_IOU)
+        found = boxes_of_maps(
+            network.maps(image.rgb), image.rgb.shape[:2], LEAST_SCORE, MOST, SAME_IOU
+        )
         front = ~found.is_back
         yield Found(found.box[front], found.score[front])
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -25,24 +24,27 @@ from wayside.pipeline.learning import trajectories
 from wayside.pipeline.learning.backs import learn_back_classifier
 from wayside.pipeline.learning.camera_augmentation import through_other_cameras
 from wayside.pipeline.learning.detector import learn_detector
+from wayside.pipeline.learning.detector_images import LabelledImage
 from wayside.pipeline.learning.face_naming import learn_name_network
-from wayside.pipeline.learning.faces import FaceSample, real_faces
+from wayside.pipeline.learning.faces import FaceSample
 from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
 from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
 from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
     CandidateSamples,
     TrainingDrive,
+    for_each,
     read_box_features,
     read_drive,
     read_patches,
     read_truth,
 )
 from wayside.pipeline.learning.scenes import (
-    read_scenes,
+    as_images,
+    labelled_images,
+    real_faces,
+    real_sources,
     scene_drive,
-    scene_images,
-    scene_sources,
 )
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -65,8 +67,11 @@ BACKGROUND_OVERLAP = 0.05
 LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
 """Every image; positions come from the truth, and the spacing is for logs without any poses."""
 
-SCENE_COPIES = 3
-"""Copies of each real image, mostly altered: there are few."""
+EVERY = 2
+"""Every n-th image of a rendered drive: neighbours are much alike."""
+
+FACE_SOURCES = ("scenes/jd", "scenes/mi")
+"""Sources whose faces are samples for the classes of the report: others show one camera, or few kinds of signs."""
 
 REPORT_IMAGE = (1600, 1200)
 """Width and height of the images of the report, in pixels."""
@@ -104,26 +109,31 @@ def gather(
     logs: Sequence[Path], real: Path | None, settings: Settings, seed: int, notify: Notify
 ) -> TrainingData:
     """Go through all drives and real images; raises InputError where one cannot be used."""
-    drives: list[TrainingDrive] = []
     reread: dict[str, Callable[[], Iterator[Image]]] = {}
-    for log in logs:
+
+    def rendered(log: Path) -> TrainingDrive:
         truth = read_truth(log.with_suffix(".truth.json"))
-        name = truth["name"]
-        reread[name] = partial(_shown, log, seed)
-        masks = log.with_suffix(".masks")
-        drives.append(read_drive(images(log), reread[name](), truth, masks, settings))
+        again = reread[truth["name"]] = partial(_shown, log, seed)
+        drive = read_drive(images(log, EVERY), again(), truth, log.with_suffix(".masks"), settings)
         notify(
-            f"{log.stem}: {drives[-1].frames} images, {len(drives[-1].faces)} clear faces, "
-            f"{len(drives[-1].candidates.frame)} candidates"
+            f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces, "
+            f"{len(drive.candidates.frame)} candidates"
         )
-    scenes: list[TrainingDrive] = []
-    if real is not None:
-        for source, listed in scene_sources(read_scenes(real)).items():
-            reread[source] = partial(_shown_scenes, real, SCENE_COPIES * listed, seed)
-            scenes.append(scene_drive(reread[source](), source, SCENE_COPIES * listed, settings))
-            notify(f"{source}: {scenes[-1].frames} images, {len(scenes[-1].signs)} faces")
-    crops = () if real is None else tuple(real_faces(real))
-    return TrainingData(tuple(drives), tuple(scenes), crops, reread)
+        return drive
+
+    def recorded(source: tuple[str, list[LabelledImage]]) -> TrainingDrive:
+        name, labelled = source
+        again = reread[name] = partial(_shown_scenes, labelled, seed)
+        drive = scene_drive(again(), name, labelled, settings)
+        notify(f"{name}: {drive.frames} images, {len(drive.signs)} faces")
+        return drive
+
+    drives = for_each(rendered, logs)
+    sources = real_sources(real) if real else {}
+    shown = {name: labelled_images(read) for name, read in sources.items()}
+    scenes = for_each(recorded, shown.items())
+    crops = (face for name in FACE_SOURCES for face in real_faces(shown.get(name, ())))
+    return TrainingData(tuple(drives), tuple(scenes), tuple(crops), reread)
 
 
 def learning_logs(folder: Path) -> list[Path]:
@@ -179,19 +189,19 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
             )
         except InputError as error:
             notify(f"face_{what}.json not written, the model that ships is used: {error}")
-    try:
-        models["outline.json"] = learn_outlines(outline_choices(logs, seed), origin)
-    except InputError as error:
-        notify(f"outline.json not written, the model that ships is used: {error}")
     digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
-    try:
-        motions = trajectories.learn(logs, str(out), PROCESSES, notify)
-    except InputError as error:
-        notify(f"trajectory.json not written, the model that ships is used: {error}")
-        return digests
-    return digests | {
-        name: write_model(out / name, model, notify) for name, model in motions.items()
+    further: dict[str, Callable[[], Mapping[str, Model]]] = {
+        "outline.json": lambda: {
+            "outline.json": learn_outlines(outline_choices(logs, seed), origin)
+        },
+        "trajectory.json": lambda: trajectories.learn(logs, str(out), PROCESSES, notify),
     }
+    for name, learned in further.items():
+        try:
+            digests |= {n: write_model(out / n, model, notify) for n, model in learned().items()}
+        except InputError as error:
+            notify(f"{name} not written, the model that ships is used: {error}")
+    return digests
 
 
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
@@ -227,19 +237,20 @@ def gaussian_models(
     }
 
 
-def images(log: Path) -> Iterator[Image]:
-    """Every image of a log, decoded, in order."""
-    return decode(read_frames(log, LEARN_READ, ReadReport()))
+def images(log: Path, every: int = 1) -> Iterator[Image]:
+    """Every n-th image of a log, decoded, in order."""
+    frames = read_frames(log, LEARN_READ, ReadReport())
+    return decode(frame for frame in frames if frame.index % every == 0)
 
 
 def _shown(log: Path, seed: int) -> Iterator[Image]:
     """The images of a log as the detector is learned with them."""
-    return through_other_cameras(images(log), seed)
+    return through_other_cameras(images(log, EVERY), seed)
 
 
-def _shown_scenes(folder: Path, scenes: list[dict[str, Any]], seed: int) -> Iterator[Image]:
+def _shown_scenes(labelled: Sequence[LabelledImage], seed: int) -> Iterator[Image]:
     """Real images as the detector is learned with them."""
-    return through_other_cameras(scene_images(folder, scenes), seed)
+    return through_other_cameras(as_images(labelled), seed)
 
 
 def _origin(drives: Sequence[TrainingDrive], crops: Sequence[FaceSample], seed: int) -> str:

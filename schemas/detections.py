@@ -266,7 +266,8 @@ class Segmentation:
     palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
     pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
     those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); dropped: regions that are
-    not in the table; region_count: regions of both passes before any was dropped.
+    not in the table; region_count: regions of both passes before any was dropped; network_score (regions,) float32: log
+    odds by the detection network that a face has its middle where the region has it (None without a network).
     """
 
     image: Image
@@ -277,6 +278,7 @@ class Segmentation:
     rows: tuple[int, int]
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
     dropped: Dropped = NOTHING_DROPPED
+    network_score: NDArray[np.float32] | None = None
 
     @property
     def frame(self) -> Frame:

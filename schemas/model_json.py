@@ -11,6 +11,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +28,7 @@ from wayside.schemas.models import (
     MixtureModel,
     Model,
     NetworkModel,
+    NetworkSum,
     OperatingPoint,
     TreeModel,
 )
@@ -96,6 +98,8 @@ def model_to_json(model: Model) -> str:
             name: None if part is None else json.loads(model_to_json(part))
             for name, part in parts.items()
         }
+        if model.with_network is not None:
+            body["with_network"] = asdict(model.with_network)
         body |= {
             "features": list(model.features),
             "bias": model.bias,
@@ -232,7 +236,14 @@ def _trees_of(data: dict[str, Any], name: str) -> TreeModel:
         _part_of(TreeModel, data.get("gate"), name),
         _part_of(NetworkModel, data.get("network"), name),
         _part_of(ConvolutionModel, data.get("closer"), name),
+        _network_sum_of(data.get("with_network")),
     )
+
+
+def _network_sum_of(data: dict[str, Any] | None) -> NetworkSum | None:
+    if data is None:
+        return None
+    return NetworkSum(*(_finite(data[f.name], f.name) for f in fields(NetworkSum)))
 
 
 def _part_of(kind: type[Part], data: dict[str, Any] | None, name: str) -> Part | None:

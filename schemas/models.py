@@ -127,6 +127,19 @@ class MixtureModel:
 
 
 @dataclass(frozen=True, slots=True)
+class NetworkSum:
+    """What a box scores by the box classifier and by the detection network together.
+
+    own * (log odds by the classifier) + network * (log odds by the network at the middle of the box) + shift. The shift
+    is such that both are accepted at one threshold.
+    """
+
+    own: float
+    network: float
+    shift: float
+
+
+@dataclass(frozen=True, slots=True)
 class TreeModel:
     """Boosted binary trees over named features; the sum over trees plus `bias` is a log odds.
 
@@ -134,7 +147,8 @@ class TreeModel:
     value goes left where it is at most the split, and also where it is nan. threshold: log odds from which a row is
     accepted. prefilter: a smaller model over cheaper features, evaluated first; what it refuses is not evaluated
     further. network: one over the same features whose only output is added to the sum. patch_cnn: one on the pixels of
-    boxes whose log odds are high enough for it, to be added to them.
+    boxes whose log odds are high enough for it, to be added to them. with_network: how the sum of all these is joined
+    with the score of a detection network, where a run has one.
     """
 
     kind: ClassVar[str] = "trees"
@@ -150,6 +164,7 @@ class TreeModel:
     prefilter: TreeModel | None = None
     network: NetworkModel | None = None
     patch_cnn: ConvolutionModel | None = None
+    with_network: NetworkSum | None = None
 
     def __post_init__(self) -> None:
         """Refuse trees that a compiled kernel cannot follow: links lead to later nodes, by features that there are."""

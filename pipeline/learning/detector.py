@@ -31,6 +31,7 @@ from wayside.pipeline.learning.samples import (
     CandidateSamples,
     TrainingDrive,
     face_weights,
+    for_each,
     labelled,
 )
 from wayside.schemas.models import ConvolutionModel, NetworkModel, TreeModel
@@ -127,18 +128,22 @@ def learn_detector(
     """
     prefilter, passed, real = _through_prefilter(drives, scenes, features_of, seed, provenance)
     names = [one.drive.name for one in (*passed, *real)]
-    examples = [
-        regression_samples(one.drive, one.candidates, one.values, features_of, seed, settings)
-        for one in (*passed, *real)
-    ]
+    examples = for_each(
+        lambda one: regression_samples(
+            one.drive, one.candidates, one.values, features_of, seed, settings
+        ),
+        (*passed, *real),
+    )
     regressor, other_regressors = out_of_fold_models(
         names, examples, lambda training: learn_box_regressor(training, seed, provenance)
     )
     passed, real = (
-        [
-            _with_regressed(one, other_regressors[one.drive.name], features_of, settings)
-            for one in part
-        ]
+        for_each(
+            lambda one: _with_regressed(
+                one, other_regressors[one.drive.name], features_of, settings
+            ),
+            part,
+        )
         for part in (passed, real)
     )
     classifier, other_classifiers = out_of_fold_models(
@@ -158,7 +163,9 @@ def learn_detector(
         rates.words(),
     ]
     near = rates.threshold - settings.regression_margin
-    samples = [patch_samples(one, odds[one.drive.name], near, patches_of) for one in passed + real]
+    samples = for_each(
+        lambda one: patch_samples(one, odds[one.drive.name], near, patches_of), passed + real
+    )
     patch_cnn, other_cnns = _patch_cnns(samples, near, seed)
     for sample in samples:
         other = other_cnns[sample.name]
@@ -293,12 +300,9 @@ def _through_prefilter(
 ) -> tuple[TreeModel, list[PrefilteredDrive], list[PrefilteredDrive]]:
     """The pre-filter of a run, and the candidates of drives and scenes that pass that of the learning."""
     training, prefilter = learn_prefilter([*drives, *scenes], seed, provenance)
-    passed = [_through(drive, training, features_of) for drive in drives]
-    return (
-        prefilter,
-        passed,
-        [_through(source, training, features_of, real=True) for source in scenes],
-    )
+    passed = for_each(lambda drive: _through(drive, training, features_of), drives)
+    real = for_each(lambda source: _through(source, training, features_of, real=True), scenes)
+    return prefilter, passed, real
 
 
 def _through(

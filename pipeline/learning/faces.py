@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.errors import InputError
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.report import SAMPLES, traced_sequences
 
@@ -142,45 +139,17 @@ def box_outline(
     return np.asarray(complex(left, top) + step * sequence)
 
 
-def real_faces(folder: Path) -> list[FaceSample]:
-    """Faces of the signs boxed in real images: `scenes/scenes.json` and `scenes/crops/crops.json` of a folder."""
-    scenes = folder / "scenes"
-    try:
-        listed = json.loads((scenes / "scenes.json").read_text(encoding="utf-8"))
-        crops = json.loads((scenes / "crops" / "crops.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{scenes}: wanted scenes.json and crops/crops.json, found {error}; correct --real"
-        ) from error
-    found: list[FaceSample] = []
-    for scene in listed:
-        rgb = _read_rgb(scenes / scene["file"])
-        for number, sign in enumerate(scene["signs"]):
-            name = f"{scene['file']}/{number}"
-            found += _real_face(rgb, sign, np.array(sign["box"]), name)
-    for crop in crops:
-        rgb = _read_rgb(scenes / crop["file"])
-        # The crops have a margin of about an eighth on every side.
-        x, y = rgb.shape[1] / 8, rgb.shape[0] / 8
-        box = np.array([x, y, rgb.shape[1] - x, rgb.shape[0] - y])
-        # Crops of one kind mostly show one sign.
-        found += _real_face(rgb, crop, box, f"crop/{crop['kind']}")
-    return found
-
-
-def _real_face(
-    rgb: NDArray[np.uint8],
-    sign: dict[str, Any],
-    box: NDArray[Any],
-    name: str,
+def real_face(
+    rgb: NDArray[np.uint8], color: str, shape: str, box: NDArray[Any], name: str
 ) -> list[FaceSample]:
+    """The face in a box [x0, y0, x1, y1] of a real image as a sample; none of too few pixels."""
     x0, y0, x1, y1 = (max(0, round(float(v))) for v in box)
     pixels = rgb[y0:y1, x0:x1].reshape(-1, 3)
-    if len(pixels) < 40 or sign["color"] not in COLORS or sign["shape"] not in SHAPES:
+    if len(pixels) < 40:
         return []
     mean = main_color(pixels)
     outline = _whole(box_outline(rgb, box, mean), box)
-    return [FaceSample(name, sign["color"], sign["shape"], mean, outline)]
+    return [FaceSample(name, color, shape, mean, outline)]
 
 
 def _whole(outline: NDArray[np.complex128], box: NDArray[Any]) -> NDArray[np.complex128]:
@@ -192,13 +161,6 @@ def _whole(outline: NDArray[np.complex128], box: NDArray[Any]) -> NDArray[np.com
     around = np.concatenate([low, high])[None]
     whole = iou_matrix(around, np.asarray(box, np.float64)[None])[0, 0] >= WHOLE
     return outline if whole else np.full_like(outline, complex(np.nan, np.nan))
-
-
-def _read_rgb(path: Path) -> NDArray[np.uint8]:
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if pixels is None:
-        raise InputError(f"{path}: wanted an image, found none that can be read; correct --real")
-    return np.ascontiguousarray(pixels, np.uint8)
 
 
 def visible_fraction(view: dict[str, Any]) -> float:

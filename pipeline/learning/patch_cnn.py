@@ -28,14 +28,14 @@ from wayside.stages.detection import (
 FILTERS, POOLED, HIDDEN = (24, 32, 64), (True, True, True), 96
 """Filters of each layer, the layers that are halved, units behind them."""
 
-BATCH, ROUNDS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 256, 3.5, 4e-3, 1e-2, 0.3
+BATCH, ROUNDS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 256, 6.0, 4e-3, 1e-2, 0.3
 """Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
 
 TOGETHER = 4096
 """Boxes that are evaluated at once after the learning."""
 
-REAL_FRACTION = 0.1
-"""Fraction of the drawn patches that are of real images: there are few."""
+REAL_FRACTION = 0.25
+"""Fraction of the drawn patches that are of real images."""
 
 WHOLE, NONE = 0.75, 0.25
 """Overlap (IoU) with a face from which a box is all right, and at which it would be all wrong."""
@@ -138,8 +138,8 @@ def sampling_probabilities(
         weight = np.zeros(len(on))
         _, which, count = np.unique(one.face[on], return_inverse=True, return_counts=True)
         weight[on] = 1 / np.sqrt(count[which])
-        faces.append(weight)
-        others.append((one.label == OFF).astype(np.float64))
+        faces.append(_of_source(weight, one))
+        others.append(_of_source((one.label == OFF).astype(np.float64), one))
     real = np.concatenate([np.full(len(one.label), one.real) for one in samples])
     for what, weights in (("on faces", faces), ("off faces", others)):
         if not np.concatenate(weights).any():
@@ -147,6 +147,11 @@ def sampling_probabilities(
                 f"patch CNN: wanted boxes {what} that score high enough by the trees, found none; add drives"
             )
     return _even_sources(np.concatenate(faces), real), _even_sources(np.concatenate(others), real)
+
+
+def _of_source(weight: NDArray[np.float64], one: PatchSamples) -> NDArray[np.float64]:
+    """Sources of real images differ much in size: a large one counts by the square root of it."""
+    return weight / np.sqrt(max(weight.sum(), 1.0)) if one.real else weight
 
 
 def _even_sources(weight: NDArray[np.float64], real: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -40,7 +41,16 @@ TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
 """Overlap (IoU) from which a box is tight on a face; fraction of a box from which it lies inside one; overlap from
 which a box that shows a second face as well is no example rather than a bad one."""
 
+UNKNOWN = 0.5
+"""Fraction of a box in a place where nothing is known from which it counts as neither."""
+
 OFF, ON, NEITHER = 0, 1, -1
+
+THREADS = 2
+"""How many drives are read at a time."""
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
 """Signs of which an image shows the front (or the back), each with its view there (box, visible fraction)."""
@@ -93,16 +103,22 @@ class TrueFaces:
     """All views of faces of a drive, m rows in order of their images.
 
     frame (m,) int64; box (m, 4) float64; is_example (m,) bool: whether a box on it is an example. complete (images,)
-    bool: whether an image has no face beside those.
+    bool: whether an image has no face beside those. ignored: boxes (k, 4) of each image in which nothing is known; none
+    where everything is.
     """
 
     frame: NDArray[np.int64]
     box: NDArray[np.float64]
     is_example: NDArray[np.bool_]
     complete: NDArray[np.bool_]
+    ignored: tuple[NDArray[np.float32], ...] = ()
 
     @staticmethod
-    def of(seen: Sequence[SignViews], complete: Sequence[bool]) -> TrueFaces:
+    def of(
+        seen: Sequence[SignViews],
+        complete: Sequence[bool],
+        ignored: Sequence[NDArray[np.float32]] = (),
+    ) -> TrueFaces:
         """The views of each image; the visible fraction of a back is unknown."""
         candidates = [view for here in seen for _, view in here]
         clear = [
@@ -115,6 +131,7 @@ class TrueFaces:
             np.array([view["box"] for view in candidates], np.float64).reshape(-1, 4),
             np.array(clear, bool) & np.array(tall, bool),
             np.array(complete, bool),
+            tuple(ignored),
         )
 
 
@@ -139,6 +156,12 @@ class TrainingDrive:
     size: tuple[int, int] | None = None
 
 
+def for_each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """The result for each item, in order; decoding and the kernels release the interpreter lock."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(function, items))
+
+
 def read_truth(path: Path) -> dict[str, Any]:
     """Truth of a rendered drive; raises InputError where the file is none."""
     try:
@@ -160,7 +183,7 @@ def read_drive(
     masks: Path,
     settings: Settings,
 ) -> TrainingDrive:
-    """Go through a drive: clear faces from `images`, candidates from the same as `altered` for the detector.
+    """Go through images of a drive: clear faces from `images`, candidates from the same as `altered` for the detector.
 
     Both in order; `masks` is the folder of FRAME.png with sign ids. Clear faces are for the classes of the report,
     which were those of a catalogue: invented faces are no samples.
@@ -174,19 +197,21 @@ def read_drive(
             if view["side"] == "back":
                 behind.setdefault(view["frame"], []).append((sign, view))
     faces: list[FaceSample] = []
+    read: set[int] = set()
     for image in images:
         if image.rgb is None:
             continue
         index = image.frame.index
+        read.add(index)
         mask = _read_mask(masks / f"{index:04d}.png", image.rgb.shape[:2])
         listed = [one for one in seen.get(index, []) if one[0]["kind"] != INVENTED]
         faces.extend(clear_faces(image.rgb, mask, listed, truth["name"]))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
-    here = [seen.get(index, []) for index in range(last + 1)]
+    here = [seen.get(index, []) if index in read else [] for index in range(last + 1)]
     drive = read_drive_images(truth["name"], altered, here, [True] * len(here), settings)
     size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
-    backs = [behind.get(index, []) for index in range(last + 1)]
+    backs = [behind.get(index, []) if index in read else [] for index in range(last + 1)]
     return replace(
         drive,
         faces=tuple(faces),
@@ -202,12 +227,14 @@ def read_drive_images(
     seen: Sequence[SignViews],
     complete: Sequence[bool],
     settings: Settings,
+    ignored: Sequence[NDArray[np.float32]] = (),
 ) -> TrainingDrive:
     """Candidates of all images, labelled by the faces `seen` in each; no clear faces, no places.
 
-    Where the faces of an image are not `complete`, what is on none of them counts as neither.
+    Where the faces of an image are not `complete`, what is on none of them counts as neither; so does what lies in
+    the boxes that are `ignored` in it.
     """
-    true_faces = TrueFaces.of(seen, complete)
+    true_faces = TrueFaces.of(seen, complete, ignored)
     found = _candidates(images, settings)
     parts = [_views(item, true_faces) for item in found if item.image.rgb is not None]
     if not parts:
@@ -308,8 +335,11 @@ def labelled(
             overlap[rows] = iou.max(axis=1)
             nearest[rows] = np.where(overlap[rows] > 0, own[iou.argmax(axis=1)], -1)
             label[rows] = face_labels(box, true_faces.box[own], true_faces.is_example[own])
-        if not true_faces.complete[index]:
-            label[rows] = np.where(label[rows] == OFF, NEITHER, label[rows])
+        unknown = np.full(len(rows), not true_faces.complete[index])
+        if true_faces.ignored and len(true_faces.ignored[index]):
+            shared = intersection_areas(box, true_faces.ignored[index])
+            unknown |= shared.max(axis=1) > UNKNOWN * np.prod(box[:, 2:] - box[:, :2], axis=1)
+        label[rows[unknown & (label[rows] == OFF)]] = NEITHER
     return CandidateSamples(
         regions, prefilter_values, frame.astype(np.int32), label, overlap, nearest
     )

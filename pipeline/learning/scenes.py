@@ -1,81 +1,116 @@
-"""Real images with boxed signs as samples for the box classifier and the names of faces.
+"""Real images as samples for the box classifiers and the names of faces, and the sources that may be learned from.
 
-The images stand alone: no drive, no calibration. A field of view of a common camera is assumed, so that angles of
-sizes and places are of the right order.
+Single images have no calibration: a field of view of a common camera is assumed, so that angles of sizes and places are
+of the right order.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
-from wayside.pipeline.learning.samples import TrainingDrive, read_drive_images
-from wayside.schemas.errors import InputError
+from wayside.pipeline.learning.detector_images import (
+    BACK,
+    FRONT,
+    LabelledImage,
+    real_drive_images,
+    scene_set_images,
+)
+from wayside.pipeline.learning.faces import FaceSample, real_face
+from wayside.pipeline.learning.samples import SignViews, TrainingDrive, TrueFaces, read_drive_images
+from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.frame import USED, Camera, Frame, Image
 from wayside.schemas.settings import Settings
 
 FOCAL_FRACTION = 0.9
 """Focal length of the unknown cameras as a fraction of the image's longer side."""
 
-
-def read_scenes(folder: Path) -> list[dict[str, Any]]:
-    """The list `scenes/scenes.json` of a folder of real images; raises InputError where it is none."""
-    path = folder / "scenes" / "scenes.json"
-    try:
-        return list(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: wanted a list of scenes, found {error}; correct --real"
-        ) from error
+FEW, COPIES = 100, 3
+"""A source of fewer images is read several times, mostly altered."""
 
 
-def scene_sources(scenes: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Scenes by the repository they are from, in order of its name: a source is held out as a whole."""
-    sources: dict[str, list[dict[str, Any]]] = {}
-    for scene in sorted(scenes, key=lambda s: (s["source_repo"], s["file"])):
-        sources.setdefault(scene["source_repo"], []).append(scene)
+def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]]]:
+    """The sources of a folder of real images that the models of one image are learned from, by name.
+
+    Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole.
+    """
+    drives = ("us_freeway_challenge", "us_freeway_white_right")
+    sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
+        name: partial(real_drive_images, folder / f"{name}.mcap", complete=True) for name in drives
+    }
+    for prefix in ("jd", "mi"):
+        read = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))
+        sources[f"scenes/{prefix}"] = read
+    for name in ("scenes_mixed", "scenes_speed_us"):
+        sources[name] = partial(scene_set_images, folder / name)
     return sources
 
 
-def scene_images(folder: Path, scenes: list[dict[str, Any]]) -> Iterator[Image]:
-    """The images of some scenes, numbered from 0."""
-    for index, scene in enumerate(scenes):
-        path = folder / "scenes" / scene["file"]
-        rgb = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-        if rgb is None:
-            raise InputError(
-                f"{path}: wanted an image, found none that can be read; correct --real"
-            )
-        height, width = rgb.shape[:2]
+def labelled_images(source: Callable[[], Iterator[LabelledImage]]) -> list[LabelledImage]:
+    """All images of a source; those of a small one several times."""
+    images = list(source())
+    return images * (COPIES if len(images) < FEW else 1)
+
+
+def as_images(labelled: Iterable[LabelledImage]) -> Iterator[Image]:
+    """The images as a run would have them, numbered from 0."""
+    for index, one in enumerate(labelled):
+        height, width = one.rgb.shape[:2]
         focal = FOCAL_FRACTION * max(width, height)
-        camera = Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        camera = one.camera or Camera(
+            width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
+        )
         frame = Frame(index, index, None, USED, "jpeg", b"", camera, width, height)
-        pixels = np.ascontiguousarray(rgb, np.uint8)
-        grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)
-        yield Image(frame, pixels, grey)
+        yield Image(frame, one.rgb, np.asarray(cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY), np.uint8))
 
 
 def scene_drive(
-    images: Iterable[Image], source: str, scenes: list[dict[str, Any]], settings: Settings
+    images: Iterable[Image], source: str, labelled: list[LabelledImage], settings: Settings
 ) -> TrainingDrive:
-    """The scenes of one source as a drive without places or clear faces, from their images in the same order.
+    """The images of one source as a drive without places or clear faces; `images` are `labelled`, altered or not.
 
-    Only complete scenes show what is no sign.
+    What lies where nothing is known of an image is neither a face nor the lack of one.
     """
-    here = [
-        [
-            (
-                {"id": f"{scene['file']}/{number}"} | sign,
-                {"box": sign["box"], "visible_fraction": 1.0},
-            )
-            for number, sign in enumerate(scene["signs"])
-        ]
-        for scene in scenes
+    fronts = [_views(one, back=False) for one in labelled]
+    backs = [_views(one, back=True) for one in labelled]
+    drive = read_drive_images(
+        source, images, fronts, [True] * len(labelled), settings, [one.ignored for one in labelled]
+    )
+    complete = [one.backs_complete for one in labelled]
+    return replace(drive, backs=TrueFaces.of(backs, complete))
+
+
+def real_faces(images: Iterable[LabelledImage]) -> list[FaceSample]:
+    """The fronts of signs of known colour and shape in real images."""
+    found: list[FaceSample] = []
+    for image in images:
+        for row in np.flatnonzero(image.side == FRONT):
+            color, shape = image.color[row], image.shape[row]
+            if color != NONE and shape != NONE:
+                name = f"{image.name}/{row}"
+                found += real_face(image.rgb, COLORS[color], SHAPES[shape], image.box[row], name)
+    return found
+
+
+def _views(one: LabelledImage, *, back: bool) -> SignViews:
+    return [
+        (
+            {
+                "id": f"{one.name}/{row}",
+                "color": _name(COLORS, one.color[row]),
+                "shape": _name(SHAPES, one.shape[row]),
+            },
+            {"box": box, "visible_fraction": 1.0, "side": "back" if back else "front"},
+        )
+        for row, box in enumerate(one.box.tolist())
+        if (one.side[row] == BACK) == back
     ]
-    complete = [bool(scene["complete"]) for scene in scenes]
-    return read_drive_images(source, images, here, complete, settings)
+
+
+def _name(names: tuple[str, ...], code: int) -> str:
+    return "" if code == NONE else names[code]

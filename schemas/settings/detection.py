@@ -209,6 +209,13 @@ class CandidateSettings:
         origin=_CHOSEN,
         expert=True,
     )
+    network_least: float = setting(
+        -6.0,
+        "log odds",
+        "of a face by the detection network: lower ones count as this",
+        origin=_CHOSEN,
+        expert=True,
+    )
     network_most: int = setting(
         60, "boxes", "most of them in an image", origin=_CHOSEN, expert=True, low=0
     )

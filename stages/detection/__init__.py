@@ -18,6 +18,7 @@ from wayside.stages.detection.network_proposals import (
     SIDE_PX,
     STRIDE,
     DetectionNetwork,
+    boxes_of_maps,
 )
 from wayside.stages.detection.onnx_detector import (
     ENGINES,
@@ -53,6 +54,7 @@ __all__ = [
     "as_input",
     "box_feature_names",
     "box_features",
+    "boxes_of_maps",
     "detect",
     "detect_externally",
     "drawn_patches",

@@ -83,3 +83,13 @@ class BoxClassifier:
         scores = trees.copy()
         scores[near] = np.float32(cnn.tree_weight) * trees[near] + seen
         return scores
+
+    def with_network(
+        self, scores: NDArray[np.float32], network: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """The `scores` (n,) joined with those of a detection network (n,), where it was learned how."""
+        how = self.model.with_network
+        if how is None:
+            return scores
+        joined = np.float32(how.own) * scores + np.float32(how.network) * network
+        return np.asarray(joined + np.float32(how.shift), np.float32)

@@ -108,6 +108,8 @@ def detect(
             better = moved_scores > scores[near]
             scores[near[better]], values[near[better]] = moved_scores[better], moved_values[better]
             candidates = candidates.with_boxes(rows[near[better]], moved.box[better])
+        if item.network_score is not None:
+            scores = boxes.with_network(scores, item.network_score[rows])
         candidates = with_scores(candidates, rows, scores, boxes.threshold, settings)
         above = scores >= boxes.threshold
         candidates = with_names(candidates, color, shape, rows[above], values[above])

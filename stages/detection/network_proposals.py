@@ -38,12 +38,6 @@ class DetectionNetwork:
         self._network.setInput(cv2.dnn.blobFromImage(padded, 1 / 255))
         return np.asarray(self._network.forward()[0], np.float32)
 
-    def boxes(
-        self, rgb: NDArray[np.uint8], least_score: float, most: int, same_iou: float
-    ) -> NetworkBoxes:
-        """Faces with log odds of `least_score` and more: the best `most`, none overlapping a better one by more."""
-        return boxes_of_maps(self.maps(rgb), rgb.shape[:2], least_score, most, same_iou)
-
 
 def boxes_of_maps(
     maps: NDArray[np.float32],
@@ -52,7 +46,10 @@ def boxes_of_maps(
     most: int,
     same_iou: float,
 ) -> NetworkBoxes:
-    """Local maxima of the heat maps as boxes, clipped to the image of `size` (height, width)."""
+    """Faces with log odds of `least_score` and more: the best `most`, none overlapping a better one by more.
+
+    Local maxima of the heat maps (`MAPS`, rows, columns), clipped to the image of `size` (height, width).
+    """
     heat = maps[:2]
     best = np.stack([cv2.dilate(one, np.ones((3, 3), np.uint8)) for one in heat])
     side, row, column = np.nonzero((heat >= best) & (heat >= least_score))
@@ -71,6 +68,21 @@ def boxes_of_maps(
     return NetworkBoxes(
         box[kept], score[kept], side[kept] == 1, _log_softmax(color), _log_softmax(shape)
     )
+
+
+def middle_scores(
+    maps: NDArray[np.float32], box: NDArray[np.float32], least: float
+) -> NDArray[np.float32]:
+    """Log odds (n,) of fronts at the middles of boxes (n, 4) of the image of `maps`, no lower than `least`.
+
+    The best of the cell and its neighbours: a box may be off by some pixels. `least` outside the maps.
+    """
+    heat = cv2.dilate(maps[0], np.ones((3, 3), np.uint8))
+    column, row = np.floor((box[:, :2] + box[:, 2:]) / (2 * STRIDE)).astype(int).T
+    inside = (row >= 0) & (row < heat.shape[0]) & (column >= 0) & (column < heat.shape[1])
+    scores = np.full(len(box), least, np.float32)
+    scores[inside] = np.maximum(heat[row[inside], column[inside]], least)
+    return scores
 
 
 def _log_softmax(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -31,7 +31,11 @@ from wayside.stages.detection.feature_vectors import (
     region_features,
     require_names,
 )
-from wayside.stages.detection.network_proposals import DetectionNetwork
+from wayside.stages.detection.network_proposals import (
+    DetectionNetwork,
+    boxes_of_maps,
+    middle_scores,
+)
 from wayside.stages.detection.stable_regions import find_stable_regions
 from wayside.stages.detection.stacked_regions import with_stacks
 from wayside.stages.geometry import non_maximum_suppression
@@ -95,9 +99,22 @@ def propose(
         else:
             regions = most_probable(regions, ranking, camera, settings.most)
         if detection_network is not None:
-            boxes = boxes_in_band(detection_network, rgb, camera, settings)
-            more, unfit = network_regions(boxes, rgb, settings)
-            regions, dropped = regions.joined(more), dropped.plus(Dropped(size=unfit))
+            band, top = widest_band(rgb, camera, settings)
+            if len(band):
+                maps = detection_network.maps(band)
+                seen = boxes_of_maps(
+                    maps,
+                    band.shape[:2],
+                    settings.network_score,
+                    settings.network_most,
+                    settings.network_iou,
+                )
+                more, unfit = network_regions(seen, band, settings)
+                down = np.array([0, top, 0, top], np.float32)
+                regions = regions.joined(replace(more, box=more.box + down))
+                dropped = dropped.plus(Dropped(size=unfit))
+                score = middle_scores(maps, regions.box - down, settings.network_least)
+                item = replace(item, network_score=score)
         yield replace(item, regions=regions, dropped=item.dropped.plus(dropped))
 
 
@@ -116,32 +133,23 @@ def bands(
         scale *= 2
 
 
-def boxes_in_band(
-    network: DetectionNetwork,
-    rgb: NDArray[np.uint8],
-    camera: Camera,
-    settings: CandidateSettings,
-) -> NetworkBoxes | None:
-    """Boxes of the detection network in the rows of the widest band, pixels of the image; None without such rows."""
+def widest_band(
+    rgb: NDArray[np.uint8], camera: Camera, settings: CandidateSettings
+) -> tuple[NDArray[np.uint8], int]:
+    """The rows that the detection network sees, and the first of them; there may be none."""
     above, below = settings.bands[-1]
     top = max(0, round(camera.cy + above * camera.fy))
     bottom = min(rgb.shape[0], round(camera.cy + below * camera.fy))
-    if bottom <= top:
-        return None
-    band = np.ascontiguousarray(rgb[top:bottom])
-    found = network.boxes(band, settings.network_score, settings.network_most, settings.network_iou)
-    return replace(found, box=found.box + np.array([0, top, 0, top], np.float32))
+    return np.ascontiguousarray(rgb[top : max(top, bottom)]), top
 
 
 def network_regions(
-    found: NetworkBoxes | None, rgb: NDArray[np.uint8], settings: CandidateSettings
+    found: NetworkBoxes, rgb: NDArray[np.uint8], settings: CandidateSettings
 ) -> tuple[Regions, int]:
     """Those of a size that faces have as regions, best first, and how many have another.
 
     Their area is that of the most probable shape.
     """
-    if found is None:
-        return Regions.empty(), 0
     rows = np.flatnonzero(settings.fits_face(found.box))
     box = found.box[rows]
     means = [mean_inside(rgb, corners) for corners in box]

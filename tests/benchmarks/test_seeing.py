@@ -1,12 +1,8 @@
-"""The pages on seeing: how far a face went, what is true of rows by confidence, other seeds, what is a false box."""
-
-import sys
+"""The pages on seeing: how far a face went, what is true of rows by confidence, other seeds."""
 
 import numpy as np
 import pytest
 from scipy.stats import binomtest
-
-from wayside.schemas.detections import Candidates, Regions
 
 FACE = [10.0, 10.0, 30.0, 30.0]
 
@@ -24,11 +20,6 @@ def seeing(load):
 @pytest.fixture(scope="module")
 def confidence(load):
     return load("confidence")
-
-
-@pytest.fixture(scope="module")
-def scenes(load):
-    return load("scenes")
 
 
 @pytest.mark.parametrize(
@@ -152,23 +143,3 @@ def test_only_the_front_of_a_tall_and_visible_face_counts(seeing):
     views.append(good | {"visible_fraction": 0.4})
     signs = [{"faces_travel": True, "frames": views}, {"faces_travel": False, "frames": [good]}]
     assert list(seeing.fronts({"signs": signs})) == [(signs[0], good)]
-
-
-def regions(boxes):
-    n = len(boxes)
-    columns = (np.ones(n, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8))
-    return Regions(np.array(boxes, np.float32).reshape(-1, 4), *columns)
-
-
-def test_boxes_off_every_known_face_are_false_and_those_half_on_one_are_not(scenes):
-    candidates = Candidates.of(regions([FACE, [10, 10, 30, 19], [200, 10, 220, 30]]))
-    assert scenes.strays(candidates, np.array([FACE])).tolist() == [2]
-    assert scenes.strays(candidates, np.zeros((0, 4))).tolist() == [0, 1, 2]
-
-
-def test_without_the_scenes_nothing_is_written(scenes, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["scenes.py", "--real", str(tmp_path)])
-    monkeypatch.setattr(scenes, "PAGE", tmp_path / "scenes.md")
-    assert scenes.main() == 2
-    assert "no scenes/scenes.json" in capsys.readouterr().out
-    assert not (tmp_path / "scenes.md").exists()

@@ -1,78 +1,85 @@
-"""Real scenes as examples: which boxes count, and what an incomplete list of signs may teach."""
+"""Real images as examples: which boxes count, and what an image with unboxed signs may teach."""
 
-import json
-
-import cv2
 import numpy as np
 import pytest
 
+from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON, FaceLabel
 from wayside.pipeline.learning.scenes import (
-    read_scenes,
+    COPIES,
+    FEW,
+    as_images,
+    labelled_images,
+    real_faces,
+    real_sources,
     scene_drive,
-    scene_images,
-    scene_sources,
 )
-from wayside.schemas.errors import InputError
 from wayside.schemas.settings import Settings
 
-BOX = [300, 215, 330, 245]
+SIGN, THING = [300, 215, 330, 245], [400, 215, 430, 245]
 
 
-@pytest.fixture
-def folder(tmp_path):
-    scenes = tmp_path / "scenes"
-    scenes.mkdir()
-    listed = []
-    rng = np.random.default_rng(3)
-    for name, source, complete in (("b", "two", True), ("a", "two", False), ("c", "one", True)):
-        bgr = rng.normal(110, 6, (480, 640, 3)).clip(0, 255).astype(np.uint8)
-        bgr[215:245, 300:330] = (40, 30, 180)
-        bgr[215:245, 400:430] = (180, 60, 30)
-        cv2.imwrite(str(scenes / f"{name}.png"), bgr)
-        sign = {"box": BOX, "color": "red", "shape": "rectangle"}
-        listed.append(
-            {
-                "file": f"{name}.png",
-                "source_repo": source,
-                "complete": complete,
-                "signs": [sign],
-            }
-        )
-    (scenes / "scenes.json").write_text(json.dumps(listed))
-    return tmp_path
+def image(name="a", *, side=FRONT, ignored=(), color="red"):
+    rgb = np.random.default_rng(3).normal(110, 6, (480, 640, 3)).clip(0, 255).astype(np.uint8)
+    rgb[215:245, 300:330] = (180, 30, 40)
+    rgb[215:245, 400:430] = (30, 60, 180)
+    face = (SIGN, side, color, "rectangle")
+    return labelled_image(
+        "two", name, rgb, [face], ignored, fronts_complete=not ignored, backs_complete=False
+    )
 
 
-def test_scenes_are_grouped_by_source_in_order_of_names(folder):
-    sources = scene_sources(read_scenes(folder))
-    assert [(k, [s["file"] for s in v]) for k, v in sources.items()] == [
-        ("one", ["c.png"]),
-        ("two", ["a.png", "b.png"]),
-    ]
+def label_near(drive, box, frame=0):
+    """Labels of the candidates of an image whose middle is in a box."""
+    middle = (drive.candidates.regions.box[:, :2] + drive.candidates.regions.box[:, 2:]) / 2
+    inside = ((middle > box[:2]) & (middle < box[2:])).all(axis=1)
+    return set(drive.candidates.label[inside & (drive.candidates.frame == frame)].tolist())
 
 
-def test_images_are_read_as_rgb_with_a_camera_of_their_size(folder):
-    image = next(scene_images(folder, read_scenes(folder)))
-    assert image.rgb[230, 315].tolist() == [180, 30, 40]
-    assert (image.frame.camera.width, image.frame.camera.height) == (640, 480)
+def test_images_have_a_camera_of_their_size():
+    (one,) = as_images([image()])
+    assert one.rgb[230, 315].tolist() == [180, 30, 40]
+    assert (one.frame.camera.width, one.frame.camera.height) == (640, 480)
 
 
-def test_boxed_signs_are_faces_and_only_complete_scenes_show_what_is_none(folder):
-    scenes = scene_sources(read_scenes(folder))["two"]
-    drive = scene_drive(scene_images(folder, scenes), "two", scenes, Settings())
-    labels = [set(drive.candidates.label[drive.candidates.frame == k].tolist()) for k in (0, 1)]
-    assert labels[0] == {ON, NEITHER}
-    assert {ON, OFF} <= labels[1]
-    assert drive.signs[0] == FaceLabel("two/a.png/0", "red", "rectangle")
-    assert drive.wanted.all()
+def test_boxed_signs_are_faces_and_what_lies_in_an_unknown_place_is_neither():
+    labelled = [image(), image("b", ignored=[[390, 200, 440, 260]])]
+    drive = scene_drive(as_images(labelled), "two", labelled, Settings())
+    assert ON in label_near(drive, SIGN)
+    assert label_near(drive, THING) == {OFF}
+    assert ON in label_near(drive, SIGN, 1)
+    assert label_near(drive, THING, 1) == {NEITHER}
+    assert drive.signs[0] == FaceLabel("two/a/0", "red", "rectangle")
+    assert drive.wanted.tolist() == [True, True]
 
 
-def test_a_folder_without_scenes_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"scenes\.json"):
-        read_scenes(tmp_path)
+def test_a_panel_from_behind_is_no_face_but_a_back():
+    labelled = [image(side=BACK)]
+    drive = scene_drive(as_images(labelled), "two", labelled, Settings())
+    assert ON not in drive.candidates.label
+    np.testing.assert_array_equal(drive.backs.box, [SIGN])
+    assert not drive.backs.complete[0]
 
 
-def test_a_missing_image_is_named(folder):
-    (folder / "scenes" / "c.png").unlink()
-    with pytest.raises(InputError, match=r"c\.png"):
-        list(scene_images(folder, read_scenes(folder)))
+def test_faces_of_known_classes_are_samples_of_colour_and_shape():
+    (face,) = real_faces([image(), image("b", color=None), image("c", side=BACK)])
+    assert (face.sign, face.color, face.shape) == ("a/0", "red", "rectangle")
+    np.testing.assert_allclose(face.rgb, (180, 30, 40), atol=1)
+
+
+def test_small_sources_are_read_several_times():
+    assert len(labelled_images(lambda: iter([image()]))) == COPIES
+    assert len(labelled_images(lambda: iter([image()] * FEW))) == FEW
+
+
+def test_nothing_is_learned_from_sources_that_are_for_tests_only(tmp_path):
+    names = " ".join(real_sources(tmp_path))
+    for source in ("kitti", "autobahn", "mb", "crops", "garmin"):
+        assert source not in names
+
+
+@pytest.mark.parametrize("ignored", [[], [[0, 0, 640, 480]]])
+def test_a_face_in_an_unknown_place_is_still_a_face(ignored):
+    labelled = [image(ignored=ignored)]
+    drive = scene_drive(as_images(labelled), "two", labelled, Settings())
+    assert ON in drive.candidates.label

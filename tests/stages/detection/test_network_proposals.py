@@ -23,6 +23,7 @@ from wayside.stages.detection.network_proposals import (
     SIDE_PX,
     DetectionNetwork,
     boxes_of_maps,
+    middle_scores,
 )
 
 ONNX = str(Path(__file__).parent / "red_cells.onnx")
@@ -36,8 +37,12 @@ def cells(height, width, **marked):
     return rgb
 
 
+def boxes_in(rgb):
+    return boxes_of_maps(DetectionNetwork(ONNX).maps(rgb), rgb.shape[:2], 0.0, 10, 0.5)
+
+
 def test_a_face_is_found_where_it_is_with_its_side_colour_and_shape():
-    found = DetectionNetwork(ONNX).boxes(cells(64, 96, red=(5, 7), blue=(12, 3)), 0.0, 10, 0.5)
+    found = boxes_in(cells(64, 96, red=(5, 7), blue=(12, 3)))
     expected = [[30 - 8, 22 - 8, 30 + 8, 22 + 8], [14 - 8, 50 - 8, 14 + 8, 50 + 8]]
     rows = np.argsort(found.is_back)
     np.testing.assert_allclose(found.box[rows], expected, atol=1e-3)
@@ -48,14 +53,13 @@ def test_a_face_is_found_where_it_is_with_its_side_colour_and_shape():
 
 
 def test_images_that_are_no_multiple_of_the_stride_are_padded_not_scaled():
-    network = DetectionNetwork(ONNX)
     for size in ((64, 96), (61, 90), (50, 70)):
-        found = network.boxes(cells(*size, red=(5, 7)), 0.0, 10, 0.5)
+        found = boxes_in(cells(*size, red=(5, 7)))
         np.testing.assert_allclose(found.box, [[22, 14, 38, 30]], atol=1e-3)
 
 
 def test_a_box_lies_inside_the_image():
-    found = DetectionNetwork(ONNX).boxes(cells(64, 64, red=(0, 0)), 0.0, 10, 0.5)
+    found = boxes_in(cells(64, 64, red=(0, 0)))
     np.testing.assert_allclose(found.box, [[0, 0, 10, 10]], atol=1e-3)
 
 
@@ -86,6 +90,13 @@ def test_of_boxes_on_one_face_the_best_stays_and_the_best_are_first():
     assert len(boxes_of_maps(maps_with(*one), (64, 64), 4.0, 9, 0.5).score) == 0
 
 
+def test_a_box_scores_as_the_cell_of_its_middle_or_a_neighbour_and_never_below_the_least():
+    maps = maps_with((4, 6, 2.0, (0, 0, 0, 0)))
+    box = [[18, 10, 34, 26], [22, 10, 38, 26], [34, 10, 50, 26], [90, 10, 99, 26], [-40, 0, -9, 9]]
+    scores = middle_scores(maps, np.array(box, np.float32), -5.0)
+    np.testing.assert_array_equal(scores, [2, 2, -5, -5, -5])
+
+
 @pytest.mark.parametrize(("status", "camera"), [(USED, True), (USED, False), (THINNED, True)])
 def test_boxes_of_the_network_join_the_regions_of_the_band(status, camera):
     sees = Camera(640, 480, 700.0, 700.0, 319.5, 239.5) if camera else None
@@ -105,6 +116,8 @@ def test_boxes_of_the_network_join_the_regions_of_the_band(status, camera):
         assert found.regions is item.regions
         return
     assert len(found.regions) == len(without.regions) + 1
+    assert without.network_score is None
+    assert found.network_score[-1] > settings.network_least
     # the band begins at a row that is no multiple of 4: the red cell lies in two cells of the maps
     assert np.abs(added.box - [[314, 194, 330, 210]]).max() <= 3
     np.testing.assert_allclose(added.area_px, [0.83 * 256], atol=40)  # of an octagon
