@@ -38,12 +38,24 @@ def contrast_maps(
     """
     require_image(rgb)
     result = np.empty((len(MAPS), *rgb.shape[:2]), np.uint8)
-    if rgb.size:
-        own = np.stack(cv2.split(rgb))
-        near = np.stack(cv2.split(neighbourhood(rgb, neighbourhood_px)))
-        _contrast_maps(
-            own.astype(np.uint8, copy=False), near.astype(np.uint8, copy=False), dark_level, result
-        )
+    if rgb.size == 0:
+        return result
+    r, g, b = cv2.split(rgb)
+    p, q, s = cv2.split(neighbourhood(rgb, neighbourhood_px))
+    light, dark = cv2.max(cv2.max(r, g), b), cv2.min(cv2.min(r, g), b)
+    near_light, near_dark = cv2.max(cv2.max(p, q), s), cv2.min(cv2.min(p, q), s)
+    scale = np.float32(256) / (np.arange(256, dtype=np.float32) + np.float32(dark_level))
+    over, near_over = cv2.LUT(light, scale), cv2.LUT(near_light, scale)
+    excesses = (
+        (r, g, p, q),
+        (b, r, s, p),
+        (g, r, q, p),
+        (cv2.min(r, g), b, cv2.min(p, q), s),
+    )
+    for values, (one, other, near, near_other) in zip(result, excesses, strict=False):
+        _excess(one, other, over, near, near_other, near_over, values)
+    cv2.subtract(dark, near_dark, dst=result[4])
+    cv2.subtract(near_light, light, dst=result[5])
     return result
 
 
@@ -65,65 +77,13 @@ def foreground_means(
 
 
 @compiled
-def _excess(a: Any, b: Any, over: Any, p: Any, q: Any, around: Any, result: Any) -> None:
-    """Excess of a over b, relative to `over`, less that of the neighbourhood, p over q by `around`: one row."""
-    for x in range(a.size):
-        own = (np.float32(a[x]) - np.float32(b[x])) * over[x]
-        near = max(np.float32(p[x]) - np.float32(q[x]), np.float32(0)) * around[x]
-        result[x] = np.uint8(np.int32(min(max(own - near, np.float32(0)), np.float32(255))))
-
-
-@compiled
-def _largest(a: Any, b: Any, c: Any, result: Any) -> None:
-    for x in range(a.size):
-        result[x] = max(max(a[x], b[x]), c[x])
-
-
-@compiled
-def _smallest(a: Any, b: Any, c: Any, result: Any) -> None:
-    for x in range(a.size):
-        result[x] = min(min(a[x], b[x]), c[x])
-
-
-@compiled
-def _scale(largest: Any, dark_level: Any, result: Any) -> None:
-    for x in range(largest.size):
-        result[x] = np.float32(256) / (np.float32(largest[x]) + np.float32(dark_level))
-
-
-@compiled
-def _above(a: Any, b: Any, result: Any) -> None:
-    for x in range(a.size):
-        result[x] = a[x] - min(a[x], b[x])
-
-
-@compiled
-def _contrast_maps(own: Any, near: Any, dark_level: Any, result: Any) -> None:
-    """Row by row, one operation at a time, so that each loop is vectorised."""
-    width = own.shape[2]
-    value = np.empty((4, width), np.uint8)
-    scale = np.empty((2, width), np.float32)
-    for y in range(own.shape[1]):
-        r = own[0, y]
-        g = own[1, y]
-        b = own[2, y]
-        p = near[0, y]
-        q = near[1, y]
-        s = near[2, y]
-        _largest(r, g, b, value[0])
-        _largest(p, q, s, value[1])
-        _scale(value[0], dark_level, scale[0])
-        _scale(value[1], dark_level, scale[1])
-        _excess(r, g, scale[0], p, q, scale[1], result[0, y])
-        _excess(b, r, scale[0], s, p, scale[1], result[1, y])
-        _excess(g, r, scale[0], q, p, scale[1], result[2, y])
-        _above(value[1], value[0], result[5, y])
-        _smallest(r, g, g, value[2])
-        _smallest(p, q, q, value[3])
-        _excess(value[2], b, scale[0], value[3], s, scale[1], result[3, y])
-        _smallest(r, g, b, value[2])
-        _smallest(p, q, s, value[3])
-        _above(value[2], value[3], result[4, y])
+def _excess(a: Any, b: Any, over: Any, p: Any, q: Any, near_over: Any, result: Any) -> None:
+    """Excess of a over b, relative to `over`, less that of the neighbourhood, p over q by `near_over`."""
+    for y in range(a.shape[0]):
+        for x in range(a.shape[1]):
+            own = (np.float32(a[y, x]) - np.float32(b[y, x])) * over[y, x]
+            near = max(np.float32(p[y, x]) - np.float32(q[y, x]), np.float32(0)) * near_over[y, x]
+            result[y, x] = np.uint8(np.int32(min(max(own - near, np.float32(0)), np.float32(255))))
 
 
 @compiled

@@ -35,9 +35,13 @@ class Gradients(NamedTuple):
 def gradients_of(views: NDArray[np.float32]) -> Gradients:
     """Gradients of views (n, rows, columns, 3), grey levels a sample; raises ValueError for other arrays."""
     require_array(views, "views", np.float32, (None, None, None, 3))
-    right, down = np.zeros(views.shape[:3], np.float32), np.zeros(views.shape[:3], np.float32)
-    _gradients(views, right, down)
-    return Gradients(right, down)
+    half = np.float32(0.5)
+    across = (views[:, 1:-1, 2:] - views[:, 1:-1, :-2]) * half
+    along = (views[:, 2:, 1:-1] - views[:, :-2, 1:-1]) * half
+    most = (across**2 + along**2).argmax(axis=3)[..., None]
+    border = ((0, 0), (1, 1), (1, 1))
+    fields = (np.take_along_axis(part, most, axis=3)[..., 0] for part in (across, along))
+    return Gradients(*(np.pad(part, border) for part in fields))
 
 
 def edge_profiles(
@@ -67,10 +71,18 @@ def strip_colors(
 ) -> NDArray[np.float32]:
     """Mean colour along each segment at offsets low, low + STEP, ...: (k, views, m, 3)."""
     require_array(views, "views", np.float32, (None, None, None, 3))
-    count = round((high - low) / STEP) + 1
-    colors = np.zeros((len(segments.begin), len(views), count, 3), np.float32)
-    _colors(views, segments.begin, segments.end, segments.normal, low, colors)
-    return colors
+    rows, columns = views.shape[1:3]
+    offset = low + STEP * np.arange(round((high - low) / STEP) + 1)[:, None, None]
+    fraction = (np.arange(3)[:, None] + 0.5) / 3
+    begin, end, normal = (ends[:, None, None] for ends in segments[:3])
+    at = begin + fraction * (end - begin) + offset * normal  # segment, offset, sample
+    at = np.clip(at, 0.0, (columns - 1.001, rows - 1.001))
+    x, y = np.moveaxis(at.astype(np.int64), -1, 0)
+    a, b = np.moveaxis(at - np.floor(at), -1, 0)[..., None]
+    above = (1 - a) * views[:, y, x] + a * views[:, y, x + 1]
+    below = (1 - a) * views[:, y + 1, x] + a * views[:, y + 1, x + 1]
+    mean = ((1 - b) * above + b * below).mean(axis=3)
+    return np.asarray(mean.swapaxes(0, 1), np.float32)
 
 
 def strongest_box(
@@ -83,25 +95,6 @@ def strongest_box(
     change = np.zeros(4)
     best = _ascend(profiles, np.ascontiguousarray(jacobian[:, :4]), low, directions, limit, change)
     return change, float(best)
-
-
-@compiled
-def _gradients(
-    views: NDArray[np.float32], right: NDArray[np.float32], down: NDArray[np.float32]
-) -> None:
-    count, rows, columns = views.shape[:3]
-    for q in range(count):
-        for i in range(1, rows - 1):
-            for j in range(1, columns - 1):
-                best = np.float32(-1)
-                for c in range(3):
-                    dx = (views[q, i, j + 1, c] - views[q, i, j - 1, c]) * np.float32(0.5)
-                    dy = (views[q, i + 1, j, c] - views[q, i - 1, j, c]) * np.float32(0.5)
-                    square = dx * dx + dy * dy
-                    if square > best:
-                        best = square
-                        right[q, i, j] = dx
-                        down[q, i, j] = dy
 
 
 @compiled
@@ -143,32 +136,6 @@ def _profiles(
                     count += 1
             if count >= inside * samples * views:
                 profiles[k, m] = total / count
-
-
-@compiled
-def _colors(
-    views: NDArray[np.float32],
-    begin: Array,
-    end: Array,
-    normal: Array,
-    low: float,
-    colors: NDArray[np.float32],
-) -> None:
-    count, rows, columns = views.shape[:3]
-    for k in range(begin.shape[0]):
-        for m in range(colors.shape[2]):
-            for n in range(3):
-                fraction, offset = (n + 0.5) / 3, low + m * STEP
-                u = begin[k, 0] + fraction * (end[k, 0] - begin[k, 0]) + offset * normal[k, 0]
-                v = begin[k, 1] + fraction * (end[k, 1] - begin[k, 1]) + offset * normal[k, 1]
-                u, v = min(max(u, 0.0), columns - 1.001), min(max(v, 0.0), rows - 1.001)
-                x, y = int(u), int(v)
-                a, b = u - x, v - y
-                for q in range(count):
-                    for c in range(3):
-                        above = (1 - a) * views[q, y, x, c] + a * views[q, y, x + 1, c]
-                        below = (1 - a) * views[q, y + 1, x, c] + a * views[q, y + 1, x + 1, c]
-                        colors[k, q, m, c] += np.float32(((1 - b) * above + b * below) / 3)
 
 
 @compiled

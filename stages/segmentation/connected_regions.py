@@ -19,51 +19,16 @@ WIDEST = 65535
 
 
 @dataclass(frozen=True, slots=True)
-class RegionWork:
-    """Arrays for images of up to height x width pixels, kept from image to image; never shared between threads.
-
-    end, label, parent, area: one entry a run; first: the first run of each row and one past the last.
-    """
-
-    height: int
-    width: int
-    end: NDArray[np.uint16]
-    label: NDArray[np.uint8]
-    parent: NDArray[np.int32]
-    area: NDArray[np.int32]
-    first: NDArray[np.int32]
-
-    @staticmethod
-    def of(height: int, width: int) -> RegionWork:
-        """Make the arrays for one size of image."""
-        runs = (height + 1) * width + 1
-        return RegionWork(
-            height,
-            width,
-            np.empty(runs, np.uint16),
-            np.empty(runs, np.uint8),
-            np.empty(runs, np.int32),
-            np.empty(runs, np.int32),
-            np.empty(height + 1, np.int32),
-        )
-
-    def holds(self, height: int, width: int) -> bool:
-        """Whether an image of this size fits."""
-        return height <= self.height and width <= self.width
-
-
-@dataclass(frozen=True, slots=True)
 class ConnectedRegions:
     """Regions between the two sizes, m parallel rows in reading order of their first pixel.
 
-    box (m, 4) int32 [x0, y0, x1, y1] half open, area (m,) int32 pixels, rgb (m, 3) float32 mean colour, label (m,)
-    uint8; total: how many regions the image has before the gate.
+    box (m, 4) int32 [x0, y0, x1, y1] half open, area (m,) int32 pixels, rgb (m, 3) float32 mean colour; total: how many
+    regions the image has before the gate.
     """
 
     box: NDArray[np.int32]
     area: NDArray[np.int32]
     rgb: NDArray[np.float32]
-    label: NDArray[np.uint8]
     total: int
 
 
@@ -72,7 +37,6 @@ def connected_regions(
     rgb: NDArray[np.uint8],
     smallest_px: int,
     largest_px: int,
-    work: RegionWork | None = None,
 ) -> ConnectedRegions:
     """Regions of equal label (4 neighbours) whose area is from `smallest_px` to `largest_px`, both included.
 
@@ -84,8 +48,6 @@ def connected_regions(
         The image, (height, width, 3) uint8, C-contiguous.
     smallest_px, largest_px
         The size gate (report chapter 3.1); at least 1.
-    work
-        Kept arrays that hold this size; made anew where None.
 
     Raises
     ------
@@ -99,30 +61,19 @@ def connected_regions(
         raise ValueError(f"labels: wanted at most {WIDEST} columns, found {width}; tile it")
     if smallest_px < 1:
         raise ValueError(f"smallest_px: wanted at least 1, found {smallest_px}")
-    work = RegionWork.of(height, width) if work is None else work
-    if not work.holds(height, width):
-        raise ValueError(
-            f"work: wanted arrays for {width} x {height}, found {work.width} x {work.height}"
-        )
-    if labels.size == 0:
-        return _empty()
-    total = _join_runs(labels, work.end, work.label, work.parent, work.first)
-    kept = _sum_areas(height, work.end, work.parent, work.first, work.area, smallest_px, largest_px)
-    box, area = np.empty((kept, 4), np.int32), np.empty(kept, np.int32)
-    label, sums = np.empty(kept, np.uint8), np.zeros((kept, 3), np.int64)
-    _measure(rgb, work.end, work.label, work.parent, work.first, work.area, box, area, label, sums)
-    rgb_mean = (sums / np.maximum(area, 1)[:, None]).astype(np.float32)
-    return ConnectedRegions(box, area, rgb_mean, label, total)
-
-
-def _empty() -> ConnectedRegions:
-    return ConnectedRegions(
-        np.zeros((0, 4), np.int32),
-        np.zeros(0, np.int32),
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.uint8),
-        0,
-    )
+    if width == 0:
+        labels, rgb, height = labels[:0], rgb[:0], 0
+    runs = height * width
+    end, label = np.empty(runs + 1, np.uint16), np.empty(runs + 1, np.uint8)
+    parent, area = np.empty(runs, np.int32), np.empty(runs, np.int32)
+    first = np.empty(height + 1, np.int32)
+    total = _join_runs(labels, end, label, parent, first)
+    kept = _sum_areas(end, parent, first, area, smallest_px, largest_px)
+    box, region_area = np.empty((kept, 4), np.int32), np.empty(kept, np.int32)
+    sums = np.zeros((kept, 3), np.int64)
+    _measure(rgb, end, parent, first, area, box, region_area, sums)
+    rgb_mean = (sums / np.maximum(region_area, 1)[:, None]).astype(np.float32)
+    return ConnectedRegions(box, region_area, rgb_mean, total)
 
 
 @compiled
@@ -219,7 +170,6 @@ def _join_runs(
 
 @compiled
 def _sum_areas(
-    height: int,
     end: NDArray[np.uint16],
     parent: NDArray[np.int32],
     first: NDArray[np.int32],
@@ -231,6 +181,7 @@ def _sum_areas(
 
     Parents have smaller numbers, so in rising order the parent's parent is the root already.
     """
+    height = first.shape[0] - 1
     for i in range(first[height]):
         area[i] = 0
     for y in range(height):
@@ -253,13 +204,11 @@ def _sum_areas(
 def _measure(
     rgb: NDArray[np.uint8],
     end: NDArray[np.uint16],
-    label: NDArray[np.uint8],
     parent: NDArray[np.int32],
     first: NDArray[np.int32],
     area: NDArray[np.int32],
     box: NDArray[np.int32],
     region_area: NDArray[np.int32],
-    region_label: NDArray[np.uint8],
     sums: NDArray[np.int64],
 ) -> None:
     """Box, area and colour sums of the regions inside the gate; only their pixels are read.
@@ -281,7 +230,6 @@ def _measure(
                 box[rows, 1] = y
                 box[rows, 2] = x1
                 region_area[rows] = mark
-                region_label[rows] = label[i]
                 mark = np.int32(-1 - rows)
                 area[root] = mark
                 rows += 1

@@ -8,7 +8,7 @@ centres are compared in groups of 16, whose minima are packed as 256 d^2 + label
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ _GROUP = 16
 
 _FAR = np.float32(8e6)
 _CHUNK = 1024
+_ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
+
+Number = TypeVar("Number", bound=np.integer)
 
 
 def packed_centers(centers: NDArray[Any]) -> NDArray[np.float32]:
@@ -77,10 +80,8 @@ def label_both_passes(
     """
     require_image(rgb)
     require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
-    first = np.empty(rgb.shape[:2], np.uint8)
-    second = np.empty(rgb.shape[:2], np.uint8)
-    _label_both(rgb, packed_centers(centers), difference_class, first, second)
-    return first, second
+    first, second = _nearest_centers(rgb.reshape(-1, 3), centers, difference_class)
+    return first.reshape(rgb.shape[:2]), second.reshape(rgb.shape[:2])
 
 
 def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.uint16]:
@@ -90,9 +91,7 @@ def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[n
     are the same; the result is (height, width).
     """
     require_image(rgb)
-    differences = np.empty(rgb.shape[:2], np.uint16)
-    _measure_differences(rgb, packed_centers(centers), differences)
-    return differences
+    return _nearest_centers(rgb.reshape(-1, 3), centers, _ROUNDED)[1].reshape(rgb.shape[:2])
 
 
 def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.float64]:
@@ -100,19 +99,26 @@ def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[
 
     One Lloyd step of K-means in full colours.
     """
-    require_array(colors, "colors", np.uint8, (None, 3))
-    sums = np.zeros((len(centers), 4), np.int64)
-    _sum_by_label(colors, packed_centers(centers), sums)
-    count = sums[:, 3:]
-    return np.where(count > 0, sums[:, :3] / np.maximum(count, 1), np.asarray(centers, np.float64))
+    label, _ = _nearest_centers(colors, centers, _ROUNDED)
+    k = len(centers)
+    count = np.bincount(label, minlength=k)[:, None]
+    sums = np.stack([np.bincount(label, channel, k) for channel in colors.T], axis=1)
+    return np.where(count > 0, sums / np.maximum(count, 1), np.asarray(centers, np.float64))
 
 
 def difference_histogram(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.int64]:
     """How many of the colours (n, 3) lie at each rounded distance from their nearest centre: shape (443,)."""
+    return np.bincount(_nearest_centers(colors, centers, _ROUNDED)[1], minlength=DIFFERENCES)
+
+
+def _nearest_centers(
+    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Number]
+) -> tuple[NDArray[np.uint8], NDArray[Number]]:
+    """Nearest centre of each colour (n, 3), and the entry (443,) of its rounded distance to it."""
     require_array(colors, "colors", np.uint8, (None, 3))
-    counts = np.zeros(DIFFERENCES, np.int64)
-    _count_differences(colors, packed_centers(centers), counts)
-    return counts
+    label, entry = np.empty(len(colors), np.uint8), np.empty(len(colors), of_distance.dtype)
+    _fill_nearest(colors, packed_centers(centers), of_distance, label, entry)
+    return label, entry
 
 
 @compiled_exact
@@ -170,45 +176,12 @@ def _nearest(
 
 
 @compiled_exact
-def _rounded(code: np.int32) -> np.int32:
-    """The rounded distance in a code."""
-    return np.int32(np.sqrt(np.float32(code >> 8)) + np.float32(0.5))
-
-
-@compiled_exact
-def _label_both(
-    rgb: NDArray[np.uint8],
+def _fill_nearest(
+    colors: NDArray[np.uint8],
     packed: NDArray[np.float32],
-    difference_class: NDArray[np.uint8],
-    first: NDArray[np.uint8],
-    second: NDArray[np.uint8],
-) -> None:
-    width = rgb.shape[1]
-    planes, best = np.empty((3, width), np.float32), np.empty(width, np.float32)
-    codes = np.empty(width, np.int32)
-    for y in range(rgb.shape[0]):
-        _nearest(rgb[y], packed, planes, best, codes)
-        for x in range(width):
-            first[y, x] = codes[x] & 255
-            second[y, x] = difference_class[_rounded(codes[x])]
-
-
-@compiled_exact
-def _measure_differences(
-    rgb: NDArray[np.uint8], packed: NDArray[np.float32], differences: NDArray[np.uint16]
-) -> None:
-    width = rgb.shape[1]
-    planes, best = np.empty((3, width), np.float32), np.empty(width, np.float32)
-    codes = np.empty(width, np.int32)
-    for y in range(rgb.shape[0]):
-        _nearest(rgb[y], packed, planes, best, codes)
-        for x in range(width):
-            differences[y, x] = _rounded(codes[x])
-
-
-@compiled_exact
-def _sum_by_label(
-    colors: NDArray[np.uint8], packed: NDArray[np.float32], sums: NDArray[np.int64]
+    of_distance: NDArray[Number],
+    label: NDArray[np.uint8],
+    entry: NDArray[Number],
 ) -> None:
     planes, best = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
     codes = np.empty(_CHUNK, np.int32)
@@ -216,21 +189,6 @@ def _sum_by_label(
         part = colors[start : start + _CHUNK]
         _nearest(part, packed, planes, best, codes)
         for x in range(part.shape[0]):
-            label = codes[x] & 255
-            sums[label, 0] += part[x, 0]
-            sums[label, 1] += part[x, 1]
-            sums[label, 2] += part[x, 2]
-            sums[label, 3] += 1
-
-
-@compiled_exact
-def _count_differences(
-    colors: NDArray[np.uint8], packed: NDArray[np.float32], counts: NDArray[np.int64]
-) -> None:
-    planes, best = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
-    codes = np.empty(_CHUNK, np.int32)
-    for start in range(0, colors.shape[0], _CHUNK):
-        part = colors[start : start + _CHUNK]
-        _nearest(part, packed, planes, best, codes)
-        for x in range(part.shape[0]):
-            counts[_rounded(codes[x])] += 1
+            label[start + x] = codes[x] & 255
+            rounded = np.int32(np.sqrt(np.float32(codes[x] >> 8)) + np.float32(0.5))
+            entry[start + x] = of_distance[rounded]

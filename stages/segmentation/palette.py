@@ -8,7 +8,7 @@ the same image has the same palette, whatever came before it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isqrt
 
 import numpy as np
@@ -18,16 +18,7 @@ from wayside.schemas.settings import SegmentSettings
 from wayside.stages.kernels import compiled, require_image
 from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels
 
-
-def _bin_table() -> NDArray[np.int32]:
-    return np.zeros((1 << 18, 4), np.int32)
-
-
-@dataclass(frozen=True, slots=True)
-class PaletteWork:
-    """Arrays that a caller keeps from image to image; never shared between threads."""
-
-    bins: NDArray[np.int32] = field(default_factory=_bin_table, repr=False)
+_BINS = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +30,7 @@ class ColorBins:
     weight: NDArray[np.float32]
 
 
-def sample_colors(
-    rgb: NDArray[np.uint8], at_least: int, work: PaletteWork | None = None
-) -> ColorBins:
+def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
     """Colours of a regular sample of `at_least` so many pixels, where there are, as pixels and as 6-bit bins.
 
     Parameters
@@ -50,8 +39,6 @@ def sample_colors(
         Image or whole rows of one, (height, width, 3) uint8, C-contiguous, not empty.
     at_least
         Pixels.
-    work
-        Kept arrays; made anew where None.
 
     Raises
     ------
@@ -63,16 +50,20 @@ def sample_colors(
     if height * width == 0:
         raise ValueError(f"rgb: wanted at least one pixel, found {width} x {height}")
     step = max(1, min(isqrt(height * width // at_least), height, width))
-    first = step // 2
-    count = len(range(first, height, step)) * len(range(first, width, step))
-    pixels = np.empty((count, 3), np.uint8)
-    touched = np.empty(count + 1, np.int32)
-    bins = (work or PaletteWork()).bins
-    used = _fill_bins(rgb, step, bins, touched, pixels)
-    mean = np.empty((3, used), np.float32)
-    weight = np.empty(used, np.float32)
-    _empty_bins(bins, touched, mean, weight)
-    return ColorBins(pixels, mean, weight)
+    pixels = rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
+    red, green, blue = (pixels >> 2).T.astype(np.int32)
+    bin_of = red << 12 | green << 6 | blue
+    count = np.bincount(bin_of, minlength=_BINS)
+    # Bins in the order in which the sample meets them; of several writes to one entry the last holds.
+    met = np.empty(_BINS, np.int32)
+    met[bin_of[::-1]] = np.arange(len(bin_of))[::-1]
+    used = np.flatnonzero(count)
+    used = used[np.argsort(met[used])]
+    met[used] = np.arange(len(used))
+    number = met[bin_of]
+    sums = np.stack([np.bincount(number, channel) for channel in pixels.T])
+    weight = count[used].astype(np.float32)
+    return ColorBins(pixels, (sums * (np.float32(1) / weight)).astype(np.float32), weight)
 
 
 def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
@@ -107,56 +98,6 @@ def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
     brightness = rounded.sum(axis=1, dtype=np.int64)
     order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
     return np.asarray(rounded[order])
-
-
-@compiled
-def _fill_bins(
-    rgb: NDArray[np.uint8],
-    step: int,
-    bins: NDArray[np.int32],
-    touched: NDArray[np.int32],
-    pixels: NDArray[np.uint8],
-) -> int:
-    """Count and sum colours by bin (all zero on entry); list the bins in use, so that 64^3 of them are never swept."""
-    height, width, _ = rgb.shape
-    n = 0
-    used = 0
-    for y in range(step // 2, height, step):
-        for x in range(step // 2, width, step):
-            red, green, blue = (
-                np.int32(rgb[y, x, 0]),
-                np.int32(rgb[y, x, 1]),
-                np.int32(rgb[y, x, 2]),
-            )
-            pixels[n, 0] = red
-            pixels[n, 1] = green
-            pixels[n, 2] = blue
-            n += 1
-            i = ((red >> 2) << 12) | ((green >> 2) << 6) | (blue >> 2)
-            touched[used] = i
-            used += bins[i, 3] == 0
-            bins[i, 0] += red
-            bins[i, 1] += green
-            bins[i, 2] += blue
-            bins[i, 3] += 1
-    return used
-
-
-@compiled
-def _empty_bins(
-    bins: NDArray[np.int32],
-    touched: NDArray[np.int32],
-    mean: NDArray[np.float32],
-    weight: NDArray[np.float32],
-) -> None:
-    """Means and weights of the bins in use, which are left at zero again."""
-    for k in range(weight.size):
-        i = touched[k]
-        inverse = np.float32(1) / np.float32(bins[i, 3])
-        for c in range(3):
-            mean[c, k] = bins[i, c] * inverse
-        weight[k] = bins[i, 3]
-        bins[i] = 0
 
 
 @compiled

@@ -12,11 +12,7 @@ from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.segmentation.connected_regions import (
-    ConnectedRegions,
-    RegionWork,
-    connected_regions,
-)
+from wayside.stages.segmentation.connected_regions import ConnectedRegions, connected_regions
 from wayside.stages.segmentation.label_images import (
     DIFFERENCES,
     MOST_CENTERS,
@@ -24,7 +20,7 @@ from wayside.stages.segmentation.label_images import (
     label_both_passes,
 )
 from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
-from wayside.stages.segmentation.palette import PaletteWork, palette, sample_colors
+from wayside.stages.segmentation.palette import palette, sample_colors
 
 
 def segment(
@@ -53,18 +49,15 @@ def segment(
         If a setting is outside its range.
     """
     _check(settings, gate)
-    palette_work, region_work = PaletteWork(), RegionWork.of(0, 0)
     for image in images:
         if image.rgb is None or image.rgb.size == 0:
             yield unsegmented(image)
             continue
-        height, width = image.rgb.shape[:2]
+        height = len(image.rgb)
         rows = (
             (0, height) if settings.whole_picture else band_of(image.frame.camera, height, settings)
         )
-        if not region_work.holds(rows[1] - rows[0], width):
-            region_work = RegionWork.of(rows[1] - rows[0], width)
-        yield _segment_rows(image, image.rgb, rows, settings, gate, palette_work, region_work)
+        yield _segment_rows(image, image.rgb, rows, settings, gate)
 
 
 def band_of(camera: Camera | None, height: int, settings: SegmentSettings) -> tuple[int, int]:
@@ -100,17 +93,15 @@ def _segment_rows(
     rows: tuple[int, int],
     settings: SegmentSettings,
     gate: GateSettings,
-    palette_work: PaletteWork,
-    region_work: RegionWork,
 ) -> Segmentation:
     band = rgb[rows[0] : rows[1]]
-    sample = sample_colors(band, settings.sample_px, palette_work)
+    sample = sample_colors(band, settings.sample_px)
     centers = palette(sample, settings)
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
-    passes = _connected(labels, band, gate, region_work)
+    passes = _connected(labels, band, gate)
     table, count = _table(passes, rows[0]), sum(one.total for one in passes)
     return Segmentation(
         image,
@@ -134,18 +125,15 @@ def regions_before_gate(segmentation: Segmentation) -> Regions:
         return Regions.empty()
     first, last = segmentation.rows
     every = GateSettings(1, labels[0].size)
-    return _table(_connected(labels, image[first:last], every, None), first)
+    return _table(_connected(labels, image[first:last], every), first)
 
 
 def _connected(
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     band: NDArray[np.uint8],
     gate: GateSettings,
-    work: RegionWork | None,
 ) -> list[ConnectedRegions]:
-    return [
-        connected_regions(image, band, gate.smallest_px, gate.largest_px, work) for image in labels
-    ]
+    return [connected_regions(image, band, gate.smallest_px, gate.largest_px) for image in labels]
 
 
 def _table(passes: list[ConnectedRegions], first_row: int) -> Regions:

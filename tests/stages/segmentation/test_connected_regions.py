@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from wayside.stages.segmentation.connected_regions import RegionWork, connected_regions
+from wayside.stages.segmentation.connected_regions import connected_regions
 
 
 def by_scipy(labels, rgb, smallest, largest):
-    """Rows (label, area, box, mean colour), sorted, and the number of all regions."""
+    """Rows (area, box, mean colour), sorted, and the number of all regions."""
     rows, total = [], 0
     for label in np.unique(labels):
         parts, count = ndimage.label(labels == label)
@@ -24,17 +24,15 @@ def by_scipy(labels, rgb, smallest, largest):
             if smallest <= area <= largest:
                 mean = rgb[inside].mean(axis=0)
                 box = (xs.start, ys.start, xs.stop, ys.stop)
-                rows.append((int(label), area, *box, *np.round(mean, 3)))
+                rows.append((area, *box, *np.round(mean, 3)))
     return sorted(rows), total
 
 
-def ours(labels, rgb, smallest, largest, work=None):
-    found = connected_regions(labels, rgb, smallest, largest, work)
+def ours(labels, rgb, smallest, largest):
+    found = connected_regions(labels, rgb, smallest, largest)
     rows = [
-        (int(label), int(area), *map(int, box), *np.round(mean.astype(float), 3))
-        for label, area, box, mean in zip(
-            found.label, found.area, found.box, found.rgb, strict=True
-        )
+        (int(area), *map(int, box), *np.round(mean.astype(float), 3))
+        for area, box, mean in zip(found.area, found.box, found.rgb, strict=True)
     ]
     return sorted(rows), found.total
 
@@ -72,12 +70,12 @@ def test_regions_of_a_textured_image_are_those_of_opencv(textured):
         )
         total += count - 1
         wanted += [
-            (label, int(a), int(x), int(y), int(x + w), int(y + h))
+            (int(a), int(x), int(y), int(x + w), int(y + h))
             for x, y, w, h, a in stats[1:]
             if 20 <= a <= 3000
         ]
     found, found_total = ours(labels, rgb, 20, 3000)
-    assert [row[:6] for row in found] == sorted(wanted)
+    assert [row[:5] for row in found] == sorted(wanted)
     assert found_total == total
 
 
@@ -110,17 +108,9 @@ def test_regions_come_in_reading_order():
     assert found.box.tolist() == [[5, 0, 6, 1], [2, 1, 3, 2], [8, 4, 9, 5]]
 
 
-def test_kept_arrays_serve_smaller_images_and_change_nothing(textured):
-    labels, rgb = textured
-    work = RegionWork.of(*labels.shape)
-    first = ours(labels, rgb, 5, 500, work)
-    part = np.ascontiguousarray(labels[:100, :60]), np.ascontiguousarray(rgb[:100, :60])
-    assert ours(*part, 5, 500, work) == ours(*part, 5, 500)
-    assert ours(labels, rgb, 5, 500, work) == first
-
-
-def test_an_image_without_pixels_has_no_regions():
-    found = connected_regions(np.zeros((0, 5), np.uint8), np.zeros((0, 5, 3), np.uint8), 1, 10)
+@pytest.mark.parametrize("size", [(0, 5), (5, 0), (0, 0)])
+def test_an_image_without_pixels_has_no_regions(size):
+    found = connected_regions(np.zeros(size, np.uint8), np.zeros((*size, 3), np.uint8), 1, 10)
     assert (len(found.area), found.total) == (0, 0)
 
 
@@ -138,8 +128,6 @@ def test_what_the_kernels_cannot_take_is_refused(textured):
         connected_regions(labels, rgb[:50], 1, 10)
     with pytest.raises(ValueError, match="labels: wanted any x any uint8"):
         connected_regions(labels.astype(np.int32), rgb, 1, 10)
-    with pytest.raises(ValueError, match="work: wanted arrays"):
-        connected_regions(labels, rgb, 1, 10, RegionWork.of(10, 10))
     with pytest.raises(ValueError, match="smallest_px"):
         connected_regions(labels, rgb, 0, 10)
     with pytest.raises(ValueError, match="at most 65535 columns"):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.settings import SegmentSettings
-from wayside.stages.segmentation.palette import PaletteWork, palette, sample_colors
+from wayside.stages.segmentation.palette import palette, sample_colors
 
 SAMPLE = SegmentSettings().sample_px
 
@@ -65,14 +65,6 @@ def test_more_clusters_leave_less_unexplained():
     rgb = scene()
     sample = sample_colors(rgb, SAMPLE)
     assert inertia(rgb, palette(sample, k(16))) < inertia(rgb, palette(sample, k(4)))
-
-
-def test_kept_arrays_do_not_carry_anything_from_one_image_to_the_next():
-    work = PaletteWork()
-    alone = palette(sample_colors(scene(seed=5), SAMPLE), k(16))
-    sample_colors(scene(seed=6), SAMPLE, work)
-    np.testing.assert_array_equal(palette(sample_colors(scene(seed=5), SAMPLE, work), k(16)), alone)
-    assert not work.bins.any()
 
 
 def test_bins_stand_at_the_mean_of_the_sample():
