@@ -16,6 +16,7 @@ from typing import Protocol
 
 from wayside.pipeline.journal import Journal
 from wayside.pipeline.model_files import Models
+from wayside.pipeline.route_file import RouteFile
 from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
@@ -30,7 +31,15 @@ from wayside.stages.calibration import (
     watch_calibration,
 )
 from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
-from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
+from wayside.stages.georeference import (
+    DrivePath,
+    DriveRecord,
+    collect,
+    georeference,
+    measure_by_lines,
+    measure_by_milepost,
+    place_signs,
+)
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import (
     LandmarkClassifier,
@@ -68,6 +77,7 @@ class Flow:
     clock: StageClock
     observer: Observer | None = None
     journal: Journal | None = None
+    routes: RouteFile | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
     calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
 
@@ -198,7 +208,17 @@ class Flow:
         # scores of another detector are no probabilities: what its least score let through is a sign
         confidence = s.locate.confidence if self.models.external is None else 0.0
         placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
-        return self.drive_stage("signs", placed)
+        return self.drive_stage("signs", self._measured(placed, path))
+
+    def _measured(self, signs: Iterator[Sign], path: DrivePath) -> Iterator[Sign]:
+        """The signs with their measure along the route, where one is given."""
+        route = self.settings.route
+        if route.milepost >= 0:
+            return measure_by_milepost(signs, route)
+        if self.routes is None or path.globe is None:
+            return signs
+        segments = self.routes.near(path.globe.route()[:, :2])
+        return measure_by_lines(signs, path, segments, route)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""
