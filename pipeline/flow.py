@@ -36,8 +36,7 @@ from wayside.stages.georeference import (
     DriveRecord,
     collect,
     georeference,
-    measure_by_lines,
-    measure_by_milepost,
+    measure_along_route,
     place_signs,
 )
 from wayside.stages.imaging import decode
@@ -208,17 +207,16 @@ class Flow:
         # scores of another detector are no probabilities: what its least score let through is a sign
         confidence = s.locate.confidence if self.models.external is None else 0.0
         placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
-        return self.drive_stage("signs", self._measured(placed, path))
-
-    def _measured(self, signs: Iterator[Sign], path: DrivePath) -> Iterator[Sign]:
-        """The signs with their measure along the route, where one is given."""
-        route = self.settings.route
+        placed = self.drive_stage("signs", placed)
+        route = s.route
         if route.milepost >= 0:
-            return measure_by_milepost(signs, route)
-        if self.routes is None or path.globe is None:
-            return signs
-        segments = self.routes.near(path.globe.route()[:, :2])
-        return measure_by_lines(signs, path, segments, route)
+            measured = measure_along_route(placed, path=path, settings=route)
+        elif self.routes is not None and path.globe is not None:
+            near = self.routes.near(path.globe.route()[:, :2])
+            measured = measure_along_route(placed, path=path, settings=route, segments=near)
+        else:
+            return placed
+        return self.drive_stage("route", measured)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,13 +75,14 @@ class RouteFile:
             import pyogrio
 
             to_file = pyproj.Transformer.from_crs(_WGS_84, self.crs, always_xy=True)
-            meta, table = pyogrio.read_arrow(
-                self.path,
-                layer=self.layer,
-                columns=[self.column],
-                bbox=None if box is None else to_file.transform_bounds(*box),
-                max_features=1 if first else None,
-            )
+            with _with_measures():
+                meta, table = pyogrio.read_arrow(
+                    self.path,
+                    layer=self.layer,
+                    columns=[self.column],
+                    bbox=None if box is None else to_file.transform_bounds(*box),
+                    max_features=1 if first else None,
+                )
             geometry = meta["geometry_name"] or "wkb_geometry"
         else:
             geometry = self.geometry
@@ -156,12 +159,14 @@ def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     """The first layer of lines: its name, columns, and reference system."""
     import pyogrio
 
-    layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
+    with _with_measures():
+        layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
     lines = [name for name, kind in layers if "LineString" in kind or kind == "Unknown"]
     if not lines:
         found = ", ".join(f"{name} ({kind})" for name, kind in layers) or "no layer"
         raise InputError(f"--routes {path}: wanted a layer of lines, found {found}")
-    info = pyogrio.read_info(path, layer=lines[0])
+    with _with_measures():
+        info = pyogrio.read_info(path, layer=lines[0])
     if info["crs"] is None:
         raise _no_crs(path)
     return lines[0], [str(name) for name in info["fields"]], "", pyproj.CRS(info["crs"])
@@ -241,6 +246,14 @@ def _segments(names: list[str], lines: NDArray[Any], file: RouteFile, box: Bound
         points[kept + 1, 2],
         file.settings.unit,
     )
+
+
+@contextmanager
+def _with_measures() -> Iterator[None]:
+    """Without the warnings that geometry types have no M in pyogrio: the geometries that it hands on have."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Measured")
+        yield
 
 
 def _no_crs(path: Path) -> InputError:

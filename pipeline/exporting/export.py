@@ -99,7 +99,7 @@ def export(
     if kind in _ALWAYS_WGS_84 and not placement.on_globe:
         raise UsageError(
             f"{out}: wanted signs on the globe for {FORMATS[kind]}, found none with longitude and latitude: the log "
-            "has no satellite fixes; export csv, gpkg or shp, whose x and y are relative to the drive"
+            "has no satellite fixes; export CSV, gpkg or shp, whose x and y are relative to the drive"
         )
     if crs is not None:
         placement = project(out, placement, crs)
@@ -112,17 +112,16 @@ def export(
     if kind == "geojson":
         write_file(file, format_geojson(table, placement).encode(), overwrite=overwrite)
         return Exported(len(table.rows), (file,), placement.notes)
-    parts, notes = format_gis(table, placement, kind, file.stem)
-    files = _write_together(file, parts, overwrite=overwrite)
-    return Exported(len(table.rows), files, (*placement.notes, *notes))
+    made = format_gis(table, placement, kind, file.stem)
+    parts = {file.with_suffix(suffix): content for suffix, content in made.beside.items()}
+    _write_together(parts | {file: made.content}, overwrite=overwrite)
+    return Exported(len(table.rows), (*parts, file), (*placement.notes, *made.notes))
 
 
-def _write_together(file: Path, parts: dict[str, bytes], *, overwrite: bool) -> tuple[Path, ...]:
-    """Write the parts of a set beside each other; none where one of them would replace something else."""
-    files = {file.with_suffix(suffix): content for suffix, content in parts.items()}
+def _write_together(files: dict[Path, bytes], *, overwrite: bool) -> None:
+    """Write files that belong together; none where one of them would replace something else."""
     for path, content in files.items():
         if not overwrite and path.is_file() and path.read_bytes() != content:
             raise refuse(path, "another file of that name")
     for path, content in files.items():
         write_file(path, content, overwrite=overwrite)
-    return tuple(files)

@@ -55,7 +55,7 @@ _FRAME_COLUMNS = ("frame", "log_time_ns", "header_time_ns", "x", "y", "z", *_QUA
 _BOX_COLUMNS = ("frame", "box", "sign_id", "verdict")
 _THICKNESS_M, _TEXT_ABOVE_M = 0.03, 0.3
 _BOX_PX, _REJECTED_PX, _TEXT_PX, _SCENE_TEXT_PX = 4.0, 1.5, 24.0, 14.0
-_REJECTED_INK, _PATH_INK = (140, 140, 140), (255, 255, 255)
+_REJECTED_INK, _WHITE = (140, 140, 140), (255, 255, 255)
 _UNTOLD = ("score", "overlap")
 """Verdicts on one box in one image, of which there are hundreds: they have no label."""
 _IDENTITY = Pose(Rotation.identity().as_matrix(), Rotation.identity().as_rotvec())
@@ -133,7 +133,7 @@ def write_foxglove_log(
             ("rejected", _rejected_boxes(row, of_frame)),
         ):
             writer.write_message(f"{prefix}/{topic}", shown, when, when)
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     return [f"{lost} images have no transform: the mount of the camera is unknown"] if lost else []
 
 
@@ -176,7 +176,7 @@ def _sign_boxes(row: Row, boxes: Sequence[Row], names: dict[str, Row]) -> ImageA
                 thickness=_BOX_PX,
             )
         )
-        found.texts.append(_label(time, (x0, y0), _words(sign), color))
+        found.texts.append(_label(time, (x0, y0), _words(sign), _color(_WHITE)))
     return found
 
 
@@ -222,19 +222,18 @@ def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:
     first = rows[0]
     time = _stamp(first["header_time_ns"] or min(row["log_time_ns"] for row in rows))
     placed = {row["frame"]: row for row in rows if row["qw"] is not None}
-    entities = [_path(list(placed.values()))]
+    entities = [_path(time, list(placed.values()))]
     entities += [
-        _panel(sign, placed[sign["best_frame"]])
+        _panel(time, sign, placed[sign["best_frame"]])
         for sign in table.rows
         if sign.get("status") is not None and sign["best_frame"] in placed
     ]
     for entity in entities:
-        entity.timestamp.CopyFrom(time)
         entity.frame_id = world
     return SceneUpdate(entities=entities)
 
 
-def _path(placed: Sequence[Row]) -> SceneEntity:
+def _path(time: Timestamp | None, placed: Sequence[Row]) -> SceneEntity:
     points = [Point3(x=row["x"], y=row["y"], z=row["z"]) for row in placed]
     line = LinePrimitive(
         type=LinePrimitive.LINE_STRIP,
@@ -242,12 +241,12 @@ def _path(placed: Sequence[Row]) -> SceneEntity:
         thickness=2.0,
         scale_invariant=True,
         points=points,
-        color=_color(_PATH_INK),
+        color=_color(_WHITE),
     )
-    return SceneEntity(id="path", lines=[line] if len(points) > 1 else [])
+    return SceneEntity(timestamp=time, id="path", lines=[line] if len(points) > 1 else [])
 
 
-def _panel(sign: Row, camera: Row) -> SceneEntity:
+def _panel(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
     """A sign: axes of its box as those of the camera turned by `facing_deg` about its y axis, which points down."""
     turn = Rotation.from_euler("y", sign["facing_deg"] or 0.0, degrees=True)
     axes = (Rotation.from_quat([camera[name] for name in _QUATERNION]) * turn).as_matrix()
@@ -256,6 +255,7 @@ def _panel(sign: Row, camera: Row) -> SceneEntity:
     above = Pose(axes, panel.centre - (height / 2 + _TEXT_ABOVE_M) * axes[:, 1])
     color = _color(ink_of(sign["color"]))
     return SceneEntity(
+        timestamp=time,
         id=sign["sign_id"],
         cubes=[
             CubePrimitive(
@@ -288,7 +288,7 @@ def _transform(row: Row, frames: _Frames) -> FrameTransform | None:
     return FrameTransform(
         timestamp=_stamp(time_ns),
         parent_frame_id=frames.world,
-        child_frame_id=frames.child,
+        child_frame_id=frames.child or "",
         translation=Vector3(x=position.x, y=position.y, z=position.z),
         rotation=message.orientation,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -44,10 +45,17 @@ def load_pyogrio() -> ModuleType:
     return pyogrio  # type: ignore[no-any-return]
 
 
-def format_gis(
-    table: FlatTable, placement: Placement, kind: str, stem: str
-) -> tuple[dict[str, bytes], list[str]]:
-    """The bytes of each file by its suffix, the main one last, and notes on what the format has no room for.
+@dataclass(frozen=True, slots=True)
+class GisFile:
+    """The bytes of a file and of those beside it, by suffix; notes: in words, what the format has no room for."""
+
+    content: bytes
+    beside: dict[str, bytes]
+    notes: tuple[str, ...]
+
+
+def format_gis(table: FlatTable, placement: Placement, kind: str, stem: str) -> GisFile:
+    """The table as a file of a geographic information system.
 
     The same table gives the same bytes: where a format wants the time of its writing, it gets that of the drive.
 
@@ -67,10 +75,11 @@ def format_gis(
     """
     pyogrio = load_pyogrio()
     points = placement.points
-    geometry_type, options = "Point Z", {}
+    geometry_type = "Point Z"
+    options: dict[str, str] = {}
     if (
         kind == "kml"
-    ):  # heights of KML are above the sea, those here above the ellipsoid: signs go on the ground
+    ):  # its heights are above the sea, those here above the ellipsoid: on the ground
         points = tuple(None if point is None else point[:2] for point in points)
         geometry_type = "Point"
     when = _time_of(table)
@@ -90,23 +99,22 @@ def format_gis(
         )
         written = {part.suffix: part.read_bytes() for part in sorted(Path(scratch).iterdir())}
     main = written.pop(file.suffix)
-    return written | {file.suffix: main}, list(_cut_texts(table)) if kind == "shp" else []
+    return GisFile(main, written, tuple(_cut_texts(table)) if kind == "shp" else ())
 
 
 def _arrow(table: FlatTable, points: tuple[tuple[float, ...] | None, ...], kind: str) -> pa.Table:
     short = short_names(table.columns)
-    fields, arrays = [], []
+    fields: list[pa.Field[Any]] = []
+    arrays: list[pa.Array[Any]] = []
     if kind == "kml":
         fields += [pa.field(name, pa.string()) for name in ("Name", "description")]
         arrays += [pa.array([str(row["sign_id"]) for row in table.rows], pa.string())]
         arrays += [pa.array([_appearance(row) for row in table.rows], pa.string())]
     for column in table.columns:
         values = [row.get(column.name) for row in table.rows]
-        if (
-            kind == "shp"
-        ):  # whole numbers of over 18 digits, which times in nanoseconds are, would be rounded
-            text = pa.types.is_int64(column.type)
-            values = [None if v is None else str(v) for v in values] if text else values
+        if kind == "shp":  # its numbers have 18 digits, times in nanoseconds have 19
+            text = pa.types.is_int64(column.type) or pa.types.is_string(column.type)
+            values = [v if v is None else _cut(str(v)) if text else v for v in values]
             fields.append(pa.field(short[column.name], pa.string() if text else column.type))
         else:
             comment = f"{column.words} [{column.unit}]" if column.unit else column.words
@@ -132,6 +140,11 @@ def _appearance(row: dict[str, Any]) -> str:
     words = f"{color} {shape}".replace("_", " ").strip() or "unknown"
     status, review = row.get("status"), row.get("review")
     return ", ".join([words, *filter(None, (status if status != "sign" else "", review))])
+
+
+def _cut(text: str) -> str:
+    """As much of a text as a dBASE file holds, without half a character at its end."""
+    return text.encode()[:_LONGEST_TEXT].decode(errors="ignore")
 
 
 def _cut_texts(table: FlatTable) -> Iterator[str]:

@@ -79,7 +79,9 @@ def project(out: Path, placement: Placement, wanted: str) -> Placement:
     to_crs = pyproj.Transformer.from_crs(WGS_84, crs, always_xy=True)
     points: list[tuple[float, ...] | None] = []
     for point in placement.points:
-        points.append(None if point is None else (*to_crs.transform(*point[:2]), *point[2:]))
+        points.append(
+            None if point is None else (*to_crs.transform(point[0], point[1]), *point[2:])
+        )
     if any(point is not None and not all(map(math.isfinite, point[:2])) for point in points):
         raise UsageError(
             f"--crs {wanted}: wanted a system that holds all signs, found that {crs.name} does not; "

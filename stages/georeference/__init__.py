@@ -2,7 +2,7 @@
 
 from wayside.stages.georeference.geodesy import Globe, LocalOrigin, align_level
 from wayside.stages.georeference.georeferencing import georeference
-from wayside.stages.georeference.linear_reference import measure_by_lines, measure_by_milepost
+from wayside.stages.georeference.linear_reference import measure_along_route
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import DrivePath, DriveRecord, PathPoint, StepScale, collect
 from wayside.stages.georeference.placement import place_signs
@@ -21,8 +21,7 @@ __all__ = [
     "align_level",
     "collect",
     "georeference",
-    "measure_by_lines",
-    "measure_by_milepost",
+    "measure_along_route",
     "place_signs",
     "smooth",
 ]

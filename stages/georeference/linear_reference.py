@@ -19,8 +19,37 @@ _EARTH_M = 6_371_008.8
 _BLOCK = 64
 
 
-def measure_by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sign]:
-    """Signs with the measure at the start plus, or minus, their distance along the path."""
+def measure_along_route(
+    signs: Iterator[Sign],
+    *,
+    path: DrivePath,
+    settings: RouteSettings,
+    segments: RouteSegments | None = None,
+) -> Iterator[Sign]:
+    """Signs with the route and its measure abreast of them.
+
+    With a milepost that is the measure at the start plus, or minus, the distance along the path. With route lines it is
+    that of the line which the path follows, not of the line nearest to the sign, so that a sign near a crossing keeps
+    the route of the drive: of the point nearest to the path abreast of the sign.
+
+    Parameters
+    ----------
+    signs
+        Of the drive.
+    path
+        Where it followed no route, and without a place on the globe, signs stay as they are.
+    settings
+        Route and milepost; what counts as following.
+    segments
+        Of routes near the path; None: by milepost.
+    """
+    if segments is None:
+        yield from _by_milepost(signs, settings)
+    else:
+        yield from _by_lines(list(signs), path, segments, settings)
+
+
+def _by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sign]:
     sense = -1.0 if settings.decreasing else 1.0
     for sign in signs:
         measure = settings.milepost + sense * sign.station_m / MEASURE_UNITS[settings.unit]
@@ -29,26 +58,9 @@ def measure_by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Itera
         )
 
 
-def measure_by_lines(
-    signs: Iterator[Sign], path: DrivePath, segments: RouteSegments, settings: RouteSettings
+def _by_lines(
+    listed: list[Sign], path: DrivePath, segments: RouteSegments, settings: RouteSettings
 ) -> Iterator[Sign]:
-    """Signs with the route that the vehicle was on beside them, and its measure there.
-
-    Not the line nearest to a sign counts but that which the path follows, so that a sign near a crossing keeps the
-    route of the drive. The measure is that of the point of the line nearest to the path abreast of the sign.
-
-    Parameters
-    ----------
-    signs
-        Of the drive.
-    path
-        On the globe; without, and where it follows no route, signs stay as they are.
-    segments
-        Of routes near the path.
-    settings
-        What counts as following.
-    """
-    listed = list(signs)
     if path.globe is None or not len(segments) or not listed:
         yield from listed
         return
