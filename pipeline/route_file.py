@@ -31,6 +31,8 @@ _NAMES = (
 """Usual names of the column that names a route, the surest first."""
 _PARQUET = (".parquet", ".geoparquet")
 _MOST_LISTED = 8
+_SAMPLE = 100
+"""Lines that are looked at for measures before a run."""
 
 Bounds = tuple[float, float, float, float]
 
@@ -68,7 +70,7 @@ class RouteFile:
         return _segments(names, lines, self, box)
 
     def _read(self, box: Bounds | None, *, first: bool = False) -> tuple[list[str], NDArray[Any]]:
-        """Names and geometries of the lines in a box of WGS 84, or of the first line with a geometry only."""
+        """Names and geometries of the lines in a box of WGS 84, or of the first lines only."""
         import shapely
 
         if self.layer:
@@ -81,7 +83,7 @@ class RouteFile:
                     layer=self.layer,
                     columns=[self.column],
                     bbox=None if box is None else to_file.transform_bounds(*box),
-                    max_features=1 if first else None,
+                    max_features=_SAMPLE if first else None,
                 )
             geometry = meta["geometry_name"] or "wkb_geometry"
         else:

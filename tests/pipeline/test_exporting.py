@@ -47,9 +47,19 @@ def write_result(folder, **changes):
         row |= {"route": "US-36 EB", "measure": 12.35, "measure_unit": "mi"}
         rows.append(row | changes)
     pq.write_table(pa.Table.from_pylist(rows, schema=SIGNS.schema), folder / SIGNS.file)
-    frames = {"frame": 0, "log_time_ns": 0, "status": "used", "x": 0, "y": 0, "z": 0, "station_m": 0}
+    frames = {
+        "frame": 0,
+        "log_time_ns": 0,
+        "status": "used",
+        "x": 0,
+        "y": 0,
+        "z": 0,
+        "station_m": 0,
+    }
     empty = {column.name: None for column in FRAMES.columns}
-    pq.write_table(pa.Table.from_pylist([empty | frames], schema=FRAMES.schema), folder / FRAMES.file)
+    pq.write_table(
+        pa.Table.from_pylist([empty | frames], schema=FRAMES.schema), folder / FRAMES.file
+    )
     files = {SIGNS.file: {"sha256": "0" * 64}}
     about = {"log": "d.mcap", "world": "drive_start", "files": files}
     (folder / "run.json").write_text(json.dumps(about))
@@ -107,7 +117,9 @@ def test_a_shapefile_has_the_short_names_of_the_page_and_keeps_times_whole(out, 
     assert (row["width_m"], row["meas_unit"]) == (pytest.approx(0.762), "mi")
     np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
     assert meta["crs"] == "EPSG:4326"
-    stated = [line.split("`")[1::2] for line in PAGE.read_text().splitlines() if line.startswith("| `")]
+    stated = [
+        line.split("`")[1::2] for line in PAGE.read_text().splitlines() if line.startswith("| `")
+    ]
     short = dict(pair for pair in stated if len(pair) == 2)
     export(out, "-f", "csv")
     names = next(csv.reader(io.StringIO((out / "signs.csv").read_text())))
@@ -133,7 +145,9 @@ def test_feet_and_inches_are_in_the_names_the_values_and_the_units(out, tmp_path
     assert (row["facing_deg"], row["residual_px"], row["measure"]) == ("2.0", "0.5", "12.35")
     assert not [name for name in row if name.endswith("_m")]
     export(out, "-o", tmp_path / "us.shp", "--units", "us")
-    assert {"width_in", "station_ft", "cov_yy_ft2"} <= set(read(tmp_path / "us.shp")[1].column_names)
+    assert {"width_in", "station_ft", "cov_yy_ft2"} <= set(
+        read(tmp_path / "us.shp")[1].column_names
+    )
 
 
 def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
