@@ -7,7 +7,7 @@ they belong to.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -119,18 +119,16 @@ def write_foxglove_log(
         first = min(row["log_time_ns"] for row in rows)
         writer.write_message(f"{prefix}/scene", scene, first, first)
     names = {row["sign_id"]: row for row in table.rows}
-    boxes = _boxes_by_frame(out)
-    for row in rows:
+    for row, boxes in _with_boxes(out, rows):
         when = row["log_time_ns"]
-        of_frame = boxes.get(row["frame"], [])
         if frames.child is not None and row["qw"] is not None:
             moved = _transform(row, frames)
             lost += moved is None
             if moved is not None:
                 writer.write_message(f"{prefix}/camera", moved, when, when)
         for topic, shown in (
-            ("signs", _sign_boxes(row, of_frame, names)),
-            ("rejected", _rejected_boxes(row, of_frame)),
+            ("signs", _sign_boxes(row, boxes, names)),
+            ("rejected", _rejected_boxes(row, boxes)),
         ):
             writer.write_message(f"{prefix}/{topic}", shown, when, when)
     writer.finish()  # type: ignore[no-untyped-call]
@@ -150,11 +148,23 @@ def _frames_of(drive: Path, out: Path, run: dict[str, Any]) -> _Frames:
     return _Frames(named or "wayside_log", None if child == named else child, plan)
 
 
-def _boxes_by_frame(out: Path) -> dict[int, list[Row]]:
-    """Observations of each frame; the table stands in order of frame."""
+def _with_boxes(out: Path, frames: Sequence[Row]) -> Iterator[tuple[Row, list[Row]]]:
+    """Frames with their observations, one after the other: both tables stand in the same order."""
     found = read_table(out, OBSERVATIONS, _BOX_COLUMNS)
     rows = (row for batch in found.to_batches(max_chunksize=10_000) for row in batch.to_pylist())
-    return {frame: list(of) for frame, of in groupby(rows, key=lambda row: int(row["frame"]))}
+    groups = groupby(rows, key=lambda row: int(row["frame"]))
+    frame, boxes = next(groups, (None, iter(())))
+    for row in frames:
+        if row["frame"] != frame:
+            yield row, []
+            continue
+        yield row, list(boxes)
+        frame, boxes = next(groups, (None, iter(())))
+    if frame is not None:
+        raise InputError(
+            f"{out}: wanted the frames of all observations, found none of frame {frame}; the tables are of different "
+            "runs: run the log again"
+        )
 
 
 def _sign_boxes(row: Row, boxes: Sequence[Row], names: dict[str, Row]) -> ImageAnnotations:

@@ -168,6 +168,14 @@ def test_the_same_bytes_come_again_and_another_log_is_refused(new_log, tmp_path)
     assert not (tmp_path / "b.mcap").exists()
 
 
+def test_observations_of_a_frame_that_is_not_there_are_refused(new_log, tmp_path):
+    out = write_result(tmp_path / "out", drive(new_log, "poses"), "log")
+    frames = pq.read_table(out / FRAMES.file)
+    pq.write_table(frames.slice(0, 1), out / FRAMES.file)
+    with pytest.raises(InputError, match="found none of frame 1"):
+        export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
+
+
 def test_without_the_package_the_way_to_install_it_is_told():
     code = (
         "import sys; sys.modules['foxglove_schemas_protobuf.Color_pb2'] = None\n"
