@@ -1,4 +1,4 @@
-"""Options of the command line for where along which route a drive lies."""
+"""Options of the command line for where along which route a drive lies. Heavy imports stand inside."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from wayside.schemas.errors import UsageError
-from wayside.schemas.routes import MEASURE_UNITS
 
 Route = Annotated[str | None, typer.Option(metavar="NAME", help='Route of the drive: "US-36 EB".')]
 Milepost = Annotated[
@@ -59,6 +58,8 @@ def parse_milepost(text: str) -> dict[str, Any]:
     UsageError
         The text is no milepost.
     """
+    from wayside.schemas.routes import MEASURE_UNITS
+
     found = _MEASURE.fullmatch(text.strip().lower())
     if found is None or (found[2] and found[2] not in MEASURE_UNITS):
         raise UsageError(
