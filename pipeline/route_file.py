@@ -176,8 +176,8 @@ def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
 
 def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     """Columns, geometry column and reference system of a GeoParquet file."""
-    schema = pq.read_schema(path)
-    about = (schema.metadata or {}).get(b"geo")
+    metadata = pq.read_metadata(path)
+    about = (metadata.metadata or {}).get(b"geo")
     if about is None:
         raise InputError(
             f"--routes {path}: wanted GeoParquet, found Parquet without its metadata; write it with geopandas or GDAL"
@@ -187,7 +187,7 @@ def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     stated = geo["columns"][name].get("crs", _WGS_84)
     if stated is None:
         raise _no_crs(path)
-    columns = [one for one in schema.names if one != name]
+    columns = [one for one in metadata.schema.to_arrow_schema().names if one != name]
     return "", columns, name, pyproj.CRS.from_user_input(stated)
 
 
@@ -218,9 +218,10 @@ def _every_name(file: RouteFile) -> list[str]:
     if file.layer:
         import pyogrio
 
-        _, table = pyogrio.read_arrow(
-            file.path, layer=file.layer, columns=[file.column], read_geometry=False
-        )
+        with _with_measures():
+            _, table = pyogrio.read_arrow(
+                file.path, layer=file.layer, columns=[file.column], read_geometry=False
+            )
     else:
         table = pq.read_table(file.path, columns=[file.column])
     return [str(name) for name in table.column(file.column).to_pylist()]

@@ -34,12 +34,21 @@ def write(file, lines, column="RTE_NM", names=("US-36 EB", "K-7"), crs="OGC:CRS8
     if file.suffix == ".parquet":
         about = {"version": "1.1.0", "primary_column": "geometry"}
         about["columns"] = {"geometry": {"encoding": "WKB", "geometry_types": [], "crs": crs}}
-        pq.write_table(table.replace_schema_metadata({"geo": json.dumps(about)}), file)
+        with pq.ParquetWriter(file, table.schema) as writer:
+            writer.write_table(table)
+            writer.add_key_value_metadata(
+                {"geo": json.dumps(about)}
+            )  # as GDAL does: not in the schema
         return file
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the writer does not know lines with measures by name
         pyogrio.write_arrow(
-            table, file, driver="GPKG", geometry_name="geometry", geometry_type="Unknown", crs=crs
+            table,
+            file,
+            driver="GPKG",
+            geometry_name="geometry",
+            geometry_type="LineString",
+            crs=crs,
         )
     return file
 
