@@ -19,6 +19,7 @@ from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
+from wayside.pipeline import cli_routing as routing
 from wayside.pipeline import cli_viewing as viewer
 from wayside.pipeline.cli_running import exit_with, process, process_all
 from wayside.pipeline.process import (
@@ -110,6 +111,7 @@ def common(
     epilog="Examples: `wayside run drive.mcap -o out` · `wayside run images.mcap --spacing 26.4ft -o out` · "
     "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
     "`wayside run drive.mcap --view file -o out` · "
+    "`wayside run drive.mcap --route 'US-36 EB' --milepost 12.35 -o out` · "
     "`wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out` · "
     "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
 )
@@ -135,6 +137,10 @@ def run(
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
     models: fitting.Models = None,
+    route: routing.Route = None,
+    milepost: routing.Milepost = None,
+    decreasing: routing.Decreasing = False,
+    routes: routing.Routes = None,
     alpha: Annotated[
         float | None,
         typer.Option(
@@ -167,6 +173,7 @@ def run(
         )
     options = _read_options(spacing, camera, calibration, start, until, every, workers)
     options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
+    options |= routing.options(route, milepost, decreasing, routes, logs)
     if alpha is not None:
         options["models.alpha"] = alpha
     if detections is not None:

@@ -13,7 +13,9 @@ from wayside.schemas.errors import UsageError
 
 EXPORT_EPILOG = (
     "Examples: `wayside export out -o signs.csv` · "
-    "`wayside export out -o signs.geojson --review review.csv`"
+    "`wayside export out -f gpkg --units us --crs EPSG:26914` · "
+    "`wayside export out -o signs.geojson --review review.csv` · "
+    "`wayside export out -f mcap -o drive.signs.mcap`"
 )
 
 
@@ -22,6 +24,17 @@ class Format(StrEnum):
 
     csv = "csv"
     geojson = "geojson"
+    gpkg = "gpkg"
+    shp = "shp"
+    kml = "kml"
+    mcap = "mcap"
+
+
+class Units(StrEnum):
+    """Of lengths."""
+
+    metric = "metric"
+    us = "us"
 
 
 Review = Annotated[
@@ -34,30 +47,63 @@ Review = Annotated[
 
 def export(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")],
-    file: Annotated[Path, typer.Option("-o", "--out", help="The file to write.")],
+    file: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="The file to write.  [default: signs.FORMAT in OUT]"),
+    ] = None,
     kind: Annotated[
         Format | None, typer.Option("-f", "--format", help="Default: by the end of the name.")
     ] = None,
+    units: Annotated[
+        Units, typer.Option(help="`us`: distances in feet, sizes of signs in inches.")
+    ] = Units.metric,
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EPSG:...",
+            help="csv, gpkg, shp: coordinate reference system.  [default: WGS 84]",
+        ),
+    ] = None,
     review: Review = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="mcap: where the log lies now, if it has moved since the run."),
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a file that stands there.")
     ] = False,
 ) -> None:
-    """Write the signs as one flat table, with corrections beside what was measured."""
-    from wayside.pipeline.reviewing.export import FORMATS
-    from wayside.pipeline.reviewing.export import export as write
+    """Write the signs for other programs, with corrections beside what was measured."""
+    from wayside.pipeline.exporting.export import export as write
     from wayside.pipeline.reviewing.review import find_review
 
-    chosen = file.suffix.lower().removeprefix(".") if kind is None else kind.value
-    if chosen not in FORMATS:
-        raise UsageError(
-            f"{file}: wanted a name that ends with {' or '.join(f'.{f}' for f in FORMATS)}, or -f with one of these"
-        )
+    chosen = _format_of(file, kind)
+    target = out / f"signs.{chosen}" if file is None else file
     said = find_review(out, review)
-    rows = write(out, said, file, chosen, overwrite=overwrite)
+    done = write(
+        out, said, target, chosen, units=units.value, crs=crs, log=log, overwrite=overwrite
+    )
     reviewed = len(said.rows) + len(said.missing)
     more = f", {reviewed} of them reviewed" if reviewed else ""
-    typer.echo(visible(f"{file}: {rows} rows{more}"))
+    parts = "".join(f", {part.name}" for part in done.files if part != target)
+    for note in done.notes:
+        typer.echo(visible(f"note: {note}"), err=True)
+    typer.echo(visible(f"{target}{parts}: {done.rows} rows{more}"))
+
+
+def _format_of(file: Path | None, kind: Format | None) -> str:
+    """The format that is asked for, else that of the file's name."""
+    known = ", ".join(f".{one.value}" for one in Format)
+    ending = "" if file is None else file.suffix.lower().removeprefix(".")
+    if kind is not None:
+        if kind is Format.shp and file is not None and ending != kind:
+            raise UsageError(f"{file}: wanted a name that ends with .shp, as its parts share it")
+        return kind.value
+    if ending not in [one.value for one in Format]:
+        raise UsageError(
+            f"{file or 'wayside export'}: wanted -f, or -o with a name that ends with one of {known}"
+        )
+    return ending
 
 
 def evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: bool) -> None:

@@ -16,6 +16,7 @@ from typing import Protocol
 
 from wayside.pipeline.journal import Journal
 from wayside.pipeline.model_files import Models
+from wayside.pipeline.route_file import RouteFile
 from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
@@ -30,7 +31,14 @@ from wayside.stages.calibration import (
     watch_calibration,
 )
 from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
-from wayside.stages.georeference import DrivePath, DriveRecord, collect, georeference, place_signs
+from wayside.stages.georeference import (
+    DrivePath,
+    DriveRecord,
+    collect,
+    georeference,
+    measure_along_route,
+    place_signs,
+)
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import (
     LandmarkClassifier,
@@ -68,6 +76,7 @@ class Flow:
     clock: StageClock
     observer: Observer | None = None
     journal: Journal | None = None
+    routes: RouteFile | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
     calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
 
@@ -198,7 +207,16 @@ class Flow:
         # scores of another detector are no probabilities: what its least score let through is a sign
         confidence = s.locate.confidence if self.models.external is None else 0.0
         placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
-        return self.drive_stage("signs", placed)
+        placed = self.drive_stage("signs", placed)
+        route = s.route
+        if route.milepost >= 0:
+            measured = measure_along_route(placed, path=path, settings=route)
+        elif self.routes is not None and path.globe is not None:
+            near = self.routes.near(path.globe.route()[:, :2])
+            measured = measure_along_route(placed, path=path, settings=route, segments=near)
+        else:
+            return placed
+        return self.drive_stage("route", measured)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""

@@ -86,7 +86,7 @@ def _key(fingerprint: str, settings: Settings, digests: dict[str, str]) -> dict[
         "models": digests,
         "files": [
             file_digest(Path(name)) if name and Path(name).is_file() else name
-            for name in (settings.read.calibration, settings.models.classes)
+            for name in (settings.read.calibration, settings.models.classes, settings.route.file)
         ],
         "code": _code_digest(),
         "packages": {name: version(name) for name in _PACKAGES},

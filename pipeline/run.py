@@ -26,6 +26,7 @@ from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.reading.copies import describe_duplicates
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.result import RUN_FILE
+from wayside.pipeline.route_file import open_routes, route_notes
 from wayside.pipeline.settings_file import settings_digest
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
@@ -244,12 +245,13 @@ def _process(
     """Process the log and write all but `run.json` into `part`."""
     started = time.perf_counter()
     report, clock = run.report, StageClock()
+    routes = open_routes(settings.route)
     frames = read_frames(log, settings.read, report)
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
-    flow = Flow(settings, models, clock, observer, journal)
+    flow = Flow(settings, models, clock, observer, journal, routes)
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
     duplicates: list[str] = []
@@ -272,6 +274,7 @@ def _process(
         boxes = None if accounting is None else accounting.report()
         path = flow.georeference()
         signs = tuple(flow.signs(path))
+        report.notes += route_notes(settings.route, signs, on_globe=path.globe is not None)
         focal = flow.check_calibration()
         if focal.error is not None:
             report.notes.append(_wrong_calibration(log, report, focal.error))

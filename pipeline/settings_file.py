@@ -17,7 +17,7 @@ from typing import Any
 
 from wayside.pipeline.lengths import parse_length
 from wayside.schemas.errors import UsageError, WaysideError
-from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, Settings
+from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, RouteSettings, Settings
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {},
@@ -312,10 +312,33 @@ def _check_together(settings: Settings) -> None:
             "report.trajectory classifies what is followed by descriptors; wanted a preset report, report-2d or "
             f'report-shape (track.matching = "sift"), found {track.matching!r}'
         )
+    _check_route(settings.route)
     if track.fewest_views > track.longest:
         raise UsageError(
             f"track.fewest_views ({track.fewest_views}) is above track.longest ({track.longest}): "
             "no sign could be reported"
+        )
+
+
+def _check_route(route: RouteSettings) -> None:
+    by_milepost = route.milepost >= 0
+    if by_milepost and route.file:
+        raise UsageError(
+            "wanted a milepost (route.milepost) or lines with measures (route.file), found both; give one"
+        )
+    if route.name and not by_milepost and not route.file:
+        raise UsageError(
+            f"route.name ({route.name}): wanted the measure where the drive begins, found none; add --milepost 12.35, "
+            "or --routes FILE with its lines"
+        )
+    if by_milepost and not route.name:
+        raise UsageError(
+            f"route.milepost ({route.milepost:g}): wanted the route it is of, found none; add --route 'US-36 EB'"
+        )
+    if route.decreasing and not by_milepost:
+        raise UsageError(
+            "route.decreasing: wanted a milepost that it belongs to, found none; add --milepost 12.35, "
+            "lines with measures need no direction"
         )
 
 

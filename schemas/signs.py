@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,7 @@ class Sign:
     number, assembly: of the sign and of its support, from 1; status: a key of `SIGN_STATUSES`; position (3,),
     covariance (3, 3): in the camera frame of `landmark.best_frame` (right, down, ahead), with the final scale;
     centre (3,), world_covariance (3, 3): in the world frame; station_m along the path, lateral_m right of it, up_m and
-    bottom_m above the road.
+    bottom_m above the road; route, measure, measure_unit: where along which route, a key of `MEASURE_UNITS`.
     """
 
     number: int
@@ -48,3 +49,6 @@ class Sign:
     sigma_width_m: float
     sigma_height_m: float
     globe: GlobePosition | None
+    route: str | None = None
+    measure: float = math.nan
+    measure_unit: str | None = None

@@ -15,6 +15,7 @@ import pyarrow as pa
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
+from wayside.schemas.routes import MEASURE_UNITS
 
 SCHEMA_VERSION = 1
 """Raised only where a column changes its meaning."""
@@ -176,6 +177,22 @@ SIGNS = Table(
         *(
             Column(f"evidence_{term}", _SINGLE, "log odds", f"evidence for a sign: {words}")
             for term, words in EVIDENCE_TERMS.items()
+        ),
+        Column(
+            "route", _TEXT, "", "route that the vehicle was on; null where none is given or found"
+        ),
+        Column(
+            "measure",
+            _DOUBLE,
+            "mi, km, ft or m",
+            "measure along `route` abreast of the sign, in the unit that `measure_unit` names; null without",
+        ),
+        Column(
+            "measure_unit",
+            _CHOICE,
+            "",
+            "its unit: mile, kilometre, foot or metre",
+            values=tuple(MEASURE_UNITS),
         ),
     ),
 )

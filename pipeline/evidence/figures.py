@@ -48,7 +48,9 @@ def evidence_terms(sign: dict[str, Any]) -> list[tuple[str, float]]:
 def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
     side = "" if sign["lateral_m"] is None else "right" if sign["lateral_m"] >= 0 else "left"
     lateral = None if sign["lateral_m"] is None else abs(sign["lateral_m"])
+    route = [] if sign.get("measure") is None else [_on_route(sign)]
     return [
+        *route,
         Figure("Along the road", _metres(sign["station_m"]), _sigma(sign["sigma_along_m"], "m")),
         Figure(
             f"Beside the path, {side}" if side else "Beside the path",
@@ -58,6 +60,11 @@ def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
         Figure("Centre above the road", _metres(sign["up_m"]), _sigma(sign["sigma_up_m"], "m")),
         Figure("Lower edge above it", _metres(sign["bottom_m"])),
     ]
+
+
+def _on_route(sign: dict[str, Any]) -> Figure:
+    at = f"{sign['measure']:.3f} {sign['measure_unit']}"
+    return Figure("Route", f"{sign['route']}, {at}" if sign["route"] else at)
 
 
 def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:

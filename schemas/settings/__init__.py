@@ -31,6 +31,7 @@ from wayside.schemas.settings.panel import (
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings, SiftSettings
+from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
 from wayside.schemas.settings.tree import REPORT, REPORT_2D, REPORT_SHAPE, Settings
@@ -59,6 +60,7 @@ __all__ = [
     "ReadSettings",
     "RegistrationSettings",
     "ReportSettings",
+    "RouteSettings",
     "RunSettings",
     "SegmentSettings",
     "Settings",

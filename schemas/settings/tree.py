@@ -30,6 +30,7 @@ from wayside.schemas.settings.panel import (
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings, SiftSettings
+from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
 
@@ -60,6 +61,7 @@ class Settings:
     local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
+    route: RouteSettings = field(default_factory=RouteSettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)

@@ -2,6 +2,7 @@
 
 from wayside.stages.georeference.geodesy import Globe, LocalOrigin, align_level
 from wayside.stages.georeference.georeferencing import georeference
+from wayside.stages.georeference.linear_reference import measure_along_route
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import DrivePath, DriveRecord, PathPoint, StepScale, collect
 from wayside.stages.georeference.placement import place_signs
@@ -20,6 +21,7 @@ __all__ = [
     "align_level",
     "collect",
     "georeference",
+    "measure_along_route",
     "place_signs",
     "smooth",
 ]

@@ -65,8 +65,8 @@ def run_demo(tmp_path_factory: pytest.TempPathFactory) -> RunDemo:
 
 @pytest.fixture(scope="session")
 def default_demo(run_demo: RunDemo) -> Result:
-    """The result of the preset `default`."""
-    return run_demo("--preset", "default")
+    """The result of the preset `default`, on a route."""
+    return run_demo("--preset", "default", "--route", "US-36 EB", "--milepost", "12.35")
 
 
 @pytest.fixture(scope="session")

@@ -159,6 +159,12 @@ def test_every_row_of_the_default_states_the_evidence_that_it_rests_on(default_d
     assert all(row[name] is not None for row in default_demo.signs for name in terms)
 
 
+def test_the_default_gives_the_measure_along_the_route_that_is_named(default_demo):
+    for row in default_demo.signs:
+        assert (row["route"], row["measure_unit"]) == ("US-36 EB", "mi")
+        assert (row["measure"] - 12.35) * 1609.344 == pytest.approx(row["station_m"], abs=1e-6)
+
+
 def test_no_model_was_learned_from_the_demo_log(default_demo):
     assert default_demo.about["learned_from_log"] == []
 

@@ -609,6 +609,13 @@ def test_nothing_is_less_than_zero_by_less_than_is_shown():
     assert (values["Facing"], values["Lower edge above it"]) == ("0°", "0.00 m")
 
 
+def test_the_place_along_a_route_is_told_where_it_is_known():
+    sign = dict.fromkeys(column.name for column in SIGNS.columns) | sign_row("a-0001")
+    place = {"route": "US-36 EB", "measure": 12.3456, "measure_unit": "mi"}
+    assert figures_of(sign | place, "enu")["Position"][0].value == "US-36 EB, 12.346 mi"
+    assert "Route" not in {figure.label for figure in figures_of(sign, "enu")["Position"]}
+
+
 @pytest.mark.parametrize("width", [30, 80, 200, 2000])
 def test_long_words_are_cut_to_the_room_they_have(width):
     words = "a_very_long_name_of_a_drive_2026-11-21_front_camera-0001"

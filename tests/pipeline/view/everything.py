@@ -238,7 +238,8 @@ EVERYTHING: dict[type, dict[str, str]] = {
         ),
         FIGURES,
     )
-    | {"landmark": WITHIN, "world_covariance": TABLES, "globe": "/map/signs"},
+    | {"landmark": WITHIN, "world_covariance": TABLES, "globe": "/map/signs"}
+    | dict.fromkeys(("route", "measure", "measure_unit"), TABLES),
     GlobePosition: dict.fromkeys(("longitude_deg", "latitude_deg"), "/map/signs")
     | {"altitude_m": FIGURES, "sigma_m": FIGURES},
 }

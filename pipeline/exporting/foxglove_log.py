@@ -1,0 +1,329 @@
+"""A log of what was found, to open in Foxglove beside the drive: boxes on its images, panels in its frames.
+
+Schemas: https://docs.foxglove.dev/docs/sdk/schemas. Messages have the log times and capture times of the images that
+they belong to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from mcap_protobuf.writer import Writer
+from scipy.spatial.transform import Rotation
+
+from wayside.pipeline.earlier_result import log_fingerprint
+from wayside.pipeline.evidence.marks import ink_of
+from wayside.pipeline.exporting.flat_table import FlatTable, Row
+from wayside.pipeline.reading.contents import PoseContent
+from wayside.pipeline.reading.plan import Plan, plan_reading
+from wayside.pipeline.reading.poses import bare, compose
+from wayside.pipeline.result import find_log, read_rows, read_run, read_settings, read_table
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import Pose
+from wayside.schemas.tables import FRAMES, OBSERVATIONS
+
+try:
+    from foxglove_schemas_protobuf.Color_pb2 import Color
+    from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
+    from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+    from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+    from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+    from foxglove_schemas_protobuf.Point2_pb2 import Point2
+    from foxglove_schemas_protobuf.Point3_pb2 import Point3
+    from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+    from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
+    from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+    from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+    from foxglove_schemas_protobuf.TextAnnotation_pb2 import TextAnnotation
+    from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
+    from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+    from google.protobuf.timestamp_pb2 import Timestamp
+except ImportError as error:
+    raise UsageError(
+        "wanted the package foxglove-schemas-protobuf for -f mcap, found none; "
+        "install it with pip install 'wayside[foxglove]'"
+    ) from error
+
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_FRAME_COLUMNS = ("frame", "log_time_ns", "header_time_ns", "x", "y", "z", *_QUATERNION)
+_BOX_COLUMNS = ("frame", "box", "sign_id", "verdict")
+_THICKNESS_M, _TEXT_ABOVE_M = 0.03, 0.3
+_BOX_PX, _REJECTED_PX, _TEXT_PX, _SCENE_TEXT_PX = 4.0, 1.5, 24.0, 14.0
+_REJECTED_INK, _WHITE = (140, 140, 140), (255, 255, 255)
+_UNTOLD = ("score", "overlap")
+"""Verdicts on one box in one image, of which there are hundreds: they have no label."""
+_IDENTITY = Pose(Rotation.identity().as_matrix(), Rotation.identity().as_rotvec())
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """Names of frames in the drive's log: that of the positions, and one above the camera that is placed in it.
+
+    child: None where the log says itself how it moves; plan: of the log, for the mount of the camera.
+    """
+
+    world: str
+    child: str | None
+    plan: Plan
+
+    def pose_of_child(self, camera: Pose, time_ns: int) -> Pose | None:
+        """The child in the world, by the camera's pose and its mount; None where the mount is unknown then."""
+        chain = self.plan.survey.tree.chain(self.plan.camera_frame)
+        mount = compose(chain, time_ns) if chain else _IDENTITY
+        return None if mount is None else camera.compose(_IDENTITY.relative_to(mount))
+
+
+def write_foxglove_log(
+    out: Path, table: FlatTable, log: Path | None, stream: BinaryIO
+) -> list[str]:
+    """Write the log and return notes on what it lacks.
+
+    Topics, under `/wayside` and the name of the image topic: `signs`, the boxes of the signs on each image, and
+    `rejected`, all others with their verdicts (`foxglove.ImageAnnotations`); `scene`, the panels as oriented boxes
+    with their names, and the path (`foxglove.SceneUpdate`, one message at the start); `camera`, where the camera is
+    (`foxglove.FrameTransform`), unless the drive's log has transforms that say so.
+
+    Parameters
+    ----------
+    out, table
+        Folder of the result, its signs with their review.
+    log
+        Where the drive's log lies; None: where it lay at the time of the run.
+    stream
+        To write to.
+
+    Raises
+    ------
+    InputError
+        The log cannot be read, or is another one.
+    """
+    run = read_run(out)
+    drive = find_log(run, log)
+    if run.get("log_fingerprint") not in (None, log_fingerprint(drive)):
+        raise InputError(
+            f"{drive}: wanted the log that {out} was made from, found another; say where it lies with --log"
+        )
+    frames = _frames_of(drive, out, run)
+    rows = read_rows(out, FRAMES, _FRAME_COLUMNS)
+    prefix = f"/wayside/{frames.plan.camera.name.strip('/')}"
+    writer = Writer(stream)
+    lost = 0
+    if rows:
+        scene = _scene(table, rows, frames.world)
+        first = min(row["log_time_ns"] for row in rows)
+        writer.write_message(f"{prefix}/scene", scene, first, first)
+    names = {row["sign_id"]: row for row in table.rows}
+    for row, boxes in _with_boxes(out, rows):
+        when = row["log_time_ns"]
+        if frames.child is not None and row["qw"] is not None:
+            moved = _transform(row, frames)
+            lost += moved is None
+            if moved is not None:
+                writer.write_message(f"{prefix}/camera", moved, when, when)
+        for topic, shown in (
+            ("signs", _sign_boxes(row, boxes, names)),
+            ("rejected", _rejected_boxes(row, boxes)),
+        ):
+            writer.write_message(f"{prefix}/{topic}", shown, when, when)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return [f"{lost} images have no transform: the mount of the camera is unknown"] if lost else []
+
+
+def _frames_of(drive: Path, out: Path, run: dict[str, Any]) -> _Frames:
+    plan = plan_reading(drive, read_settings(out, run))
+    world, tree = str(run.get("world") or "drive_start"), plan.survey.tree
+    child = tree.root(plan.camera_frame) or "camera"
+    if world != "log":
+        return _Frames(f"wayside_{world}", child, plan)
+    if plan.motion_source == "transforms":
+        return _Frames(child, None, plan)
+    first = plan.motion.first if plan.motion is not None else None
+    named = bare(first.parent) if isinstance(first, PoseContent) else ""
+    return _Frames(named or "wayside_log", None if child == named else child, plan)
+
+
+def _with_boxes(out: Path, frames: Sequence[Row]) -> Iterator[tuple[Row, list[Row]]]:
+    """Frames with their observations, one after the other: both tables stand in the same order."""
+    found = read_table(out, OBSERVATIONS, _BOX_COLUMNS)
+    rows = (row for batch in found.to_batches(max_chunksize=10_000) for row in batch.to_pylist())
+    groups = groupby(rows, key=lambda row: int(row["frame"]))
+    frame, boxes = next(groups, (None, iter(())))
+    for row in frames:
+        if row["frame"] != frame:
+            yield row, []
+            continue
+        yield row, list(boxes)
+        frame, boxes = next(groups, (None, iter(())))
+    if frame is not None:
+        raise InputError(
+            f"{out}: wanted the frames of all observations, found none of frame {frame}; the tables are of different "
+            "runs: run the log again"
+        )
+
+
+def _sign_boxes(row: Row, boxes: Sequence[Row], names: dict[str, Row]) -> ImageAnnotations:
+    """Boxes of signs in the colours of their faces, with their names; empty where there is none, to clear the last."""
+    time = _stamp(row["header_time_ns"])
+    found = ImageAnnotations(timestamp=time)
+    for box in boxes:
+        sign = names.get(box["sign_id"])
+        if box["verdict"] != "sign" or sign is None:
+            continue
+        x0, y0, x1, y1 = box["box"]
+        color = _color(ink_of(sign["color"]))
+        found.points.append(
+            PointsAnnotation(
+                timestamp=time,
+                type=PointsAnnotation.LINE_LOOP,
+                points=[Point2(x=x, y=y) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))],
+                outline_color=color,
+                thickness=_BOX_PX,
+            )
+        )
+        found.texts.append(_label(time, (x0, y0), _words(sign), _color(_WHITE)))
+    return found
+
+
+def _rejected_boxes(row: Row, boxes: Sequence[Row]) -> ImageAnnotations:
+    """All other boxes in grey, with the verdict on them where it was given over several images."""
+    time, color = _stamp(row["header_time_ns"]), _color(_REJECTED_INK)
+    found = ImageAnnotations(timestamp=time)
+    rejected = [box for box in boxes if box["verdict"] != "sign"]
+    if not rejected:
+        return found
+    lines = PointsAnnotation(
+        timestamp=time,
+        type=PointsAnnotation.LINE_LIST,
+        outline_color=color,
+        thickness=_REJECTED_PX,
+    )
+    for box in rejected:
+        x0, y0, x1, y1 = box["box"]
+        corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+        for one, next_one in zip(corners, corners[1:] + corners[:1], strict=True):
+            lines.points.extend([Point2(x=x, y=y) for x, y in (one, next_one)])
+        if box["verdict"] not in _UNTOLD:
+            found.texts.append(_label(time, (x0, y0), str(box["verdict"]), color))
+    found.points.append(lines)
+    return found
+
+
+def _label(
+    time: Timestamp | None, at: tuple[float, float], words: str, color: Color
+) -> TextAnnotation:
+    return TextAnnotation(
+        timestamp=time,
+        position=Point2(x=at[0], y=at[1]),
+        text=words,
+        font_size=_TEXT_PX,
+        text_color=color,
+        background_color=Color(a=0.6),
+    )
+
+
+def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:
+    """Every panel as a thin box in the colour of its face, and the path; they stay until the end."""
+    first = rows[0]
+    time = _stamp(first["header_time_ns"] or min(row["log_time_ns"] for row in rows))
+    placed = {row["frame"]: row for row in rows if row["qw"] is not None}
+    entities = [_path(time, list(placed.values()))]
+    entities += [
+        _panel(time, sign, placed[sign["best_frame"]])
+        for sign in table.rows
+        if sign.get("status") is not None and sign["best_frame"] in placed
+    ]
+    for entity in entities:
+        entity.frame_id = world
+    return SceneUpdate(entities=entities)
+
+
+def _path(time: Timestamp | None, placed: Sequence[Row]) -> SceneEntity:
+    points = [Point3(x=row["x"], y=row["y"], z=row["z"]) for row in placed]
+    line = LinePrimitive(
+        type=LinePrimitive.LINE_STRIP,
+        pose=_pose(_IDENTITY),
+        thickness=2.0,
+        scale_invariant=True,
+        points=points,
+        color=_color(_WHITE),
+    )
+    return SceneEntity(timestamp=time, id="path", lines=[line] if len(points) > 1 else [])
+
+
+def _panel(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
+    """A sign: axes of its box as those of the camera turned by `facing_deg` about its y axis, which points down."""
+    turn = Rotation.from_euler("y", sign["facing_deg"] or 0.0, degrees=True)
+    axes = (Rotation.from_quat([camera[name] for name in _QUATERNION]) * turn).as_matrix()
+    width, height = (sign[f"panel_{side}_m"] or _THICKNESS_M for side in ("width", "height"))
+    panel = Pose(axes, _IDENTITY.centre + [sign[axis] for axis in "xyz"])
+    above = Pose(axes, panel.centre - (height / 2 + _TEXT_ABOVE_M) * axes[:, 1])
+    color = _color(ink_of(sign["color"]))
+    return SceneEntity(
+        timestamp=time,
+        id=sign["sign_id"],
+        cubes=[
+            CubePrimitive(
+                pose=_pose(panel), size=Vector3(x=width, y=height, z=_THICKNESS_M), color=color
+            )
+        ],
+        texts=[
+            TextPrimitive(
+                pose=_pose(above),
+                billboard=True,
+                font_size=_SCENE_TEXT_PX,
+                scale_invariant=True,
+                color=color,
+                text=_words(sign),
+            )
+        ],
+        metadata=[],
+    )
+
+
+def _transform(row: Row, frames: _Frames) -> FrameTransform | None:
+    rotation = Rotation.from_quat([row[name] for name in _QUATERNION]).as_matrix()
+    camera = Pose(rotation, _IDENTITY.centre + [row[axis] for axis in "xyz"])
+    time_ns = row["header_time_ns"] or row["log_time_ns"]
+    pose = frames.pose_of_child(camera, time_ns)
+    if pose is None or not math.isfinite(pose.centre.sum()):
+        return None
+    message = _pose(pose)
+    position = message.position
+    return FrameTransform(
+        timestamp=_stamp(time_ns),
+        parent_frame_id=frames.world,
+        child_frame_id=frames.child or "",
+        translation=Vector3(x=position.x, y=position.y, z=position.z),
+        rotation=message.orientation,
+    )
+
+
+def _pose(pose: Pose) -> PoseMessage:
+    qx, qy, qz, qw = Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist()
+    x, y, z = pose.centre.tolist()
+    return PoseMessage(
+        position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)
+    )
+
+
+def _words(sign: Row) -> str:
+    """Name, status where it is not `sign`, colour, shape and review of a sign."""
+    status = "" if sign["status"] == "sign" else sign["status"]
+    look = [str(sign[name]).replace("_", " ") for name in ("color", "shape") if sign[name]]
+    return " ".join([sign["sign_id"], *filter(None, (status, *look, sign.get("review")))])
+
+
+def _stamp(time_ns: int | None) -> Timestamp | None:
+    """None where the image has no time of its own, which leaves the field unset as there."""
+    return None if time_ns is None else Timestamp(seconds=time_ns // 10**9, nanos=time_ns % 10**9)
+
+
+def _color(ink: tuple[int, int, int]) -> Color:
+    r, g, b = (value / 255 for value in ink)
+    return Color(r=r, g=g, b=b, a=1.0)

@@ -1,0 +1,200 @@
+"""Where along which route a sign stands: by a milepost at the start, or by route lines with measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from wayside.schemas.routes import MEASURE_UNITS, RouteSegments
+from wayside.schemas.settings import RouteSettings
+from wayside.schemas.signs import Sign
+from wayside.stages.georeference.path import DrivePath
+from wayside.stages.kernels import Array
+
+_EARTH_M = 6_371_008.8
+_BLOCK = 64
+
+
+def measure_along_route(
+    signs: Iterator[Sign],
+    *,
+    path: DrivePath,
+    settings: RouteSettings,
+    segments: RouteSegments | None = None,
+) -> Iterator[Sign]:
+    """Signs with the route and its measure abreast of them.
+
+    With a milepost that is the measure at the start plus, or minus, the distance along the path. With route lines it is
+    that of the line which the path follows, not of the line nearest to the sign, so that a sign near a crossing keeps
+    the route of the drive: of the point nearest to the path abreast of the sign.
+
+    Parameters
+    ----------
+    signs
+        Of the drive.
+    path
+        Where it followed no route, and without a place on the globe, signs stay as they are.
+    settings
+        Route and milepost; what counts as following.
+    segments
+        Of routes near the path; None: by milepost.
+    """
+    if segments is None:
+        yield from _by_milepost(signs, settings)
+    else:
+        yield from _by_lines(list(signs), path, segments, settings)
+
+
+def _by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sign]:
+    sense = -1.0 if settings.decreasing else 1.0
+    for sign in signs:
+        measure = settings.milepost + sense * sign.station_m / MEASURE_UNITS[settings.unit]
+        yield replace(
+            sign, route=settings.name or None, measure=measure, measure_unit=settings.unit
+        )
+
+
+def _by_lines(
+    listed: list[Sign], path: DrivePath, segments: RouteSegments, settings: RouteSettings
+) -> Iterator[Sign]:
+    if path.globe is None or not len(segments) or not listed:
+        yield from listed
+        return
+    places = path.globe.route()[[path.globe.rows[frame] for frame in path.stations], :2]
+    stations = np.array(list(path.stations.values()))
+    at_signs = np.array([sign.station_m for sign in listed])
+    every = np.concatenate([stations, at_signs])
+    order = np.argsort(every, kind="stable")
+    points, directions = _along(places, stations, every[order])
+    distance, measure = nearest_on_routes(points, directions, segments, settings)
+    followed = np.empty(len(every), np.int64)
+    measures = np.full(len(every), math.nan)
+    chosen = follow_routes(distance, settings)
+    followed[order] = chosen
+    known = chosen >= 0
+    measures[order[known]] = measure[known, chosen[known]]
+    for sign, route, value in zip(
+        listed, followed[len(stations) :], measures[len(stations) :], strict=True
+    ):
+        if route >= 0 and math.isfinite(value):
+            sign = replace(
+                sign,
+                route=segments.names[route],
+                measure=float(value),
+                measure_unit=segments.unit,
+            )
+        yield sign
+
+
+def nearest_on_routes(
+    points: Array, directions: Array, segments: RouteSegments, settings: RouteSettings
+) -> tuple[Array, Array]:
+    """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point of the route.
+
+    A point is compared with the pieces that lie within `reach_m` and run along the travel; infinite, nan where there is
+    none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within `reach_m`.
+
+    Parameters
+    ----------
+    points, directions
+        Longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
+    segments
+        Of the routes.
+    settings
+        `reach_m` and `angle_deg`.
+    """
+    distance = np.full((len(points), len(segments.names)), math.inf)
+    measure = np.full(distance.shape, math.nan)
+    low = np.minimum(segments.start, segments.end)
+    high = np.maximum(segments.start, segments.end)
+    for first in range(0, len(points), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        narrowest = math.cos(math.radians(min(float(np.abs(points[block, 1]).max()), 89.0)))
+        margin = math.degrees(settings.reach_m / _EARTH_M) / np.array([narrowest, 1.0])
+        inside = (high >= points[block].min(axis=0) - margin) & (
+            low <= points[block].max(axis=0) + margin
+        )
+        near = np.flatnonzero(inside.all(axis=1))
+        for row in range(first, min(first + _BLOCK, len(points))):
+            _compare(row, near, points, directions, segments, settings, distance, measure)
+    return distance, measure
+
+
+def _compare(
+    row: int,
+    near: np.ndarray[tuple[int], np.dtype[np.int64]],
+    points: Array,
+    directions: Array,
+    segments: RouteSegments,
+    settings: RouteSettings,
+    distance: Array,
+    measure: Array,
+) -> None:
+    """Fill the row of one point from the segments `near` it."""
+    to_metres = math.radians(_EARTH_M) * np.array([math.cos(math.radians(points[row, 1])), 1.0])
+    start = (segments.start[near] - points[row]) * to_metres
+    span = (segments.end[near] - segments.start[near]) * to_metres
+    squared = (span**2).sum(axis=1)
+    part = np.clip(-(start * span).sum(axis=1) / np.maximum(squared, 1e-12), 0.0, 1.0)
+    apart = np.linalg.norm(start + part[:, None] * span, axis=1)
+    along = np.abs(span @ directions[row])
+    cosine = math.cos(math.radians(settings.angle_deg))
+    fits = (apart <= settings.reach_m) & (along >= cosine * np.sqrt(squared)) & (squared > 0)
+    here = near[fits]
+    ends = segments.start_measure[here], segments.end_measure[here]
+    found = ends[0] + part[fits] * (ends[1] - ends[0])
+    for route, value, metres in zip(segments.route[here], found, apart[fits], strict=True):
+        if metres < distance[row, route]:
+            distance[row, route], measure[row, route] = metres, value
+
+
+def follow_routes(distance: Array, settings: RouteSettings) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """The route (p,) that each point of a path is on, -1: none, so that it changes seldom (Viterbi 1967).
+
+    Being on a route costs the squared distance in standard deviations, on none that of `reach_m`; a change costs
+    `change`. Of two routes with the same line the first by name stays.
+
+    Parameters
+    ----------
+    distance
+        (p, r), metres, of the points in order of travel to each route.
+    settings
+        `sigma_m`, `reach_m`, `change`.
+    """
+    none = (settings.reach_m / settings.sigma_m) ** 2
+    costs = np.column_stack([(distance / settings.sigma_m) ** 2, np.full(len(distance), none)])
+    total = costs[0]
+    came_from = np.empty(costs.shape, np.int64)
+    for row in range(1, len(costs)):
+        best = int(np.argmin(total))
+        stay = total <= total[best] + settings.change
+        came_from[row] = np.where(stay, np.arange(len(total)), best)
+        total = np.minimum(total, total[best] + settings.change) + costs[row]
+    state = int(np.argmin(total))
+    states = np.empty(len(costs), np.int64)
+    for row in range(len(costs) - 1, -1, -1):
+        states[row] = state
+        state = int(came_from[row, state])
+    return np.where(states == distance.shape[1], -1, states)
+
+
+def _along(places: Array, stations: Array, wanted: Array) -> tuple[Array, Array]:
+    """Longitude, latitude (n, 2) and direction of travel (n, 2) at stations; beyond its ends the path goes on straight.
+
+    places (p, 2), stations (p,): of the frames. Where the vehicle stands, the direction is that of before.
+    """
+    moving = np.concatenate([[True], np.diff(stations) > 0])
+    places, stations = places[moving], stations[moving]
+    if len(stations) < 2:
+        return np.repeat(places[:1], len(wanted), axis=0), np.tile([1.0, 0.0], (len(wanted), 1))
+    step = np.clip(np.searchsorted(stations, wanted, side="right") - 1, 0, len(stations) - 2)
+    part = (wanted - stations[step]) / np.diff(stations)[step]
+    change = np.diff(places, axis=0)[step]
+    points = places[step] + part[:, None] * change
+    change *= np.column_stack([np.cos(np.radians(points[:, 1])), np.ones(len(points))])
+    length = np.maximum(np.linalg.norm(change, axis=1), 1e-300)
+    return points, change / length[:, None]

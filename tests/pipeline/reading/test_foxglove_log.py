@@ -1,0 +1,186 @@
+"""The log for Foxglove: read by the stock reader beside the drive that it belongs to."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from scipy.spatial.transform import Rotation
+
+from wayside.pipeline.earlier_result import log_fingerprint
+from wayside.pipeline.exporting.export import export
+from wayside.pipeline.reviewing.review import NO_REVIEW
+from wayside.pipeline.settings_file import load_settings, settings_values
+from wayside.schemas.errors import InputError
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+AHEAD = [0.5, -0.5, 0.5, -0.5]
+"""Camera that looks along x, with z up: camera axes right, down, ahead in the world."""
+IMAGES = 3
+
+
+def write_result(folder, log, world):
+    """A result of one sign and a rejected box, seen in the second of three images."""
+    folder.mkdir()
+    rotation = Rotation.from_matrix(np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]).astype(float))
+    quaternion = dict(zip(("qx", "qy", "qz", "qw"), rotation.as_quat().tolist(), strict=True))
+    with log.open("rb") as stream:
+        images = [
+            (m.log_time, m.publish_time)
+            for _, channel, m in make_reader(stream).iter_messages(topics=["/camera/image"])
+        ]
+    frames = [
+        {"frame": n, "log_time_ns": t, "header_time_ns": p - 12_000_000, "status": "used"}
+        | {"x": 2.0 * n, "y": 0.0, "z": 1.5, "station_m": 2.0 * n}
+        | quaternion
+        for n, (t, p) in enumerate(images)
+    ]
+    sign = {"sign_id": "d-0001", "assembly_id": "d-a0001", "log": "d", "status": "sign"}
+    sign |= {"color": "red", "shape": "octagon", "x": 12.0, "y": -3.0, "z": 2.5, "views": 1}
+    sign |= {"panel_width_m": 0.76, "panel_height_m": 0.75, "facing_deg": 90.0, "best_frame": 1}
+    sign |= {"best_time_ns": 0, "best_box": [4, 5, 14, 15], "first_frame": 1, "last_frame": 1}
+    sign |= dict.fromkeys(("right_m", "down_m", "ahead_m"), 1.0)
+    box = {"frame": 1, "source": "level", "area_px": 9, "u_px": 0.0, "v_px": 0.0}
+    box |= dict.fromkeys(("red", "green", "blue"), 0.0)
+    boxes = [
+        box | {"observation_id": 0, "box": [4, 5, 14, 15], "verdict": "sign", "sign_id": "d-0001"},
+        box | {"observation_id": 1, "box": [20, 5, 24, 9], "verdict": "moving"},
+    ]
+    for table, rows in ((SIGNS, [sign]), (OBSERVATIONS, boxes), (FRAMES, frames)):
+        empty = {column.name: None for column in table.columns}
+        whole = pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
+        pq.write_table(whole, folder / table.file)
+    about = {"log": log.name, "log_path": str(log), "log_fingerprint": log_fingerprint(log)}
+    about |= {"world": world, "settings": settings_values(load_settings()[0])}
+    (folder / "run.json").write_text(json.dumps(about))
+    return folder
+
+
+def drive(new_log, motion):
+    """A log of three images whose camera moves by poses, by transforms, or by the poses of a body it is mounted on."""
+    log = new_log()
+    log.add("/camera/info", "calibration", 0)
+    for index in range(IMAGES):
+        time, place = index * 10**9 // 4, {"position": (2.0 * index, 0, 1.5), "rotation": AHEAD}
+        if motion == "transforms":
+            log.add("/tf", "transform", time, parent="map", child="camera_optical", **place)
+        elif motion == "mount":
+            still = {"position": (1.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0)}
+            log.add("/mount", "transform", time, parent="base", child="camera_optical", **still)
+        if motion in ("poses", "mount"):
+            log.add("/pose", "pose", time, parent="map", **place)
+        if motion == "fixes":
+            log.add("/gps", "fix", time, place=(50.0 + 1e-5 * index, 10.0, 100.0))
+        log.add_image(index)
+    return log.finish()
+
+
+def export_log(new_log, tmp_path, motion="poses", world="log"):
+    out = write_result(tmp_path / "out", drive(new_log, motion), world)
+    export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
+    found = {}
+    with (tmp_path / "signs.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, content in reader.iter_decoded_messages():
+            topic = channel.topic.removeprefix("/wayside/camera/image/")
+            found.setdefault((topic, schema.name), []).append((message.log_time, content))
+    return found
+
+
+def test_boxes_have_the_times_of_the_images_they_lie_on(new_log, tmp_path):
+    found = export_log(new_log, tmp_path)
+    with (tmp_path / "drive.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        images = [
+            (message.log_time, content.timestamp.ToNanoseconds())
+            for _, _, message, content in reader.iter_decoded_messages(topics=["/camera/image"])
+        ]
+    for topic in ("signs", "rejected"):
+        messages = found[topic, "foxglove.ImageAnnotations"]
+        assert [(time, one.timestamp.ToNanoseconds()) for time, one in messages] == images
+        assert [len(content.points) for _, content in messages] == [0, 1, 0]
+    (shown,) = found["signs", "foxglove.ImageAnnotations"][1][1].points
+    assert [(p.x, p.y) for p in shown.points] == [(4, 5), (14, 5), (14, 15), (4, 15)]
+    assert (shown.type, shown.outline_color.r > 0.7) == (shown.LINE_LOOP, True)
+    signs, rejected = (found[t, "foxglove.ImageAnnotations"][1][1] for t in ("signs", "rejected"))
+    assert [text.text for text in signs.texts] == ["d-0001 red octagon"]
+    assert [text.text for text in rejected.texts] == ["moving"]
+
+
+def test_a_panel_stands_in_the_frame_of_the_poses_turned_as_it_faces(new_log, tmp_path):
+    found = export_log(new_log, tmp_path)
+    ((time, scene),) = found["scene", "foxglove.SceneUpdate"]
+    assert time == found["camera", "foxglove.FrameTransform"][0][0]
+    path, sign = scene.entities
+    assert [(p.x, p.z) for p in path.lines[0].points] == [(0, 1.5), (2, 1.5), (4, 1.5)]
+    assert (sign.id, sign.frame_id, sign.texts[0].text) == ("d-0001", "map", "d-0001 red octagon")
+    cube = sign.cubes[0]
+    assert (cube.pose.position.x, cube.pose.position.y, cube.pose.position.z) == (12, -3, 2.5)
+    assert (cube.size.x, cube.size.y) == pytest.approx((0.76, 0.75))
+    turn = cube.pose.orientation
+    axes = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    np.testing.assert_allclose(axes[:, 1], [0, 0, -1], atol=1e-6)  # its height is upright
+    np.testing.assert_allclose(
+        np.abs(axes[:, 0]), [1, 0, 0], atol=1e-6
+    )  # its width lies along the road
+    assert sign.texts[0].pose.position.z == pytest.approx(2.5 + 0.375 + 0.3)
+
+
+@pytest.mark.parametrize(
+    ("motion", "world", "parent", "child", "x"),
+    [
+        ("poses", "log", "map", "camera_optical", 2.0),
+        ("fixes", "enu", "wayside_enu", "camera_optical", 2.0),
+        ("mount", "log", "map", "base", 2.0),
+    ],
+)
+def test_the_camera_is_placed_where_the_drive_does_not_say_it(
+    motion, world, parent, child, x, new_log, tmp_path
+):
+    found = export_log(new_log, tmp_path, motion, world)
+    moved = [content for _, content in found["camera", "foxglove.FrameTransform"]]
+    assert [(m.parent_frame_id, m.child_frame_id) for m in moved] == [(parent, child)] * IMAGES
+    assert moved[1].translation.x == pytest.approx(x)
+    # the camera is mounted 1 m to the right of its body, which is to -y of the world
+    assert moved[1].translation.y == pytest.approx(1.0 if motion == "mount" else 0.0, abs=1e-9)
+
+
+def test_transforms_of_the_drive_are_not_contradicted(new_log, tmp_path):
+    found = export_log(new_log, tmp_path, "transforms")
+    assert ("camera", "foxglove.FrameTransform") not in found
+    assert found["scene", "foxglove.SceneUpdate"][0][1].entities[1].frame_id == "map"
+
+
+def test_the_same_bytes_come_again_and_another_log_is_refused(new_log, tmp_path):
+    export_log(new_log, tmp_path)
+    first = (tmp_path / "signs.mcap").read_bytes()
+    export(tmp_path / "out", NO_REVIEW, tmp_path / "again.mcap", "mcap")
+    assert (tmp_path / "again.mcap").read_bytes() == first
+    with pytest.raises(InputError, match="found another"):
+        export(
+            tmp_path / "out", NO_REVIEW, tmp_path / "b.mcap", "mcap", log=tmp_path / "again.mcap"
+        )
+    assert not (tmp_path / "b.mcap").exists()
+
+
+def test_observations_of_a_frame_that_is_not_there_are_refused(new_log, tmp_path):
+    out = write_result(tmp_path / "out", drive(new_log, "poses"), "log")
+    frames = pq.read_table(out / FRAMES.file)
+    pq.write_table(frames.slice(0, 1), out / FRAMES.file)
+    with pytest.raises(InputError, match="found none of frame 1"):
+        export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
+
+
+def test_without_the_package_the_way_to_install_it_is_told():
+    code = (
+        "import sys; sys.modules['foxglove_schemas_protobuf.Color_pb2'] = None\n"
+        "import wayside.pipeline.exporting.export\n"
+        "import wayside.pipeline.exporting.foxglove_log"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "wayside[foxglove]" in done.stderr.splitlines()[-1]

@@ -1,0 +1,248 @@
+"""Signs of a result as files of other programs, read back by the programs' own libraries."""
+
+import csv
+import io
+import json
+import sqlite3
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pyogrio
+import pyproj
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.exporting.flat_table import FlatTable
+from wayside.pipeline.exporting.units import SHORT_NAME, in_feet_and_inches, short_names
+from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.tables import FRAMES, SIGNS, Column
+
+PAGE = Path(__file__).parents[2] / "docs" / "exporting.md"
+TIME_NS = 1_718_031_601_357_243_738
+LON, LAT, ALT = -98.8585, 38.8792, 568.9
+UTM = "EPSG:26914"
+
+
+def write_result(folder, **changes):
+    """A result of two signs, one of them without a colour."""
+    folder.mkdir()
+    rows = []
+    for number in (1, 2):
+        empty = {column.name: None for column in SIGNS.columns}
+        row = empty | dict.fromkeys(("sign_id", "assembly_id"), f"d-{number:04d}")
+        row |= {"log": "d", "status": "sign", "shape": "octagon", "confidence": 0.9, "views": 3}
+        row |= {"x": 10.0 * number, "y": 3.0, "z": 1.5, "covariance": [1, 0, 0, 4, 0, 9]}
+        row |= {"panel_width_m": 0.762, "station_m": 304.8, "residual_px": 0.5, "facing_deg": 2.0}
+        row |= dict(zip(("right_m", "down_m", "ahead_m"), (1.0, 2.0, 3.0), strict=True))
+        row |= {"best_frame": number, "best_time_ns": TIME_NS, "best_box": [0, 0, 9, 9]}
+        row |= {"first_frame": 0, "last_frame": 2, "color": "red" if number == 1 else None}
+        row |= {"lon_deg": LON + number * 1e-4, "lat_deg": LAT, "alt_m": ALT}
+        row |= {"route": "US-36 EB", "measure": 12.35, "measure_unit": "mi"}
+        rows.append(row | changes)
+    pq.write_table(pa.Table.from_pylist(rows, schema=SIGNS.schema), folder / SIGNS.file)
+    frames = {
+        "frame": 0,
+        "log_time_ns": 0,
+        "status": "used",
+        "x": 0,
+        "y": 0,
+        "z": 0,
+        "station_m": 0,
+    }
+    empty = {column.name: None for column in FRAMES.columns}
+    pq.write_table(
+        pa.Table.from_pylist([empty | frames], schema=FRAMES.schema), folder / FRAMES.file
+    )
+    files = {SIGNS.file: {"sha256": "0" * 64}}
+    about = {"log": "d.mcap", "world": "drive_start", "files": files}
+    (folder / "run.json").write_text(json.dumps(about))
+    return folder
+
+
+@pytest.fixture
+def out(tmp_path):
+    return write_result(tmp_path / "out")
+
+
+@pytest.fixture
+def local(tmp_path):
+    """A result without fixes."""
+    return write_result(tmp_path / "local", lon_deg=None, lat_deg=None, alt_m=None)
+
+
+def export(*arguments):
+    """What the command prints."""
+    done = CliRunner().invoke(app, ["export", *map(str, arguments)])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def read(file):
+    """Columns and points of a file, by GDAL."""
+    meta, table = pyogrio.read_arrow(file)
+    geometry = meta["geometry_name"] or "wkb_geometry"
+    points = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
+    return meta, table.drop_columns([geometry]), shapely.get_coordinates(points, include_z=True)
+
+
+def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out):
+    assert "signs.gpkg: 2 rows" in export(out, "-f", "gpkg")
+    meta, table, points = read(out / "signs.gpkg")
+    assert meta["crs"] == "EPSG:4326"
+    np.testing.assert_allclose(points, [[LON + 1e-4, LAT, ALT], [LON + 2e-4, LAT, ALT]], atol=1e-12)
+    rows = {row["sign_id"]: row for row in table.to_pylist()}
+    first = rows["d-0001"]
+    assert (first["color"], rows["d-0002"]["color"]) == ("red", None)
+    assert (first["best_time_ns"], first["cov_yy"], first["measure"]) == (TIME_NS, 4.0, 12.35)
+    with sqlite3.connect(out / "signs.gpkg") as content:
+        words = dict(content.execute("select column_name, description from gpkg_data_columns"))
+    content.close()
+    assert words["panel_width_m"] == "width of the face [m]"
+
+
+def test_a_shapefile_has_the_short_names_of_the_page_and_keeps_times_whole(out, tmp_path):
+    export(out, "-o", tmp_path / "signs.shp")
+    meta, table, points = read(tmp_path / "signs.shp")
+    row = table.to_pylist()[0]
+    assert row["best_ns"] == str(TIME_NS)
+    assert (row["width_m"], row["meas_unit"]) == (pytest.approx(0.762), "mi")
+    np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
+    assert meta["crs"] == "EPSG:4326"
+    stated = [
+        line.split("`")[1::2] for line in PAGE.read_text().splitlines() if line.startswith("| `")
+    ]
+    short = dict(pair for pair in stated if len(pair) == 2)
+    export(out, "-f", "csv")
+    names = next(csv.reader(io.StringIO((out / "signs.csv").read_text())))
+    assert {short.get(name, name) for name in names} == set(table.column_names)
+
+
+def test_a_kml_names_each_sign_and_leaves_it_on_the_ground(out, tmp_path):
+    export(out, "-o", tmp_path / "signs.kml")
+    text = (tmp_path / "signs.kml").read_text()
+    assert "<name>d-0001</name>" in text
+    assert "<description>red octagon</description>" in text
+    assert "altitudeMode" not in text
+    _, _, points = read(tmp_path / "signs.kml")
+    np.testing.assert_allclose(points[:, :2], [[LON + 1e-4, LAT], [LON + 2e-4, LAT]], atol=1e-9)
+
+
+def test_feet_and_inches_are_in_the_names_the_values_and_the_units(out, tmp_path):
+    export(out, "-o", tmp_path / "us.csv", "--units", "us")
+    row = next(csv.DictReader(io.StringIO((tmp_path / "us.csv").read_text())))
+    assert float(row["panel_width_in"]) == pytest.approx(30)
+    assert float(row["station_ft"]) == pytest.approx(1000)
+    assert float(row["cov_yy_ft2"]) == pytest.approx(4 / 0.3048**2)
+    assert (row["facing_deg"], row["residual_px"], row["measure"]) == ("2.0", "0.5", "12.35")
+    assert not [name for name in row if name.endswith("_m")]
+    export(out, "-o", tmp_path / "us.shp", "--units", "us")
+    assert {"width_in", "station_ft", "cov_yy_ft2"} <= set(
+        read(tmp_path / "us.shp")[1].column_names
+    )
+
+
+def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
+    words = export(out, "-o", tmp_path / "utm.gpkg", "--crs", UTM)
+    assert "UTM zone 14N" in words
+    assert "accuracy" in words
+    meta, table, points = read(tmp_path / "utm.gpkg")
+    assert meta["crs"] == UTM
+    wanted = pyproj.Proj("+proj=utm +zone=14 +ellps=GRS80")(LON + 1e-4, LAT)
+    np.testing.assert_allclose(points[0], [*wanted, ALT], atol=1e-3)
+    row = table.to_pylist()[0]
+    assert (row["crs"], row["crs_x"], row["crs_y"]) == (UTM, points[0, 0], points[0, 1])
+
+
+def test_a_projection_made_for_elsewhere_is_told(out, tmp_path):
+    words = export(out, "-o", tmp_path / "a.csv", "--crs", "EPSG:25832")
+    assert "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made for" in words
+
+
+def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
+    for name in ("signs.gpkg", "signs.shp"):
+        assert "the log has no fixes" in export(local, "-o", tmp_path / name)
+        meta, _, points = read(tmp_path / name)
+        np.testing.assert_allclose(points, [[10, 3, 1.5], [20, 3, 1.5]])
+        crs = pyproj.CRS(meta["crs"])
+        assert (crs.type_name, crs.axis_info[0].unit_conversion_factor) == ("Engineering CRS", 1.0)
+        assert "drive_start" in crs.name
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["-f", "kml"], "no satellite fixes"),
+        (["-f", "gpkg", "--crs", UTM], "leave --crs out"),
+        (["-f", "geojson", "--crs", UTM], "WGS 84 by its standard"),
+        (["-f", "gpkg", "--crs", "EPSG:1"], "EPSG:26914"),
+        (["-f", "gpkg", "--crs", "EPSG:5703"], "horizontal"),
+        (["-f", "mcap", "--units", "us"], "in metres"),
+        (["-f", "shp", "-o", "signs.zip"], "ends with .shp"),
+        (["-o", "signs.dwg"], ".gpkg"),
+        ([], "wanted -f"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_in_words(local, options, words):
+    with pytest.raises(UsageError, match=words):
+        export(local, *options)
+
+
+def test_the_same_result_gives_the_same_bytes_and_another_file_is_kept(out, tmp_path):
+    for kind in ("gpkg", "shp", "kml"):
+        first, second = tmp_path / f"signs.{kind}", tmp_path / "again" / f"signs.{kind}"
+        second.parent.mkdir(exist_ok=True)
+        export(out, "-o", first)
+        export(out, "-o", first)
+        export(out, "-o", second)
+        assert first.read_bytes() == second.read_bytes()
+    (tmp_path / "mine.dbf").write_text("mine")
+    with pytest.raises(OutputError, match="--overwrite"):
+        export(out, "-o", tmp_path / "mine.shp")
+    assert sorted(path.name for path in tmp_path.glob("mine.*")) == ["mine.dbf"]
+    export(out, "-o", tmp_path / "mine.shp", "--overwrite")
+    assert len(read(tmp_path / "mine.shp")[1]) == 2
+
+
+def test_missing_signs_and_cut_remarks_are_told(local, tmp_path):
+    review = tmp_path / "review.csv"
+    review.write_text(f"sign_id,review,x,y,note\n,missing,31.5,4,\nd-0001,accepted,,,{'x' * 300}\n")
+    words = export(local, "-o", tmp_path / "signs.shp", "--review", review)
+    assert "1 texts of review_note are cut" in words
+    _, table, points = read(tmp_path / "signs.shp")
+    assert table.column("review").to_pylist() == ["accepted", None, "missing"]
+    assert points[2, :2].tolist() == [31.5, 4.0]
+
+
+def test_without_the_package_the_way_to_install_it_is_told(out, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyogrio", None)
+    with pytest.raises(UsageError, match=r"wayside\[gis\]"):
+        export(out, "-f", "gpkg")
+    assert not (out / "signs.gpkg").exists()
+
+
+names = st.text("abcdefgh_", min_size=1, max_size=30)
+
+
+@given(st.lists(names, unique=True, max_size=40))
+def test_short_names_are_short_and_of_one_column_each(found):
+    columns = [Column(name, pa.string(), "", "") for name in found]
+    short = short_names(columns)
+    assert list(short) == found
+    assert len(set(short.values())) == len(found)
+    assert all(1 <= len(name) <= SHORT_NAME for name in short.values())
+
+
+@given(st.floats(-1e6, 1e6))
+def test_feet_are_metres_again_after_the_way_back(metres):
+    table = FlatTable((Column("up_m", pa.float64(), "m", ""),), ({"up_m": metres},))
+    (row,) = in_feet_and_inches(table).rows
+    assert row["up_ft"] * 0.3048 == pytest.approx(metres)

@@ -1,0 +1,155 @@
+"""Files of route lines, written by GDAL and pyarrow."""
+
+import json
+import struct
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pyogrio
+import pyproj
+import pytest
+
+from wayside.pipeline.cli_routing import options, parse_milepost
+from wayside.pipeline.route_file import open_routes, route_notes
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.settings import RouteSettings
+
+LINE = [(-98.87, 38.88, 12.0), (-98.86, 38.881, 12.6), (-98.85, 38.882, 13.2)]
+OTHER = [(-97.0, 38.0, 1.0), (-96.9, 38.0, 2.0)]
+PLACES = np.array([[-98.869, 38.8801], [-98.865, 38.8805]])
+
+
+def wkb(points, kind=2002):
+    numbers = b"".join(struct.pack(f"<{len(point)}d", *point) for point in points)
+    return struct.pack("<BII", 1, kind, len(points)) + numbers
+
+
+def write(file, lines, column="RTE_NM", names=("US-36 EB", "K-7"), crs="OGC:CRS84"):
+    """Lines of WGS 84 in a file of another reference system."""
+    table = pa.table({column: list(names), "geometry": pa.array(lines, pa.binary())})
+    if file.suffix == ".parquet":
+        about = {"version": "1.1.0", "primary_column": "geometry"}
+        about["columns"] = {"geometry": {"encoding": "WKB", "geometry_types": [], "crs": crs}}
+        with pq.ParquetWriter(file, table.schema) as writer:
+            writer.write_table(table)
+            writer.add_key_value_metadata(
+                {"geo": json.dumps(about)}
+            )  # as GDAL does: not in the schema
+        return file
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the writer does not know lines with measures by name
+        pyogrio.write_arrow(
+            table,
+            file,
+            driver="GPKG",
+            geometry_name="geometry",
+            geometry_type="LineString",
+            crs=crs,
+        )
+    return file
+
+
+def projected(points):
+    to_utm = pyproj.Transformer.from_crs("OGC:CRS84", "EPSG:26914", always_xy=True)
+    return [(*to_utm.transform(x, y), m) for x, y, m in points]
+
+
+@pytest.fixture(params=["gpkg", "parquet"])
+def network(request, tmp_path):
+    """Two routes far apart, in UTM, the first in two parts with a vertex that has no measure."""
+    first = [*LINE, (-98.84, 38.883, float("nan"))]
+    parts = struct.pack("<BII", 1, 2005, 2) + wkb(projected(first[:2])) + wkb(projected(first[1:]))
+    utm = pyproj.CRS("EPSG:26914")
+    crs = utm.to_json_dict() if request.param == "parquet" else utm.to_wkt()
+    return write(tmp_path / f"network.{request.param}", [parts, wkb(projected(OTHER))], crs=crs)
+
+
+def test_pieces_with_measures_near_the_drive_come_in_degrees(network):
+    file = open_routes(RouteSettings(file=str(network), unit="km"))
+    found = file.near(PLACES)
+    assert (found.names, found.unit) == (("US-36 EB",), "km")
+    np.testing.assert_allclose(found.start, [LINE[0][:2]], atol=1e-9)
+    np.testing.assert_allclose(found.end, [LINE[1][:2]], atol=1e-9)
+    assert (found.start_measure.tolist(), found.end_measure.tolist()) == ([12.0], [12.6])
+    everywhere = file.near(np.array([[-99.0, 37.9], [-96.0, 39.0]]))
+    assert everywhere.names == ("K-7", "US-36 EB")
+    assert sorted(everywhere.end_measure.tolist()) == [2.0, 12.6, 13.2]
+
+
+def test_only_the_route_that_is_named_counts(network):
+    file = open_routes(RouteSettings(file=str(network), name="K-7"))
+    assert len(file.near(PLACES)) == 0
+    with pytest.raises(UsageError, match="the nearest: US-36 EB"):
+        open_routes(RouteSettings(file=str(network), name="US-36 WB"))
+
+
+def test_what_is_no_network_with_measures_is_refused_in_words(tmp_path):
+    def refusal(file, kind=InputError, **settings):
+        with pytest.raises(kind) as error:
+            open_routes(RouteSettings(file=str(file), **settings))
+        return str(error.value)
+
+    flat = [wkb([point[:2] for point in line], 2) for line in (LINE, OTHER)]
+    assert "measures (M), found LineString" in refusal(write(tmp_path / "flat.gpkg", flat))
+    assert "no such file" in refusal(tmp_path / "none.gpkg")
+    (tmp_path / "text.gpkg").write_text("no database")
+    assert "cannot be read" in refusal(tmp_path / "text.gpkg")
+    pq.write_table(pa.table({"route": ["a"]}), tmp_path / "plain.parquet")
+    assert "geopandas" in refusal(tmp_path / "plain.parquet")
+    nowhere = write(tmp_path / "nowhere.parquet", [wkb(LINE), wkb(OTHER)], crs=None)
+    assert "coordinate reference system" in refusal(nowhere)
+    unnamed = write(tmp_path / "unnamed.parquet", [wkb(LINE), wkb(OTHER)], column="code")
+    assert "--set route.column" in refusal(unnamed, UsageError)
+    assert open_routes(RouteSettings(file=str(unnamed), column="CODE")).column == "code"
+
+
+def test_signs_without_a_route_are_counted():
+    signs = [SimpleNamespace(route=name) for name in ("K-7", None, None)]
+    settings = RouteSettings(file="network.gpkg")
+    (note,) = route_notes(settings, signs, on_globe=True)
+    assert "2 of 3 signs have no route" in note
+    assert "no satellite fixes" in route_notes(settings, signs, on_globe=False)[0]
+    assert route_notes(settings, signs[:1], on_globe=True) == []
+    assert route_notes(RouteSettings(), signs, on_globe=True) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "settings"),
+    [
+        ("12.35", {"route.milepost": 12.35}),
+        ("0", {"route.milepost": 0.0}),
+        ("12.35 mi", {"route.milepost": 12.35, "route.unit": "mi"}),
+        ("19.875km", {"route.milepost": 19.875, "route.unit": "km"}),
+    ],
+)
+def test_a_milepost_may_name_its_unit(text, settings):
+    assert parse_milepost(text) == settings
+
+
+@pytest.mark.parametrize("text", ["", "-3", "12,35", "12.35 leagues", "mile 12"])
+def test_what_is_no_milepost_is_refused(text):
+    with pytest.raises(UsageError, match=r"12\.35 \(miles\)"):
+        parse_milepost(text)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("US-36", None, False, None), "add --milepost"),
+        ((None, "12.35", False, None), "add --route"),
+        (("US-36", "12.35", False, "a.gpkg"), "found both"),
+        (("US-36", None, True, "a.gpkg"), "need no direction"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(given, words, tmp_path):
+    with pytest.raises(UsageError, match=words):
+        load_settings(options=options(*given, [tmp_path]))
+
+
+def test_one_milepost_is_not_taken_for_several_logs(tmp_path):
+    with pytest.raises(UsageError, match="as each begins elsewhere"):
+        options("US-36", "12.35", False, None, [tmp_path, tmp_path])
