@@ -50,6 +50,7 @@ from wayside.stages.report import (
     match_by_descriptors,
 )
 from wayside.stages.segmentation import segment
+from wayside.stages.sign_codes import assign_codes, classify_faces
 
 
 class Observer(Protocol):
@@ -175,6 +176,8 @@ class Flow:
             refusing = m.location_classes if by_report else None  # else a term of the evidence
             places = classify_location(tracked, model=refusing, settings=s.locate)
             tracked = stage("location", places)
+        if m.face_classes is not None:
+            tracked = stage("face", classify_faces(tracked, model=m.face_classes, settings=s.codes))
         assembled = stage("assemble", assemble(tracked, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
@@ -198,7 +201,10 @@ class Flow:
         # scores of another detector are no probabilities: what its least score let through is a sign
         confidence = s.locate.confidence if self.models.external is None else 0.0
         placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
-        return self.drive_stage("signs", placed)
+        model = self.models.face_classes
+        classes = () if model is None else model.classes
+        coded = assign_codes(self.drive_stage("signs", placed), settings=s.codes, classes=classes)
+        return self.drive_stage("codes", coded)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""
