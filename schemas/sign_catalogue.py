@@ -149,7 +149,7 @@ _US_SIGNS = (
     _sign("OM1", "OM", "yellow diamond", _squares(18)),
     _sign("M1-1", "M", "blue shield", _ROUTES, "=", 2),
     _sign("M1-4", "M", "white shield/rectangle", _ROUTES, "=", 2),
-    _sign("M1-5", "M", "white rectangle/circle", _ROUTES, "=", 2),
+    _sign("M1-5", "M", "white rectangle", _ROUTES, "=", 2),
     _sign("M1-5", "M", "yellow rectangle", _ROUTES, weight=0.5),
     _sign("M1-6", "M", "blue pentagon", _squares(18, 24, 30)),
     _sign("M3", "M", "white rectangle", ((24.0, 12.0), (30.0, 15.0), (36.0, 18.0)), weight=3),

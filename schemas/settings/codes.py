@@ -18,6 +18,15 @@ class CodeSettings:
         origin="a drive crosses no ocean",
         choices=("auto", "us", "vienna"),
     )
+    foreign: float = setting(
+        0.01,
+        "",
+        "share of signs of the other system on a drive, where the system is `auto`",
+        origin="estimate: signs at borders, on private ground, copied ones",
+        expert=True,
+        low=0,
+        high=0.5,
+    )
     settled: float = setting(
         0.9,
         "",

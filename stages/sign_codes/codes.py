@@ -211,28 +211,35 @@ def _settled(
     settings: CodeSettings,
 ) -> SignCode | None:
     """The narrowest statement whose probability is large enough; None where there is none."""
-    system = max(SYSTEMS, key=lambda name: prior[name])
-    share = np.array([leaf.share for leaf in leaves[system]])
-    joint = (1 - settings.unlike) * share * likelihoods[system]
-    posterior = prior[system] * joint / (joint.sum() + settings.unlike)
-    nodes: dict[str, float] = {}
-    depth: dict[str, int] = {}
-    for leaf, probability in zip(leaves[system], posterior.tolist(), strict=True):
-        for k, node in enumerate(leaf.nodes):
-            nodes[node] = nodes.get(node, 0.0) + probability
-            depth[node] = k
-    likely = [node for node, probability in nodes.items() if probability >= settings.settled]
-    if not likely:
+    foreign = settings.foreign if settings.system == "auto" else 0.0
+    # what each leaf of both systems explains, and what nothing in the catalogue does
+    explained: list[tuple[str, _Leaf, float]] = []
+    for system in SYSTEMS:
+        own = foreign + (1 - 2 * foreign) * prior[system]
+        weights = own * (1 - settings.unlike) * likelihoods[system]
+        explained += [
+            (system, leaf, leaf.share * weight)
+            for leaf, weight in zip(leaves[system], weights.tolist(), strict=True)
+        ]
+    total = settings.unlike + sum(weight for _, _, weight in explained)
+    nodes: dict[tuple[int, str, str], float] = {}
+    for system, leaf, weight in explained:
+        for depth, node in enumerate(leaf.nodes):
+            key = (depth, system, node)
+            nodes[key] = nodes.get(key, 0.0) + weight / total
+    settled = [key for key, probability in nodes.items() if probability >= settings.settled]
+    if not settled:
         return None
-    narrowest = max(likely, key=lambda node: depth[node])
+    depth, system, narrowest = max(settled)
     code, _, legend = narrowest.partition(" ")
-    own = [
-        (leaf, probability)
-        for leaf, probability in zip(leaves[system], posterior.tolist(), strict=True)
-        if narrowest in leaf.nodes
+    may_be = [
+        (leaf, weight / total)
+        for of, leaf, weight in explained
+        if of == system and narrowest in leaf.nodes
     ]
-    nominal = nominal_size_in(sign, own, system, settings)
-    return SignCode(system, code, legend or None, nodes[code], nominal)
+    probability = nodes[depth - 1 if legend else depth, system, code]
+    nominal = nominal_size_in(sign, may_be, system, settings)
+    return SignCode(system, code, legend or None, probability, nominal)
 
 
 def nominal_size_in(

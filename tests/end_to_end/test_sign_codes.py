@@ -1,9 +1,7 @@
 """The codes of the signs of the demo log."""
 
-from conftest import Result
 
-
-def codes(result: Result) -> list[str | None]:
+def codes(result):
     return [row["mutcd"] for row in result.signs if row["status"] == "sign"]
 
 
