@@ -91,7 +91,7 @@ _ROUTES = ((24.0, 24.0), (30.0, 24.0), (36.0, 36.0), (45.0, 36.0))
 
 _US_SIGNS = (
     _sign("R1-1", "R", "red octagon", _squares(24, 30, 36, 48), ":stop", 6),
-    _sign("R1-2", "R", "red/white triangle", _squares(30, 36, 40, 48, 60), "=", 3),
+    _sign("R1-2", "R", "red/white triangle", _squares(30, 36, 48, 60), "=", 3),
     _sign("R2-1", "R", "white rectangle", _PLATE, ",".join(map(str, range(15, 80, 5))), 6),
     *(_sign(f"R3-{k}", "R", "white rectangle", _squares(24, 30, 36, 48), "=") for k in (1, 2, 3, 4)),
     _sign("R3-5", "R", "white rectangle", ((30.0, 36.0),), "left,right,straight"),
@@ -160,7 +160,7 @@ _US_SIGNS = (
         "D10",
         "D",
         "green rectangle",
-        ((6.0, 18.0), (8.0, 18.0), (10.0, 18.0), (10.0, 27.0), (10.0, 36.0), (12.0, 24.0), (12.0, 36.0)),
+        ((10.0, 18.0), (10.0, 27.0), (10.0, 36.0), (12.0, 24.0), (12.0, 36.0)),
         weight=3,
     ),
     _sign("D", "D", "green rectangle", weight=3, limits=((18, 12), (140, 80))),
