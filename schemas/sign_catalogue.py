@@ -14,7 +14,7 @@ SYSTEMS = (US, VIENNA)
 
 INCH_M, MM_M = 0.0254, 0.001
 
-SERIES = {
+SERIES: dict[str, dict[str, tuple[str, str | None]]] = {
     US: {
         "R": ("regulatory", None),
         "W": ("warning", None),
