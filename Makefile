@@ -10,7 +10,7 @@ JOBS ?= 2
 # Real images with boxed signs, where they are at hand: they teach colours and shapes, too.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learn learn-network clean
+.PHONY: help demo test slow check wiring accept held-out drives learn learn-network learn-faces clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
@@ -22,6 +22,7 @@ help:
 	@echo 'make drives   render all drives into .cache/drives'
 	@echo 'make learn    learn the models from the rendered drives'
 	@echo 'make learn-network  train the detection network: hours, resumable'
+	@echo 'make learn-faces    learn the face classifier from drawings and crops: minutes'
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
 
 demo: .venv/.ready
@@ -74,6 +75,11 @@ NETWORK_STEPS ?= 200000
 learn-network: drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/network --network-steps $(NETWORK_STEPS)
+
+learn-faces: .venv/.learn
+	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
+	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learning.face_codes --real $(REAL) -o pipeline/models
+	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 clean:
 	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

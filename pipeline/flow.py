@@ -58,6 +58,7 @@ from wayside.stages.report import (
     match_by_descriptors,
 )
 from wayside.stages.segmentation import segment
+from wayside.stages.sign_codes import assign_codes, classify_faces
 
 
 class Observer(Protocol):
@@ -184,6 +185,8 @@ class Flow:
             refusing = m.location_classes if by_report else None  # else a term of the evidence
             places = classify_location(tracked, model=refusing, settings=s.locate)
             tracked = stage("location", places)
+        if m.face_classes is not None:
+            tracked = stage("face", classify_faces(tracked, model=m.face_classes, settings=s.codes))
         assembled = stage("assemble", assemble(tracked, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
@@ -210,13 +213,17 @@ class Flow:
         placed = self.drive_stage("signs", placed)
         route = s.route
         if route.milepost >= 0:
-            measured = measure_along_route(placed, path=path, settings=route)
+            placed = self.drive_stage(
+                "route", measure_along_route(placed, path=path, settings=route)
+            )
         elif self.routes is not None and path.globe is not None:
             near = self.routes.near(path.globe.route()[:, :2])
             measured = measure_along_route(placed, path=path, settings=route, segments=near)
-        else:
-            return placed
-        return self.drive_stage("route", measured)
+            placed = self.drive_stage("route", measured)
+        model = self.models.face_classes
+        classes = () if model is None else model.classes
+        coded = assign_codes(placed, settings=s.codes, classes=classes)
+        return self.drive_stage("codes", coded)
 
     def _tracked(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """By descriptors as in the report, or by predicted position."""

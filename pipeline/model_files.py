@@ -22,6 +22,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
+    ConvolutionModel,
     EvidenceModel,
     GaussianModel,
     LinearModel,
@@ -55,7 +56,14 @@ OWN_COLORS = "color.json"
 """Colours that `wayside fit` writes: their space need not be RGB."""
 
 Kind = TypeVar(
-    "Kind", GaussianModel, MixtureModel, TreeModel, NetworkModel, LinearModel, EvidenceModel
+    "Kind",
+    GaussianModel,
+    MixtureModel,
+    TreeModel,
+    NetworkModel,
+    ConvolutionModel,
+    LinearModel,
+    EvidenceModel,
 )
 
 
@@ -70,7 +78,7 @@ class Models:
     back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
     outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the network
     whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes, that
-    takes the place of wayside's own; None: there is none.
+    takes the place of wayside's own; None: there is none; face_classes: what sign a face shows.
     """
 
     box_classifier: TreeModel
@@ -88,6 +96,7 @@ class Models:
     detection_network: OnnxFile | None = None
     external: DetectorFile | BoxFile | None = None
     trajectory_density: MixtureModel | None = None
+    face_classes: ConvolutionModel | None = None
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
@@ -123,6 +132,7 @@ class Models:
             "back_place": self.back_landmark_classifier,
             "ranking": self.region_ranking,
             "trajectory": self.trajectory_density,
+            "face_code": self.face_classes,
         }
         return {name: model for name, model in named.items() if model is not None}
 
@@ -162,6 +172,7 @@ def load_models(settings: Settings) -> Models:
         None
         if settings.report.trajectory == "off"
         else _mixture(folder, TRAJECTORY_FILES[settings.report.trajectory]),
+        optional(_convolution, "face_code.json"),
     )
     _check_inputs(models, folder)
     return _retraded(models, settings.models.alpha) if settings.models.alpha else models
@@ -376,5 +387,6 @@ _gaussian = _of_kind(GaussianModel)
 _mixture = _of_kind(MixtureModel)
 _trees = _of_kind(TreeModel)
 _network = _of_kind(NetworkModel)
+_convolution = _of_kind(ConvolutionModel)
 _linear = _of_kind(LinearModel)
 _evidence = _of_kind(EvidenceModel)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
 from wayside.schemas.motion import Motion
+from wayside.schemas.sign_catalogue import US, VIENNA
 from wayside.schemas.signs import Sign
 
 FRAME_COLUMNS = (
@@ -86,6 +87,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
         "views": len(landmark.views),
         "residual_px": finite(landmark.residual_px),
         **{f"evidence_{term}": evidence.get(term) for term in EVIDENCE_TERMS},
+        **_code(sign),
         **_on_globe(sign),
         "route": sign.route,
         "measure": finite(sign.measure),
@@ -104,6 +106,20 @@ def sign_id(sign: Sign, log: str) -> str:
 def finite(value: float) -> float | None:
     """The value, None where it is not known."""
     return float(value) if math.isfinite(value) else None
+
+
+def _code(sign: Sign) -> dict[str, Any]:
+    """Columns of what sign it is."""
+    code = sign.code
+    nominal = None if code is None else code.nominal_in
+    return {
+        "mutcd": code.code if code is not None and code.system == US else None,
+        "vienna": code.code if code is not None and code.system == VIENNA else None,
+        "legend": None if code is None else code.legend,
+        "code_probability": None if code is None else code.probability,
+        "nominal_width_in": None if nominal is None else nominal[0],
+        "nominal_height_in": None if nominal is None else nominal[1],
+    }
 
 
 def _on_globe(sign: Sign) -> dict[str, Any]:

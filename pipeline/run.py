@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
+from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
@@ -283,6 +284,7 @@ def _process(
         if observer is not None:
             observer.close()
         raise
+    report.notes.extend(system_notes(signs, settings.codes.settled))
     if duplicates:
         report.notes.append(describe_duplicates(duplicates))
     inventory = writer.finish(path, signs)
@@ -369,6 +371,7 @@ def _write_run(
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
         "focal_length": {"correction": result.focal.correction, "sigma": result.focal.sigma},
+        "us_probability": result.inventory.us_probability,
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),

@@ -46,7 +46,9 @@ class Landmark:
     features: what the landmark classifier saw, in the order of its `FEATURES`; evidence: log-likelihood ratio of each
     term, sign against anything else, whose sum with the prior log odds is the score. trajectory (s, 2, 4): for each
     step between two views that were matched by descriptors u, v, du, dv in the image, and the same without the rotation
-    of the camera (`stages.report.trajectory_of`).
+    of the camera (`stages.report.trajectory_of`). color_log_probability, shape_log_probability: mean over the views of
+    the log probability of each of `COLORS` and `SHAPES`; empty where no network classified them. face_log_probability:
+    the same of each class of the face classifier; empty where no view was classified.
     """
 
     track_id: int
@@ -78,6 +80,9 @@ class Landmark:
     features: tuple[float, ...] = field(default=(), repr=False)
     evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
     trajectory: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2, 4)), repr=False)
+    color_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    shape_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    face_log_probability: tuple[float, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, slots=True)

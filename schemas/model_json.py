@@ -78,6 +78,8 @@ def model_to_json(model: Model) -> str:
         body = {"features": list(model.features), "side": model.side, "near": model.tree_threshold}
         body |= {"trees_part": model.tree_weight, "farthest": model.feature_limit}
         body |= {"halved": list(model.pooled)}
+        if model.classes:
+            body["classes"] = list(model.classes)
         body |= {
             name: [_rounded(a) for a in getattr(model, name)] for name in ("filters", "biases")
         }
@@ -301,7 +303,9 @@ def _convolution_of(data: dict[str, Any]) -> ConvolutionModel:
     if side % 2 ** sum(pooled) or len(pooled) != len(filters):
         raise ValueError(f"a side of {side} pooled {sum(pooled)} times in {len(filters)} layers")
     samples = (side // 2 ** sum(pooled)) ** 2 * outs[-1]
-    _check_shapes(arrays, ((f,), (f,), (samples + f, h), (h,), (h,), ()))
+    classes = tuple(map(str, data.get("classes", ())))
+    outputs = (len(classes),) if classes else ()
+    _check_shapes(arrays, ((f,), (f,), (samples + f, h), (h,), (h, *outputs), outputs))
     _check_scale(arrays["scale"])
     return ConvolutionModel(
         tuple(map(str, data["features"])),
@@ -314,6 +318,7 @@ def _convolution_of(data: dict[str, Any]) -> ConvolutionModel:
         pooled,
         **arrays,
         provenance=str(data["provenance"]),
+        classes=classes,
     )
 
 

@@ -207,13 +207,14 @@ class NetworkModel:
 
 @dataclass(frozen=True, slots=True)
 class ConvolutionModel:
-    """Convolutional network over a square patch and named features, with one output.
+    """Convolutional network over a square patch and named features, with one output or one for each of `classes`.
 
     side: samples of the patch each way; tree_threshold: log odds of the trees from which it is evaluated; tree_weight:
     factor of those before they are added. filters, biases: of each layer (3, 3, in, out) and (out,); pooled: which
     layers are followed by 2 x 2 maximum pooling. mean, scale (f,): features enter as (x - mean) / scale, cut off at
     `feature_limit`. hidden (m + f, h), hidden_bias (h,), output (h,), output_bias (): the two layers behind the m
-    samples of the last convolution and the features; float32.
+    samples of the last convolution and the features; float32. With `classes`, output (h, c) and output_bias (c,), whose
+    softmax is the probability of each.
     """
 
     kind: ClassVar[str] = "convolution"
@@ -232,6 +233,7 @@ class ConvolutionModel:
     output: NDArray[np.float32]
     output_bias: NDArray[np.float32]
     provenance: str
+    classes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,13 +22,30 @@ class GlobePosition:
 
 
 @dataclass(frozen=True, slots=True)
+class SignCode:
+    """What sign it is, as far as it is settled.
+
+    system: of `SYSTEMS`; code: of a sign (`R2-1`) or of a series (`R`); legend: number or direction that its face
+    shows, None where it shows none or is not settled; probability: of the code; nominal_in: standard width and height,
+    inches, of a diamond the side of its square; None where the measured size is none.
+    """
+
+    system: str
+    code: str
+    legend: str | None
+    probability: float
+    nominal_in: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
 class Sign:
     """A landmark with its final position; metres, nan where a number is unknown.
 
     number, assembly: of the sign and of its support, from 1; status: a key of `SIGN_STATUSES`; position (3,),
     covariance (3, 3): in the camera frame of `landmark.best_frame` (right, down, ahead), with the final scale;
     centre (3,), world_covariance (3, 3): in the world frame; station_m along the path, lateral_m right of it, up_m and
-    bottom_m above the road; route, measure, measure_unit: where along which route, a key of `MEASURE_UNITS`.
+    bottom_m above the road; route, measure, measure_unit: where along which route, a key of `MEASURE_UNITS`; code: None
+    where not even its series is settled; us_probability: that the signs of the drive are of the US system.
     """
 
     number: int
@@ -52,3 +69,5 @@ class Sign:
     route: str | None = None
     measure: float = math.nan
     measure_unit: str | None = None
+    code: SignCode | None = None
+    us_probability: float = math.nan

@@ -194,6 +194,26 @@ SIGNS = Table(
             "its unit: mile, kilometre, foot or metre",
             values=tuple(MEASURE_UNITS),
         ),
+        Column(
+            "mutcd", _TEXT, "", "MUTCD code, or series where the code is not settled; sign_codes.md"
+        ),
+        Column("vienna", _TEXT, "", "the same of the Vienna Convention, for faces of that system"),
+        Column(
+            "legend",
+            _TEXT,
+            "",
+            "number or direction on the face; null: it shows none, or not settled",
+        ),
+        Column(
+            "code_probability", _SINGLE, "", "probability of what stands in `mutcd` or `vienna`"
+        ),
+        Column(
+            "nominal_width_in",
+            _SINGLE,
+            "in",
+            "standard width that the measured one can be; of a diamond the side of its square; null: none or several",
+        ),
+        Column("nominal_height_in", _SINGLE, "in", "the same of the height"),
     ),
 )
 

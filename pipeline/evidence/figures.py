@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from wayside.pipeline.code_words import code_words, nominal_words
 from wayside.pipeline.evidence.marks import class_words
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 
@@ -84,11 +85,14 @@ def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
 
 def _panel(sign: dict[str, Any]) -> list[Figure]:
     facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
+    nominal = nominal_words(sign)
     return [
+        Figure("Code", code_words(sign)),
         Figure("Colour", class_words(sign["color"])),
         Figure("Shape", class_words(sign["shape"])),
         Figure("Width", _metres(sign["panel_width_m"]), _sigma(sign["sigma_width_m"], "m")),
         Figure("Height", _metres(sign["panel_height_m"]), _sigma(sign["sigma_height_m"], "m")),
+        *([] if nominal is None else [Figure("Standard size", nominal)]),
         Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°")),
     ]
 

@@ -20,7 +20,7 @@ const orders = {
 
 function fits(card, wanted, least) {
   return card.dataset.id.includes(wanted)
-    && ["color", "shape", "status"].every(name => !fields[name].value || fields[name].value === card.dataset[name])
+    && ["color", "shape", "code", "status"].every(name => !fields[name].value || fields[name].value === card.dataset[name])
     && (!fields.review.value || fields.review.value === (card.dataset.review || "none"))
     && (least === 0 || number(card, "confidence", -1) >= least);
 }
@@ -46,7 +46,7 @@ function sort() {
   list.append(...cards.sort(orders[fields.sort.value]));
 }
 
-const defaults = { id: "", color: "", shape: "", status: "", review: "", confidence: "0", sort: "station" };
+const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
 
 function chosen() {
   const changed = new URLSearchParams();

@@ -17,6 +17,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.code_words import code_of
 from wayside.pipeline.evidence.gather import DriveMap
 from wayside.pipeline.evidence.maps import length_words, round_length
 from wayside.pipeline.evidence.marks import appearance_of, class_words
@@ -78,6 +79,7 @@ def format_index(
         summary=escape(_summary(cards, drive)),
         colors=_options(COLORS, [card.sign["color"] for card in cards]),
         shapes=_options(SHAPES, [card.sign["shape"] for card in cards]),
+        codes=_code_options([code_of(card.sign) for card in cards]),
         statuses=_options(tuple(SIGN_STATUSES), [card.sign["status"] for card in cards]),
         map="" if view is None else _map(cards, drive, view, world),
         script=files(__package__).joinpath("index.js").read_text("utf-8"),
@@ -115,6 +117,15 @@ def _options(known: Iterable[str], found: Sequence[str | None]) -> str:
     )
 
 
+def _code_options(found: Sequence[str | None]) -> str:
+    """Codes that occur, in order, and how often."""
+    counts = Counter(name or _UNKNOWN for name in found)
+    return "".join(
+        f'<option value="{escape(name)}">{escape(name)} ({counts[name]})</option>'
+        for name in sorted(counts, key=lambda name: (name == _UNKNOWN, name))
+    )
+
+
 def _choices(known: Iterable[str]) -> str:
     return "".join(f'<option value="{name}">{escape(class_words(name))}</option>' for name in known)
 
@@ -126,6 +137,7 @@ def _card(card: Card) -> str:
         "id": card.name.lower(),
         "color": sign["color"] or _UNKNOWN,
         "shape": sign["shape"] or _UNKNOWN,
+        "code": code_of(sign) or _UNKNOWN,
         "status": sign["status"],
         "confidence": "" if sign["confidence"] is None else f"{sign['confidence']:.4f}",
         "station": "" if sign["station_m"] is None else f"{sign['station_m']:.3f}",
@@ -154,6 +166,7 @@ def _facts(sign: dict[str, Any]) -> list[tuple[str, str]]:
     side = "" if lateral is None else " right" if lateral >= 0 else " left"
     confidence = sign["confidence"]
     return [
+        ("Code", code_of(sign) or _UNKNOWN),
         ("Confidence", _UNKNOWN if confidence is None else f"{confidence:.2f}"),
         ("Along", _metres(_number(sign["station_m"], sign["sigma_along_m"]))),
         ("Beside", _metres(_number(None if lateral is None else abs(lateral))) + side),

@@ -42,7 +42,7 @@ def altered(rgb: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.u
 
     Each step is left out now and then, so that one alone is seen, too.
     """
-    shown = _toned(rgb, random)
+    shown = retoned(rgb, random)
     if random.random() < 0.5:
         sigma = float(random.uniform(0.4, SOFT_PX))
         shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), sigma), np.uint8)
@@ -63,8 +63,8 @@ def altered(rgb: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.u
     return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
 
 
-def _toned(rgb: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:
-    """Exposure, tint, contrast and saturation."""
+def retoned(rgb: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:
+    """An image (rows, columns, 3) with another exposure, tint, contrast and saturation."""
     exposure = 2.0 ** random.uniform(*STOPS) if random.random() < 0.7 else 1.0
     gains = np.exp(random.normal(0.0, TINT, 3)) * exposure
     contrast = random.uniform(*CONTRAST) if random.random() < 0.7 else 1.0

@@ -60,7 +60,7 @@ def draw_faces(
             drawing, side = chosen_face(
                 kind if number == 0 or kind == "back" else "board", library, rng
             )
-            patch = _seen(drawing, face_height, rng)
+            patch = seen_from_an_angle(drawing, face_height, rng)
             high, wide = patch.shape[:2]
             x = round(left if beside or number == 0 else left - wide / 2)
             if number == 0 and not beside:
@@ -68,8 +68,8 @@ def draw_faces(
             box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
             if overlaps(box, boxes):
                 break
-            _worn(patch, side, light, rgb, box, noise, rng)
-            clipped = _blend(rgb, patch, x, round(top))
+            wear(patch, side, light, rgb, box, noise, rng)
+            clipped = blend(rgb, patch, x, round(top))
             boxes.append(box)
             if clipped is not None:
                 drawn.append(DrawnFace(clipped, side, drawing.color, drawing.shape))
@@ -95,7 +95,9 @@ def overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
     )
 
 
-def _seen(drawing: FaceDrawing, height_px: float, rng: np.random.Generator) -> NDArray[np.float32]:
+def seen_from_an_angle(
+    drawing: FaceDrawing, height_px: float, rng: np.random.Generator
+) -> NDArray[np.float32]:
     """A face from an angle, so many pixels high; (h, w, 4) float32, colours multiplied by alpha, 0 to 1."""
     source = drawing.rgba
     rows, columns = source.shape[:2]
@@ -133,7 +135,7 @@ def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
     return values
 
 
-def _worn(
+def wear(
     patch: NDArray[np.float32],
     side: int,
     light: float,
@@ -177,7 +179,7 @@ def _piece(
     return piece
 
 
-def _blend(
+def blend(
     rgb: NDArray[np.uint8], patch: NDArray[np.float32], x: int, y: int
 ) -> tuple[float, float, float, float] | None:
     """Put a patch at (x, y), in place; the box of what is opaque, None where less than half of it is in the image."""

@@ -237,14 +237,8 @@ def _altered(torch: Any, patches: Any) -> Any:
 def _exported(
     layers: Any, head: Any, mean: NDArray[Any], scale: NDArray[Any], near: float
 ) -> ConvolutionModel:
-    """The fitted network as a model of ours: what the layers normalise by is part of their filters."""
-    filters, biases = [], []
-    pairs = [layer for layer in layers if hasattr(layer, "weight")]
-    for convolution, norm in zip(pairs[::2], pairs[1::2], strict=True):
-        gain = norm.weight / (norm.running_var + norm.eps).sqrt()
-        folded = (convolution.weight * gain[:, None, None, None]).permute(2, 3, 1, 0)
-        filters.append(_array(folded))
-        biases.append(_array(norm.bias - norm.running_mean * gain))
+    """The fitted network as a model of ours."""
+    filters, biases = folded_filters(layers)
     first, last = head[0], head[3]
     return ConvolutionModel(
         PATCH_CNN_FEATURES,
@@ -252,8 +246,8 @@ def _exported(
         near,
         0.0,
         FARTHEST,
-        tuple(filters),
-        tuple(biases),
+        filters,
+        biases,
         POOLED,
         np.asarray(mean, np.float32),
         np.asarray(scale, np.float32),
@@ -263,6 +257,20 @@ def _exported(
         _array(last.bias[0]),
         "",
     )
+
+
+def folded_filters(
+    layers: Any,
+) -> tuple[tuple[NDArray[np.float32], ...], tuple[NDArray[np.float32], ...]]:
+    """Filters (3, 3, in, out) and biases (out,) of layers: what they normalise by is part of their filters."""
+    filters, biases = [], []
+    pairs = [layer for layer in layers if hasattr(layer, "weight")]
+    for convolution, norm in zip(pairs[::2], pairs[1::2], strict=True):
+        gain = norm.weight / (norm.running_var + norm.eps).sqrt()
+        folded = (convolution.weight * gain[:, None, None, None]).permute(2, 3, 1, 0)
+        filters.append(_array(folded))
+        biases.append(_array(norm.bias - norm.running_mean * gain))
+    return tuple(filters), tuple(biases)
 
 
 def _array(tensor: Any) -> NDArray[np.float32]:

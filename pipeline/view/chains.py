@@ -10,6 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from wayside.pipeline.code_words import code_of
 from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
@@ -80,7 +81,8 @@ def closing(
     """What is known at the end of the drive only, sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
     for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
-        yield from chain(row["sign_id"], sign.landmark, state.poses, times)
+        name = " ".join(filter(None, (row["sign_id"], code_of(row))))
+        yield from chain(row["sign_id"], name, sign.landmark, state.poses, times)
         figures = rr.TextDocument(sign_figures(row), media_type="text/markdown")
         part = rr.escape_entity_path_part(row["sign_id"])
         measured = state.measured.get(sign.landmark.track_id)
@@ -90,17 +92,18 @@ def closing(
 
 def chain(
     sign_id: str,
+    name: str,
     landmark: Landmark,
     poses: Mapping[int, tuple[Pose, Camera]],
     times: Mapping[int, Times],
 ) -> Iterator[Batch | Columns]:
-    """One sign: its ellipsoid and panel, a ray a view, boxes and residuals in every frame it was measured in."""
+    """One sign, labelled `name`: its ellipsoid and panel, a ray a view, boxes and residuals where it was measured."""
     ink = landmark_color(landmark)
     centre = landmark.best_pose.to_world(landmark.position)
     part = rr.escape_entity_path_part(sign_id)
     views = [view for view in landmark.views if view.frame in poses and view.frame in times]
     rays = [np.stack([poses[view.frame][0].centre, centre]) for view in views]
-    words = f"{sign_id}: {landmark_words(landmark)}"
+    words = f"{name}: {landmark_words(landmark)}"
     yield Batch(
         None,
         (
@@ -199,7 +202,7 @@ def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
 def sign_figures(row: Mapping[str, Any]) -> str:
     """One sign's row as a markdown table of two columns."""
     lines = [
-        f"# {row['sign_id']}: {' '.join(_appearance(row))}",
+        f"# {row['sign_id']}: {' '.join(filter(None, (code_of(row), *_appearance(row))))}",
         "",
         "| | |",
         "|---|---|",
@@ -215,8 +218,8 @@ def sign_figures(row: Mapping[str, Any]) -> str:
 
 def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
     """The signs as a markdown table."""
-    head = "| sign | colour | shape | station m | right m | up m | width m | height m | ± along m"
-    rule = "|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|"
+    head = "| sign | code | colour | shape | station m | right m | up m | width m | height m | ± along m"
+    rule = "|---|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|"
     lines = [f"# {len(signs)} signs", "", f"{head} | views | confidence |", rule]
     for row in signs:
         numbers = [
@@ -226,7 +229,7 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
                 "sigma_along_m",
             )
         ]
-        cells = (row["sign_id"], *_appearance(row), *numbers)
+        cells = (row["sign_id"], code_of(row) or "", *_appearance(row), *numbers)
         lines.append(f"| {' | '.join(cells)} | {row['views']} | {_number(row['confidence'])} |")
     return "\n".join(lines) + "\n"
 

@@ -6,6 +6,7 @@ and `REPORT_SHAPE`.
 """
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.georeference import GeoreferenceSettings
@@ -45,6 +46,7 @@ __all__ = [
     "AssemblySettings",
     "AssociationSettings",
     "CandidateSettings",
+    "CodeSettings",
     "FeatureSettings",
     "GateSettings",
     "GeoreferenceSettings",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.landmark import (
@@ -63,6 +64,7 @@ class Settings:
     georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
+    codes: CodeSettings = field(default_factory=CodeSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
 

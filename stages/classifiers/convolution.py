@@ -15,7 +15,7 @@ TOGETHER = 32
 def convolution_output(
     model: ConvolutionModel, patches: NDArray[np.float32], values: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Output of the network for each patch, shape (n,).
+    """Output of the network for each patch, shape (n,), or (n, classes) of a network with classes.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def convolution_output(
     side, channels = model.side, model.filters[0].shape[2]
     require_array(patches, "patches", np.float32, (None, side, side, channels))
     require_array(values, "values", np.float32, (len(patches), len(model.features)))
-    parts = [np.zeros(0, np.float32)]
+    parts = [np.zeros((0, *model.output_bias.shape), np.float32)]
     for first in range(0, len(patches), TOGETHER):
         rows = slice(first, first + TOGETHER)
         parts.append(_evaluate(model, patches[rows], values[rows]))

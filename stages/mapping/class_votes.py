@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,15 @@ from numpy.typing import NDArray
 from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
+
+
+class VotedClass(NamedTuple):
+    """The class of most weight (None: no view has one), its distance, and the log probability of each by a network."""
+
+    name: str | None
+    distance: float
+    log_probability: tuple[float, ...] = ()
+
 
 Votes = tuple[dict[int, float], dict[int, float]]
 """Weight of each class, and the least distance of a view to it."""
@@ -21,8 +31,8 @@ def voted_class(
     what: str,
     names: tuple[str, ...],
     settings: LandmarkSettings,
-) -> tuple[str | None, float]:
-    """The class of most weight with its distance; None where no view has a class.
+) -> VotedClass:
+    """The class of most weight.
 
     Where a network classified the views (`color_log_probability`, `shape_log_probability`), the weight is the mean log
     probability, and there is no distance. Else the nearest classes of the views vote (report chapters 3.2 and 4).
@@ -41,12 +51,12 @@ def voted_class(
     own = [(window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True)]
     means = mean_log_probabilities(own, what, settings)
     if means is not None:
-        return names[int(means.argmax())], float("nan")
+        return VotedClass(names[int(means.argmax())], float("nan"), tuple(means.tolist()))
     weights, distances = nearest_class_votes(own, what, settings)
     if not weights:
-        return None, float("nan")
+        return VotedClass(None, float("nan"))
     kind = max(sorted(weights), key=lambda k: weights[k])
-    return names[kind], distances[kind]
+    return VotedClass(names[kind], distances[kind])
 
 
 def mean_log_probabilities(

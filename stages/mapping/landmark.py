@@ -13,7 +13,7 @@ from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.mapping.class_votes import voted_class
+from wayside.stages.mapping.class_votes import VotedClass, voted_class
 from wayside.stages.mapping.covariance import point_covariance
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
@@ -116,12 +116,12 @@ def build_landmark(
     best, panel = best_view(fit, window), measured.panel
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
-    color, color_distance = None, float("nan")
+    color = VotedClass(None, float("nan"))
     # an outline tells which way a triangle points
-    shape, shape_distance = panel.shape.removesuffix("_up") or None, float("nan")
+    shape = VotedClass(panel.shape.removesuffix("_up") or None, float("nan"))
     if not fit.back:
-        color, color_distance = voted_class(fit, window, "color", COLORS, settings)
-        shape, shape_distance = voted_class(fit, window, "shape", SHAPES, settings)
+        color = voted_class(fit, window, "color", COLORS, settings)
+        shape = voted_class(fit, window, "shape", SHAPES, settings)
     return Landmark(
         back=fit.back,
         track_id=track_id,
@@ -142,15 +142,17 @@ def build_landmark(
         sigma_height_m=float(panel.sigma_size[1]),
         facing_deg=panel.facing_deg,
         sigma_facing_deg=panel.sigma_facing_deg,
-        color=color,
-        color_distance=color_distance,
-        shape=shape,
-        shape_distance=shape_distance,
+        color=color.name,
+        color_distance=color.distance,
+        shape=shape.name,
+        shape_distance=shape.distance,
         score=score,
         residual_px=fit.rms_px,
         verdict=verdict,
         features=features,
         evidence=evidence,
+        color_log_probability=color.log_probability,
+        shape_log_probability=shape.log_probability,
     )
 
 

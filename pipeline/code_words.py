@@ -1,0 +1,48 @@
+"""The code of a sign in words, as sheets, the index, the viewer and the summary show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
+from wayside.schemas.signs import Sign
+
+SYSTEM_WORDS = {US: "MUTCD", VIENNA: "Vienna Convention"}
+
+
+def code_of(row: Mapping[str, Any]) -> str | None:
+    """Code or series of a row of `signs.parquet` with its legend, `R2-1 45`; None where neither is settled."""
+    code = row.get("mutcd") or row.get("vienna")
+    return None if not code else " ".join(filter(None, (code, row.get("legend"))))
+
+
+def code_words(row: Mapping[str, Any]) -> str:
+    """The code with its system and how probable it is; a series with what it means."""
+    code = code_of(row)
+    if code is None:
+        return "unknown"
+    system = US if row.get("mutcd") else VIENNA
+    series = SERIES[system].get(code)
+    meant = "" if series is None else f", {series[0]}"
+    return f"{code} ({SYSTEM_WORDS[system]}{meant}), probability {row['code_probability']:.2f}"
+
+
+def nominal_words(row: Mapping[str, Any]) -> str | None:
+    """The standard size, inches of a US sign and millimetres of a European one; None where there is none."""
+    width, height = row.get("nominal_width_in"), row.get("nominal_height_in")
+    if width is None or height is None:
+        return None
+    if row.get("vienna"):
+        return f"{width * 25.4:.0f} x {height * 25.4:.0f} mm"
+    return f"{width:g} x {height:g} in"
+
+
+def system_notes(signs: Sequence[Sign], settled: float) -> list[str]:
+    """What to say where the signs of a drive do not settle their system, so that no code can be stated."""
+    if not signs or not 1 - settled < signs[0].us_probability < settled:
+        return []
+    return [
+        f"the signs do not settle whether they are of the US system (probability {signs[0].us_probability:.2f}), so no "
+        "code is stated; say which with --set codes.system=us or vienna"
+    ]

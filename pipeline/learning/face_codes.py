@@ -1,0 +1,306 @@
+"""Learning of the face classifier: `python -m wayside.pipeline.learning.face_codes --real FOLDER -o MODELS`.
+
+It is taught by vector drawings, seen from an angle, worn, before real backgrounds and through other cameras, and by
+real crops. Whole tracks of those choose its temperature, and other whole tracks measure it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.learn import images, write_model
+from wayside.pipeline.learning.boosting import needs
+from wayside.pipeline.learning.camera_augmentation import retoned
+from wayside.pipeline.learning.detector_images import FRONT
+from wayside.pipeline.learning.face_classes import (
+    TAUGHT,
+    TESTED,
+    VALIDATED,
+    FaceExample,
+    crops,
+    drawings,
+)
+from wayside.pipeline.learning.face_compositing import blend, seen_from_an_angle, wear
+from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary, chosen_face
+from wayside.pipeline.learning.patch_cnn import folded_filters
+from wayside.schemas.detections import NONE
+from wayside.schemas.errors import WaysideError
+from wayside.schemas.models import ConvolutionModel
+from wayside.stages.sign_codes import (
+    OTHER_FACE,
+    OTHER_SHARE,
+    PATCH_SIDE,
+    class_log_probabilities,
+    face_patch,
+    face_samples,
+)
+
+FILE = "face_code.json"
+
+BACKGROUNDS = ("us_freeway_challenge", "us_freeway_white_right")
+"""Real drives (MIT) before whose images the drawings are put."""
+
+FILTERS, POOLED, HIDDEN = (16, 32, 64), (True, True, True), 64
+"""Filters of each layer, the layers that are halved, units behind them."""
+
+DRAWN, DRAWN_OTHER, CROPPED = 300, 9_000, 16
+"""Patches of each drawn class, of all other faces together, and copies of each real crop."""
+
+BATCH, EPOCHS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 128, 6, 5e-3, 1e-2, 0.2
+"""Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
+
+HEIGHTS_PX = (11.0, 80.0)
+"""Heights of drawn faces, log-uniform."""
+
+BOX_SIGMA, BOX_SIGMA_PX = 0.025, 0.5
+"""Scatter of the sides of a face's box: as a fraction of its size, and in pixels."""
+
+TEMPERATURES = tuple(np.geomspace(0.5, 4.0, 25).tolist())
+"""By which log odds may be divided; the one of the best likelihood of the validated tracks is taken."""
+
+Notify = Callable[[str], None]
+Patches = tuple[NDArray[np.uint8], NDArray[np.str_]]
+
+
+def learn_face_codes(
+    real: Path, seed: int, notify: Notify, *, with_crops: bool = True
+) -> ConvolutionModel:
+    """The face classifier; without crops, it is taught by drawings alone, which shows how those carry over.
+
+    Raises
+    ------
+    UsageError
+        Without PyTorch, which only the learning needs.
+    """
+    rng = np.random.default_rng(seed)
+    drawn, taught = list(drawings(real)), list(crops(real, TAUGHT)) if with_crops else []
+    patches, names = drawn_patches(drawn, _backgrounds(real), rng)
+    notify(f"{len(names)} patches of {len(drawn)} drawings")
+    if taught:
+        more, of_crops = cropped_patches(taught, CROPPED, rng)
+        patches, names = np.concatenate([patches, more]), np.concatenate([names, of_crops])
+        notify(f"{len(of_crops)} patches of {len(taught)} crops")
+    model = fit(patches, names, seed)
+    held, truth = still_patches(crops(real, VALIDATED))
+    model = at_temperature(model, held, truth) if with_crops else model
+    held, truth = still_patches(crops(real, TESTED))
+    right = float((best_names(model, held) == truth).mean())
+    words = (
+        f"{len(drawn)} vector drawings of signs (mapillary/mapillary_sprite_source and brycedorn/mutcd-ts, MIT), drawn "
+        f"before images of {' and '.join(BACKGROUNDS)} (udacity/CarND-LaneLines-P1, MIT); {len(taught)} crops of GTSRB "
+        f"(Stallkamp et al. 2012); held out by track, named right: {100 * right:.1f} % of {len(truth)}; seed {seed}"
+    )
+    return replace(model, provenance=words)
+
+
+def drawn_patches(
+    drawn: Sequence[FaceExample],
+    backgrounds: Sequence[NDArray[np.uint8]],
+    rng: np.random.Generator,
+) -> Patches:
+    """`DRAWN` patches of each class of drawings, `DRAWN_OTHER` of all others, some of them invented boards."""
+    by_name: dict[str, list[NDArray[np.uint8]]] = {}
+    for one in drawn:
+        by_name.setdefault(one.name, []).append(_shrunk(one.pixels))
+    noise = _smooth_noise(rng)
+    patches, names = [], []
+    for name, own in by_name.items():
+        for k in range(DRAWN_OTHER if name == OTHER_FACE else DRAWN):
+            face = FaceDrawing(own[k % len(own)], NONE, NONE)
+            if name == OTHER_FACE and rng.random() < 0.25:
+                face, _ = chosen_face("board", FaceLibrary((), ()), rng)
+            patches.append(_drawn(face, backgrounds, noise, rng))
+            names.append(name)
+    return np.stack(patches), np.array(names)
+
+
+def cropped_patches(
+    taught: Sequence[FaceExample], copies: int, rng: np.random.Generator
+) -> Patches:
+    """Copies of crops, each seen through another camera, from farther away, in a box a little off."""
+    patches, names = [], []
+    for one in taught:
+        for _ in range(copies):
+            rgb, box = one.pixels, one.box
+            shrink = rng.uniform(0.35, 1.0)
+            if shrink * min(box[2:] - box[:2]) > HEIGHTS_PX[0] and rng.random() < 0.5:
+                size = np.maximum(np.round(np.array(rgb.shape[1::-1]) * shrink), 8).astype(int)
+                box = box * np.tile(size / rgb.shape[1::-1], 2)
+                rgb = np.asarray(cv2.resize(rgb, size.tolist(), interpolation=cv2.INTER_AREA))
+            patches.append(retoned(face_patch(rgb, _moved(box, rng)), rng))
+            names.append(one.name)
+    return np.stack(patches), np.array(names)
+
+
+def still_patches(examples: Iterable[FaceExample]) -> Patches:
+    """The patches of examples as they are, and their classes."""
+    listed = list(examples)
+    patches = np.stack([face_patch(one.pixels, one.box) for one in listed])
+    return patches, np.array([one.name for one in listed])
+
+
+def best_names(model: ConvolutionModel, patches: NDArray[np.uint8]) -> NDArray[np.str_]:
+    """The most probable class of each patch."""
+    return np.asarray(np.array(model.classes)[class_log_probabilities(model, patches).argmax(1)])
+
+
+def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> ConvolutionModel:
+    """Fit the network to patches (n, 32, 32, 3) and their classes (n,); all are drawn alike but `other`."""
+    try:
+        import torch
+    except ImportError as error:
+        raise needs("PyTorch") from error
+    torch.manual_seed(seed)
+    classes, target = np.unique(names, return_inverse=True)
+    nn, layers, channels = torch.nn, [], 3
+    for filters, pooled in zip(FILTERS, POOLED, strict=True):
+        layers += [nn.Conv2d(channels, filters, 3, padding=1, bias=False), nn.BatchNorm2d(filters)]
+        layers += [nn.ReLU(), *([nn.MaxPool2d(2)] if pooled else [])]
+        channels = filters
+    samples = channels * (PATCH_SIDE // 2 ** sum(POOLED)) ** 2
+    body = nn.Sequential(*layers)
+    head = nn.Sequential(
+        nn.Linear(samples, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT), nn.Linear(HIDDEN, len(classes))
+    )
+    steps = round(EPOCHS * len(names) / BATCH)
+    descent = torch.optim.AdamW(
+        [*body.parameters(), *head.parameters()], lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY
+    )
+    rate = torch.optim.lr_scheduler.OneCycleLR(
+        descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
+    )
+    share = np.where(classes == OTHER_FACE, OTHER_SHARE, (1 - OTHER_SHARE) / (len(classes) - 1))
+    weight = (share / np.bincount(target))[target]
+    drawn = np.random.default_rng(seed).choice(len(names), (steps, BATCH), p=weight / weight.sum())
+    for rows in drawn:
+        shown = torch.from_numpy(face_samples(patches[rows])).permute(0, 3, 1, 2)
+        found = head(body(shown).permute(0, 2, 3, 1).flatten(1))
+        loss = nn.functional.cross_entropy(
+            found, torch.from_numpy(target[rows]), label_smoothing=0.02
+        )
+        descent.zero_grad()
+        loss.backward()
+        descent.step()
+        rate.step()
+    filters, biases = folded_filters(body)
+    hidden, output = (
+        [np.array(t.detach().numpy(), np.float32, order="C") for t in (one.weight.T, one.bias)]
+        for one in (head[0], head[3])
+    )
+    none = np.zeros(0, np.float32)
+    return ConvolutionModel(
+        (), PATCH_SIDE, 0.0, 0.0, 1.0, filters, biases, POOLED, none, none, *hidden, *output, "",
+        tuple(map(str, classes)),
+    )  # fmt: skip
+
+
+def at_temperature(
+    model: ConvolutionModel, patches: NDArray[np.uint8], truth: NDArray[np.str_]
+) -> ConvolutionModel:
+    """The model with its outputs divided by the temperature of the best likelihood (Guo et al. 2017)."""
+    column = np.array([model.classes.index(name) for name in truth])
+
+    def likelihood(one: ConvolutionModel) -> float:
+        found = class_log_probabilities(one, patches)
+        return float(found[np.arange(len(column)), column].mean())
+
+    return max((_scaled(model, 1 / t) for t in TEMPERATURES), key=likelihood)
+
+
+def _scaled(model: ConvolutionModel, factor: float) -> ConvolutionModel:
+    scale = np.float32(factor)
+    return replace(model, output=scale * model.output, output_bias=scale * model.output_bias)
+
+
+def _drawn(
+    face: FaceDrawing,
+    backgrounds: Sequence[NDArray[np.uint8]],
+    noise: NDArray[np.float32],
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """A patch of a drawing in a real background, through another camera."""
+    height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
+    patch = seen_from_an_angle(face, height, rng)
+    high, wide = patch.shape[:2]
+    edge = round(0.15 * max(high, wide)) + 3
+    whole = backgrounds[int(rng.integers(len(backgrounds)))]
+    top = int(rng.integers(max(1, whole.shape[0] - high - 2 * edge)))
+    left = int(rng.integers(max(1, whole.shape[1] - wide - 2 * edge)))
+    shown = whole[top : top + high + 2 * edge, left : left + wide + 2 * edge].copy()
+    box = (float(edge), float(edge), float(edge + wide), float(edge + high))
+    wear(patch, FRONT, float(rng.uniform(0.45, 1.6)), shown, box, noise, rng)
+    drawn = blend(shown, patch, edge, edge)
+    return retoned(face_patch(shown, _moved(np.array(drawn or box), rng)), rng)
+
+
+def _shrunk(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A drawing no larger than faces are drawn, its colours weighted by their opacity."""
+    scale = HEIGHTS_PX[1] / max(rgba.shape[:2])
+    weighted = rgba.astype(np.float32)
+    weighted[..., :3] *= weighted[..., 3:] / 255
+    small = np.asarray(
+        cv2.resize(weighted, (0, 0), fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    )
+    small[..., :3] *= 255 / np.maximum(small[..., 3:], 1)
+    return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+
+
+def _moved(box: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """A box whose sides are as far off as those of measured boxes."""
+    size = np.tile(box[2:] - box[:2], 2)
+    return np.asarray(box + rng.normal(0, 1, 4) * (BOX_SIGMA * size + BOX_SIGMA_PX))
+
+
+def _backgrounds(real: Path) -> list[NDArray[np.uint8]]:
+    """Every eighth image of the drives that drawings are put before."""
+    return [
+        image.rgb
+        for name in BACKGROUNDS
+        for k, image in enumerate(images(real / f"{name}.mcap"))
+        if k % 8 == 0 and image.rgb is not None
+    ]
+
+
+def _smooth_noise(rng: np.random.Generator) -> NDArray[np.float32]:
+    """A square of smooth noise of mean 0 and deviation 1, for dirt and shade."""
+    rough = rng.normal(0, 1, (512, 512)).astype(np.float32)
+    smooth = cv2.GaussianBlur(rough, (0, 0), 6) + 0.3 * cv2.GaussianBlur(rough, (0, 0), 1.5)
+    return np.asarray((smooth - smooth.mean()) / smooth.std(), np.float32)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m wayside.pipeline.learning.face_codes", description=__doc__
+    )
+    parser.add_argument("--real", type=Path, required=True, help="folder of drawings and crops")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model file")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--drawings-alone", action="store_true", help="teach without real crops")
+    given = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+
+    def notify(text: str) -> None:
+        print(text, flush=True)
+
+    try:
+        model = learn_face_codes(
+            given.real, given.seed, notify, with_crops=not given.drawings_alone
+        )
+        write_model(given.out / FILE, model, notify)
+    except WaysideError as error:
+        print(f"wayside: {error}", file=sys.stderr)
+        return error.exit_status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

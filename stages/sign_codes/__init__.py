@@ -1,0 +1,22 @@
+"""What sign it is: the class of its face by the pixels, and its code by all that was measured."""
+
+from wayside.stages.sign_codes.codes import assign_codes
+from wayside.stages.sign_codes.face_classes import class_log_probabilities, classify_faces
+from wayside.stages.sign_codes.face_patches import (
+    OTHER_FACE,
+    OTHER_SHARE,
+    PATCH_SIDE,
+    face_patch,
+    face_samples,
+)
+
+__all__ = [
+    "OTHER_FACE",
+    "OTHER_SHARE",
+    "PATCH_SIDE",
+    "assign_codes",
+    "class_log_probabilities",
+    "classify_faces",
+    "face_patch",
+    "face_samples",
+]

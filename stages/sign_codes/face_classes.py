@@ -1,0 +1,84 @@
+"""The stage that classifies the faces of landmarks by their pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.measurement import Measurement
+from wayside.schemas.models import ConvolutionModel
+from wayside.schemas.settings import CodeSettings
+from wayside.stages.classifiers import convolution_output
+from wayside.stages.sign_codes.face_patches import face_patch, face_samples
+
+
+def classify_faces(
+    frames: Iterator[TrackedFrame], *, model: ConvolutionModel, settings: CodeSettings
+) -> Iterator[TrackedFrame]:
+    """Give every landmark whose face was measured the log probability of each class of the classifier.
+
+    Parameters
+    ----------
+    frames
+        Frames with their landmarks and what those were measured by; panels seen from behind have no face.
+    model
+        The face classifier.
+    settings
+        How many views are classified, and what each may say.
+
+    Yields
+    ------
+    The frames, in order.
+    """
+    for frame in frames:
+        measured = {one.track_id: one for one in frame.measurements}
+        landmarks = tuple(
+            _classified(landmark, measured.get(landmark.track_id), model, settings)
+            for landmark in frame.landmarks
+        )
+        yield replace(frame, landmarks=landmarks)
+
+
+def class_log_probabilities(
+    model: ConvolutionModel, patches: NDArray[np.uint8]
+) -> NDArray[np.float64]:
+    """Log probability (n, classes) of each class for patches (n, 32, 32, 3)."""
+    features = np.zeros((len(patches), 0), np.float32)
+    raw = convolution_output(model, face_samples(patches), features).astype(np.float64)
+    return np.asarray(raw - np.logaddexp.reduce(raw, axis=1, keepdims=True))
+
+
+def _classified(
+    landmark: Landmark,
+    measured: Measurement | None,
+    model: ConvolutionModel,
+    settings: CodeSettings,
+) -> Landmark:
+    """The mean over the views of the log probability of each class; views of one face err together."""
+    if landmark.back or measured is None or measured.outline is None:
+        return landmark
+    patches = np.stack(_face_patches(measured)[: settings.face_views])
+    each = np.maximum(class_log_probabilities(model, patches), settings.least_log_probability)
+    mean = each.mean(axis=0)
+    return replace(
+        landmark, face_log_probability=tuple((mean - np.logaddexp.reduce(mean)).tolist())
+    )
+
+
+def _face_patches(measured: Measurement) -> list[NDArray[np.uint8]]:
+    """The face in each registered view, the template first."""
+    assert measured.outline is not None
+    ends = measured.outline.reshape(-1, 2)
+    box = np.stack([ends.min(axis=0), ends.max(axis=0)])
+    patches = []
+    for view in measured.views:
+        middle = (np.array(view.rgb.shape[1::-1]) - 1) / 2
+        lies = view.alignment
+        there = middle + lies.shift + lies.stretch * (box - middle)
+        # pixel centres are at integers: the box ends half a sample beyond them
+        patches.append(face_patch(view.rgb, np.concatenate([there[0] + 0.5, there[1] + 0.5])))
+    return patches

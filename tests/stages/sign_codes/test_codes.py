@@ -1,0 +1,166 @@
+"""The code of a sign by colour, shape, size and face, and the system of a drive."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.frame import Pose
+from wayside.schemas.landmarks import Landmark
+from wayside.schemas.settings import CodeSettings
+from wayside.schemas.sign_catalogue import CATALOGUE, INCH_M, SERIES, SYSTEMS
+from wayside.schemas.signs import Sign
+from wayside.stages.sign_codes import OTHER_FACE, assign_codes
+
+US = CodeSettings(system="us")
+VIENNA = CodeSettings(system="vienna")
+
+
+def sure(names, name, wrong=0.01):
+    others = np.full(len(names), wrong / (len(names) - 1))
+    others[names.index(name)] = 1 - wrong
+    return tuple(np.log(others).tolist())
+
+
+def sign(color, shape, width_in, height_in, sigma_in=0.3, **changes):
+    landmark = Landmark(
+        track_id=1, views=(), position=np.zeros(3), covariance=np.eye(3), right_m=3.0, above_m=0.5,
+        station_m=12.0, best_frame=1, best_time_ns=1, best_box=(0, 0, 9, 9),
+        best_pose=Pose(np.eye(3), np.zeros(3)), width_m=1.0, height_m=1.0, sigma_width_m=0.1,
+        sigma_height_m=0.1, facing_deg=0.0, sigma_facing_deg=5.0, color=color, color_distance=np.nan,
+        shape=shape, shape_distance=np.nan, score=3.0, residual_px=0.4, verdict="sign",
+        color_log_probability=() if color is None else sure(COLORS, color),
+        shape_log_probability=() if shape is None else sure(SHAPES, shape),
+    )  # fmt: skip
+    landmark = replace(landmark, **changes)
+    size = (width_in * INCH_M, height_in * INCH_M, sigma_in * INCH_M, sigma_in * INCH_M)
+    where = (np.zeros(3), np.eye(3), np.zeros(3), np.eye(3))
+    return Sign(1, 1, landmark, "sign", 0.9, *where, 12.0, 3.0, 2.0, 1.6, *size, None)
+
+
+def code(one, settings=US, classes=()):
+    (coded,) = assign_codes(iter([one]), settings=settings, classes=classes)
+    return coded.code
+
+
+@pytest.mark.parametrize(
+    ("color", "shape", "size", "wanted", "nominal"),
+    [
+        ("red", "octagon", (36, 36), "R1-1", (36, 36)),
+        ("red", "triangle", (36, 31.2), "R1-2", (36, 36)),
+        ("white", "crossbuck", (40.3, 40.3), "R15-1", (48, 9)),
+        ("fluorescent_yellow_green", "pentagon", (36, 36), "S1-1", (36, 36)),
+        ("yellow", "pennant", (44.5, 36), "W14-3", (48, 36)),
+        ("yellow", "circle", (36, 36), "W10-1", (36, 36)),
+        ("yellow", "diamond", (42.4, 42.4), "W", (30, 30)),
+        ("orange", "diamond", (67.9, 67.9), "TTC", (48, 48)),
+        ("green", "rectangle", (150, 90), "E", None),
+        ("green", "rectangle", (10, 27), "D10", (10, 27)),
+        ("blue", "shield", (24, 24), "M1-1", (24, 24)),
+        ("yellow", "rectangle", (12, 36), "OM3", (12, 36)),
+    ],
+)
+def test_what_colour_shape_and_size_settle_is_stated(color, shape, size, wanted, nominal):
+    found = code(sign(color, shape, *size))
+    assert (found.code, found.nominal_in) == (wanted, nominal)
+    assert found.probability >= US.settled
+
+
+@pytest.mark.parametrize(
+    ("color", "shape", "size_mm", "wanted"),
+    [
+        ("red", "octagon", (900, 900), "B2a"),
+        ("yellow", "diamond", (707, 707), "B3"),
+        ("red", "circle", (600, 600), "C1"),
+        ("white", "circle", (600, 600), "C"),
+        ("white", "rectangle", (300, 1000), "A29"),
+    ],
+)
+def test_european_faces_have_codes_of_the_vienna_convention(color, shape, size_mm, wanted):
+    width, height = (side / 25.4 for side in size_mm)
+    found = code(sign(color, shape, width, height), VIENNA)
+    assert (found.system, found.code) == ("vienna", wanted)
+
+
+def test_a_face_that_fits_two_series_has_no_code():
+    # a blue disc orders a direction, or forbids to stop
+    assert code(sign("blue", "circle", 23.6, 23.6), VIENNA) is None
+    assert code(sign(None, "rectangle", 25, 40, 8.0)) is None
+
+
+def test_a_size_between_two_standard_ones_is_none_of_them():
+    found = code(sign("red", "octagon", 33, 33, 3.0))
+    assert (found.code, found.nominal_in) == ("R1-1", None)
+    assert code(sign("red", "octagon", 41, 41, 0.3)).nominal_in is None
+
+
+def test_unknown_sizes_leave_the_code_to_colour_and_shape():
+    found = code(sign("red", "octagon", np.nan, np.nan))
+    assert (found.code, found.nominal_in) == ("R1-1", None)
+
+
+def test_named_classes_do_without_probabilities():
+    plain = sign("red", "octagon", 36, 36, color_log_probability=(), shape_log_probability=())
+    assert code(plain).code == "R1-1"
+
+
+def test_the_drive_settles_the_system_of_a_stop_sign():
+    stop = sign("red", "octagon", 29.5, 29.5)
+    alone = list(assign_codes(iter([stop]), settings=CodeSettings()))
+    assert alone[0].code is None
+    assert 0.1 < alone[0].us_probability < 0.9
+    for other, system in (
+        (sign("yellow", "diamond", 50.9, 50.9), "us"),
+        (sign("white", "circle", 23.6, 23.6), "vienna"),
+    ):
+        coded = list(assign_codes(iter([stop, other, other]), settings=CodeSettings()))
+        assert {one.code.system for one in coded} == {system}
+
+
+def test_the_face_settles_what_size_and_colour_do_not():
+    classes = (OTHER_FACE, *(f"R2-1 {n}" for n in (45, 55)), "R4-7")
+    seen = sign(
+        "white", "rectangle", 24, 30, face_log_probability=sure(classes, "R2-1 45", wrong=1e-3)
+    )
+    # fewer classes than the real classifier has tell less: the rest of the series is common
+    found = code(seen, replace(US, settled=0.7, misread=1e-4), classes)
+    assert (found.code, found.legend) == ("R2-1", "45")
+    unsure = replace(seen, landmark=replace(seen.landmark, face_log_probability=()))
+    assert (code(unsure).code, code(unsure).legend) == ("R", None)
+
+
+def test_no_sign_has_no_code():
+    assert list(assign_codes(iter([]), settings=CodeSettings())) == []
+
+
+@given(
+    st.sampled_from([None, *COLORS]),
+    st.sampled_from([None, *SHAPES]),
+    st.floats(4, 200),
+    st.floats(4, 200),
+    st.floats(0.0, 20),
+    st.sampled_from(["auto", *SYSTEMS]),
+)
+def test_what_is_stated_is_in_the_catalogue_and_probable(
+    color, shape, width, height, sigma, system
+):
+    settings = CodeSettings(system=system)
+    found = code(sign(color, shape, width, height, sigma), settings)
+    if found is None:
+        return
+    assert settings.settled <= found.probability <= 1 + 1e-9
+    assert found.code in {one.code for one in CATALOGUE[found.system]} | {*SERIES[found.system]}
+    if found.nominal_in is not None:
+        assert width * 0.4 < found.nominal_in[0] * 1.5
+
+
+def test_every_code_of_the_catalogue_has_a_known_series_colour_and_shape():
+    for system, signs in CATALOGUE.items():
+        for one in signs:
+            assert one.series in SERIES[system]
+            assert {*one.colors} <= {*COLORS}, one.code
+            assert {*one.shapes} <= {*SHAPES}, one.code
+            assert bool(one.sizes) != (one.limits is not None), one.code

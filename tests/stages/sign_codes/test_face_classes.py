@@ -1,0 +1,115 @@
+"""The pixels of faces, and the stage that classifies them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import Frame
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.measurement import Alignment, Measurement, PanelView
+from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.schemas.models import ConvolutionModel
+from wayside.schemas.settings import CodeSettings
+from wayside.stages.sign_codes import (
+    PATCH_SIDE,
+    class_log_probabilities,
+    classify_faces,
+    face_patch,
+    face_samples,
+)
+
+CLASSES = ("other", "stop", "R2-1 45")
+SQUARE = np.array([[[20.0, 20], [60, 20]], [[60, 20], [60, 60]], [[60, 60], [20, 60]]])
+
+
+def network(seed=3):
+    random = np.random.default_rng(seed)
+
+    def some(*shape):
+        return random.normal(0, 0.3, shape).astype(np.float32)
+
+    none = np.zeros(0, np.float32)
+    samples = (PATCH_SIDE // 4) ** 2 * 4
+    return ConvolutionModel(
+        (), PATCH_SIDE, 0.0, 0.0, 1.0, (some(3, 3, 3, 4), some(3, 3, 4, 4)), (some(4), some(4)),
+        (True, True), none, none, some(samples, 5), some(5), some(5, 3), some(3), "made up", CLASSES,
+    )  # fmt: skip
+
+
+def pixels(seed=0, side=81):
+    return np.random.default_rng(seed).uniform(0, 255, (side, side, 3)).astype(np.float32)
+
+
+def view(rgb, shift=(0.0, 0.0), stretch=(1.0, 1.0)):
+    return PanelView(
+        4, rgb, Alignment(np.array(shift), np.array(stretch), 1, 0, 0.9, np.zeros((4, 4)))
+    )
+
+
+def classified(landmark, *views, outline=SQUARE, settings=None):
+    measured = Measurement(landmark.track_id, views, outline, "rectangle", None)
+    frame = TrackedFrame(
+        Frame(0, 0, None, "used", "jpeg", b"", None), None, None, None, None, 0, (landmark,),
+        measurements=(measured,),
+    )  # fmt: skip
+    (seen,) = classify_faces(iter([frame]), model=network(), settings=settings or CodeSettings())
+    return seen.landmarks[0]
+
+
+def test_a_patch_shows_the_face_whatever_its_size():
+    small = np.zeros((60, 60, 3), np.uint8)
+    small[20:40, 20:40] = (200, 30, 40)
+    large = small.repeat(4, axis=0).repeat(4, axis=1)
+    patches = [
+        face_patch(small, np.array([20.0, 20, 40, 40])).astype(int),
+        face_patch(large, np.array([80.0, 80, 160, 160])).astype(int),
+    ]
+    assert patches[0].shape == (PATCH_SIDE, PATCH_SIDE, 3)
+    assert (patches[0][16, 16] == (200, 30, 40)).all()
+    assert np.abs(patches[0] - patches[1]).mean() < 12
+
+
+@pytest.mark.parametrize("box", [[-9.0, -9, 5, 5], [70.0, 70, 99, 99], [30.0, 30, 30, 30]])
+def test_a_box_at_the_edge_or_without_area_has_a_patch(box):
+    assert face_patch(pixels(), np.array(box)).shape == (PATCH_SIDE, PATCH_SIDE, 3)
+
+
+def test_the_samples_do_not_depend_on_the_exposure():
+    patch = np.random.default_rng(1).uniform(60, 110, (1, 32, 32, 3)).astype(np.uint8)
+    brighter = (2 * patch.astype(int)).astype(np.uint8)
+    assert np.corrcoef(face_samples(patch).ravel(), face_samples(brighter).ravel())[0, 1] > 0.99
+
+
+def test_a_network_with_classes_survives_its_file():
+    model = network()
+    again = model_from_json(model_to_json(model))
+    assert again.classes == CLASSES
+    patches = pixels(side=32).astype(np.uint8)[None]
+    found = class_log_probabilities(again, patches)
+    np.testing.assert_allclose(found, class_log_probabilities(model, patches), atol=1e-2)
+    assert np.exp(found).sum() == pytest.approx(1)
+
+
+def test_a_landmark_has_the_mean_of_its_views_and_one_bad_view_rules_nothing_out(landmark):
+    views, settings = (view(pixels(1)), view(pixels(2))), CodeSettings()
+    found = np.array(classified(landmark, *views).face_log_probability)
+    box = np.array([20.5, 20.5, 60.5, 60.5])
+    each = class_log_probabilities(network(), np.stack([face_patch(v.rgb, box) for v in views]))
+    wanted = np.maximum(each, settings.least_log_probability).mean(axis=0)
+    np.testing.assert_allclose(found, wanted - np.logaddexp.reduce(wanted))
+
+
+def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
+    near = pixels(1)
+    alone = classified(landmark, view(near)).face_log_probability
+    one = replace(CodeSettings(), face_views=1)
+    both = classified(landmark, view(near), view(pixels(2)), settings=one)
+    assert both.face_log_probability == alone
+    moved = classified(landmark, view(np.roll(near, 5, axis=1), shift=(5.0, 0.0)))
+    np.testing.assert_allclose(moved.face_log_probability, alone)
+
+
+def test_a_back_and_a_face_without_outline_stay_as_they_are(landmark):
+    assert classified(replace(landmark, back=True), view(pixels())).face_log_probability == ()
+    assert classified(landmark, view(pixels()), outline=None).face_log_probability == ()
