@@ -20,7 +20,7 @@ from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_viewing as viewer
-from wayside.pipeline.cli_running import exit_with, process, process_all
+from wayside.pipeline.cli_running import exit_with, process, process_all, read_as_log
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -40,13 +40,19 @@ from wayside.schemas.errors import (
 if TYPE_CHECKING:
     from wayside.schemas.settings import Settings
 
+EXIT_STATUSES = (
+    "Exit status: 0 done · 1 a fault of wayside · 2 wrong arguments or settings · 3 the input cannot be used · "
+    "4 done, but parts of the input were lost · 5 the output could not be written, or something stands in its place · "
+    "130 interrupted"
+)
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="Road sign inventory from recorded drives: MCAP in, Parquet out.",
-    epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.",
+    epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.\n\n"
+    + EXIT_STATUSES,
 )
 
 
@@ -91,13 +97,20 @@ From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:3
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
 Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
 Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "-v", "--verbose", help="Also say what became of the regions, and the time of each stage."
+    ),
+]
 
 
 @app.callback(invoke_without_command=True)
 def common(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show a traceback with every error.")
+        bool,
+        typer.Option("--debug", help="Show a traceback with every error; anywhere in the line."),
     ] = False,
 ) -> None:
     """Options of every command."""
@@ -111,10 +124,13 @@ def common(
     "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
     "`wayside run drive.mcap --view file -o out` · "
     "`wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out` · "
-    "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
+    "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`\n\n" + EXIT_STATUSES
 )
 def run(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="MCAP files.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG...", help="MCAP files, ROS 2 bag directories, ROS 1 bags."),
+    ],
     out: Annotated[
         Path,
         typer.Option(
@@ -159,6 +175,7 @@ def run(
             help="Keep what is found in each image; go on where the same command was ended.",
         ),
     ] = False,
+    verbose: Verbose = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
     if resume and (view is not viewer.ViewMode.none or connect is not None):
@@ -183,6 +200,7 @@ def run(
         every_region=every_region,
         overwrite=overwrite,
         resume=resume,
+        verbose=verbose,
     )
 
 
@@ -190,7 +208,10 @@ def run(
     epilog="Examples: `wayside replay drive.mcap` · `wayside replay drive.mcap --rate max --connect 127.0.0.1:9876`"
 )
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")],
+    log: Annotated[
+        Path,
+        typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag."),
+    ],
     rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
@@ -228,7 +249,13 @@ def replay(
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out
         end = process(
-            log, folder, chosen, viewing, rate=times, kept=out is not None, overwrite=overwrite
+            read_as_log(log),
+            folder,
+            chosen,
+            viewing,
+            rate=times,
+            kept=out is not None,
+            overwrite=overwrite,
         )
     exit_with([end])
 
@@ -275,11 +302,16 @@ def _load_settings(
 
 
 @app.command(epilog="Example: `wayside info drive.mcap`")
-def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")]) -> None:
+def info(
+    log: Annotated[
+        Path,
+        typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag."),
+    ],
+) -> None:
     """Say what a log holds, and whether and how it can be used."""
     from wayside.pipeline.information import describe_log, format_information
 
-    typer.echo(visible_lines(format_information(describe_log(log))))
+    typer.echo(visible_lines(format_information(describe_log(read_as_log(log), shown=log))))
 
 
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
@@ -343,11 +375,13 @@ app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 def main() -> None:
     """The command line; every error ends here with its words and exit status."""
-    debug = "--debug" in sys.argv[1:]
+    words = sys.argv[1:]
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
     open_standard_streams()
     interrupt_on_signals()
     try:
-        result = app(standalone_mode=False)
+        result = app(words, standalone_mode=False)
         status = result if isinstance(result, int) else 0
         if status == INTERRUPTED:  # what the parser makes of Ctrl-C
             raise InterruptionError("interrupted")

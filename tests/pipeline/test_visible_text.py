@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app, main
 from wayside.pipeline.progress import FrameProgress
+from wayside.pipeline.run import Run
 from wayside.pipeline.summary import plain, sign_table
 from wayside.pipeline.visible_text import visible, visible_lines
 
@@ -38,7 +39,7 @@ def test_markup_and_commands_to_the_terminal_are_shown_as_text():
 
 
 def test_a_log_whose_name_is_markup_has_a_progress_bar_and_a_table_of_signs():
-    with FrameProgress("[/bold]\x1b[2J.mcap", 10) as progress:
+    with FrameProgress("[/bold]\x1b[2J.mcap", Run()) as progress:
         assert "\x1b" not in progress.description
     numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
     row = dict.fromkeys(numbers, 1.0) | {

@@ -11,9 +11,10 @@ from wayside.pipeline.simulation.simulate import (
     check,
     focal_of_view,
     format_simulation,
-    format_sweep,
     reaches,
     simulate,
+    sweep_conclusion,
+    sweep_row,
 )
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
@@ -118,8 +119,9 @@ def test_a_target_counts_signs_that_were_not_found():
     assert reaches(one, 1.0)
     assert not reaches(replace(one, wanted=2 * one.wanted), 1.0)
     assert not reaches(one, 0.001)
-    assert "reached" in format_sweep([one], 1.0)
-    assert "none of these" in format_sweep([one], 0.001)
+    assert sweep_row(one, 1.0).endswith("reached")
+    assert "widest" in sweep_conclusion([one], 1.0)
+    assert "none of these" in sweep_conclusion([one], 0.001)
 
 
 @pytest.mark.parametrize(
