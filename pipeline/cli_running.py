@@ -184,7 +184,7 @@ def process(
         more = "; the same command goes on from here" if resume and not under_way.committed else ""
         raise InterruptionError(f"interrupted; this log's tables {done} written{more}") from error
     seen = sys.stdout.isatty()  # a pipe gets each statement as one line
-    console = Console(highlight=False, soft_wrap=not seen, width=None if seen else 120)
+    console = Console(highlight=False, soft_wrap=not seen, width=None if seen else 160)
     print_summary(result, console, kept=kept, verbose=verbose)
     if result.recorded is False:
         return OutputError.exit_status

@@ -12,6 +12,7 @@ from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import (
     BarColumn,
+    MofNCompleteColumn,
     Progress,
     ProgressColumn,
     Task,
@@ -125,8 +126,7 @@ class SheetProgress(_Shown):
     """Shows how many of a known number of sheets, or of something else, are done."""
 
     def __init__(self, label: str, things: str = "sheets") -> None:
-        counted = f"{{task.completed}} of {{task.total}} {things}"
-        super().__init__(TextColumn(counted), TimeElapsedColumn())
+        super().__init__(MofNCompleteColumn(), TextColumn(things), TimeElapsedColumn())
         self._task = self._bar.add_task(label, total=None, label=label)
 
     def watch(self, done: int, total: int | None) -> None:

@@ -74,18 +74,17 @@ def plain(text: object) -> str:
 
 def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
     """One line a sign: what it looks like, where it stands, how sure; in fewer columns where `width` has no room."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("sign", no_wrap=True)
-    table.add_column("color", no_wrap=True, overflow="ellipsis")
-    table.add_column("shape", no_wrap=True, overflow="ellipsis")
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for heading in ("sign", "color", "shape"):
+        table.add_column(heading, overflow="fold")
     numbers = _NUMBERS if width >= _WIDE else _FEWER_NUMBERS
     for heading in (*numbers.values(), "views", "conf."):
-        table.add_column(heading, justify="right", no_wrap=True, min_width=len(heading))
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in signs:
         table.add_row(
-            plain(row["sign_id"]) + ("" if row["status"] == "sign" else f" ({row['status']})"),
+            plain(row["sign_id"]),
             (row["color"] or "-").replace("_", " "),
-            row["shape"] or "-",
+            (row["shape"] or "-") + ("" if row["status"] == "sign" else f" ({row['status']})"),
             *("-" if row[name] is None else f"{row[name]:.2f}" for name in numbers),
             str(row["views"]),
             "-" if row["confidence"] is None else f"{row['confidence']:.2f}",

@@ -269,6 +269,10 @@ class _Reader:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
+        if self.video.both_ways and not report.statuses[USED]:
+            raise InputError(
+                f"{self.plan.survey.path}: wanted images that can be used, found {self.video.notes()[-1]}"
+            )
         if report.statuses[NO_POSITION] and not report.statuses[USED]:
             raise InputError(
                 f"{self.plan.survey.path}: wanted poses or fixes at the times of images, found "

@@ -52,6 +52,7 @@ def scan(
                     else record
                 )
         finally:
+            report.bytes_read = start + one.bytes_read
             report.absorb(one, file.name, first=number == 0)
 
 
