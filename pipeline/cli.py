@@ -20,7 +20,13 @@ from wayside.pipeline import cli_planning as planning
 from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_viewing as viewer
-from wayside.pipeline.cli_running import exit_with, process, process_all, read_as_log
+from wayside.pipeline.cli_running import (
+    EXIT_STATUSES,
+    exit_with,
+    process,
+    process_all,
+    read_as_log,
+)
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -28,7 +34,7 @@ from wayside.pipeline.process import (
     report_error,
     silence_standard_streams,
 )
-from wayside.pipeline.visible_text import visible_lines
+from wayside.pipeline.visible_text import fitted, visible_lines
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import (
     INTERRUPTED,
@@ -40,11 +46,6 @@ from wayside.schemas.errors import (
 if TYPE_CHECKING:
     from wayside.schemas.settings import Settings
 
-EXIT_STATUSES = (
-    "Exit status: 0 done · 1 a fault of wayside · 2 wrong arguments or settings · 3 the input cannot be used · "
-    "4 done, but parts of the input were lost · 5 the output could not be written, or something stands in its place · "
-    "130 interrupted"
-)
 app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -84,6 +85,9 @@ PresetOption = Annotated[
 ]
 
 
+Log = Annotated[
+    Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag.")
+]
 Spacing = Annotated[
     str | None,
     typer.Option(help="Distance between images, where the log has no poses: 26.4ft, 8m."),
@@ -208,10 +212,7 @@ def run(
     epilog="Examples: `wayside replay drive.mcap` · `wayside replay drive.mcap --rate max --connect 127.0.0.1:9876`"
 )
 def replay(
-    log: Annotated[
-        Path,
-        typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag."),
-    ],
+    log: Log,
     rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
@@ -303,15 +304,13 @@ def _load_settings(
 
 @app.command(epilog="Example: `wayside info drive.mcap`")
 def info(
-    log: Annotated[
-        Path,
-        typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag."),
-    ],
+    log: Log,
 ) -> None:
     """Say what a log holds, and whether and how it can be used."""
     from wayside.pipeline.information import describe_log, format_information
 
-    typer.echo(visible_lines(format_information(describe_log(read_as_log(log), shown=log))))
+    words = visible_lines(format_information(describe_log(read_as_log(log), shown=log)))
+    typer.echo(fitted(words) if sys.stdout.isatty() else words)
 
 
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")

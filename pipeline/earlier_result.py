@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.reading.parts import bag_parts
@@ -50,12 +50,16 @@ def log_fingerprint(log: Path) -> str | None:
 def _file_fingerprint(file: Path) -> str | None:
     if not file.is_file():
         return None
-    size = file.stat().st_size
-    digest = hashlib.sha256(str(size).encode())
     with file.open("rb") as stream:
-        digest.update(stream.read(_END_BYTES))
-        stream.seek(max(size - _END_BYTES, 0))
-        digest.update(stream.read(_END_BYTES))
+        return stream_fingerprint(stream, file.stat().st_size)
+
+
+def stream_fingerprint(stream: BinaryIO, size: int) -> str:
+    """The same of an open file of so many bytes, wherever it is stored; raises OSError where it cannot be read."""
+    digest = hashlib.sha256(str(size).encode())
+    digest.update(stream.read(_END_BYTES))
+    stream.seek(max(size - _END_BYTES, 0))
+    digest.update(stream.read(_END_BYTES))
     return digest.hexdigest()
 
 
