@@ -85,9 +85,6 @@ PresetOption = Annotated[
 ]
 
 
-Log = Annotated[
-    Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag.")
-]
 Spacing = Annotated[
     str | None,
     typer.Option(help="Distance between images, where the log has no poses: 26.4ft, 8m."),
@@ -101,12 +98,6 @@ From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:3
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
 Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
 Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
-Verbose = Annotated[
-    bool,
-    typer.Option(
-        "-v", "--verbose", help="Also say what became of the regions, and the time of each stage."
-    ),
-]
 
 
 @app.callback(invoke_without_command=True)
@@ -179,7 +170,7 @@ def run(
             help="Keep what is found in each image; go on where the same command was ended.",
         ),
     ] = False,
-    verbose: Verbose = False,
+    verbose: viewer.Verbose = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
     if resume and (view is not viewer.ViewMode.none or connect is not None):
@@ -212,7 +203,7 @@ def run(
     epilog="Examples: `wayside replay drive.mcap` · `wayside replay drive.mcap --rate max --connect 127.0.0.1:9876`"
 )
 def replay(
-    log: Log,
+    log: viewer.Log,
     rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
@@ -304,7 +295,7 @@ def _load_settings(
 
 @app.command(epilog="Example: `wayside info drive.mcap`")
 def info(
-    log: Log,
+    log: viewer.Log,
 ) -> None:
     """Say what a log holds, and whether and how it can be used."""
     from wayside.pipeline.information import describe_log, format_information
