@@ -74,7 +74,9 @@ def plain(text: object) -> str:
 
 def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
     """One line a sign: what it looks like, where it stands, how sure; in fewer columns where `width` has no room."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    table = Table(
+        box=None, pad_edge=False, padding=(0, 2 if width >= _WIDE else 1, 0, 0), header_style="bold"
+    )
     for heading in ("sign", "color", "shape"):
         table.add_column(heading, overflow="fold")
     numbers = _NUMBERS if width >= _WIDE else _FEWER_NUMBERS
