@@ -21,7 +21,13 @@ from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_routing as routing
 from wayside.pipeline import cli_viewing as viewer
-from wayside.pipeline.cli_running import exit_with, process, process_all
+from wayside.pipeline.cli_running import (
+    EXIT_STATUSES,
+    exit_with,
+    process,
+    process_all,
+    read_as_log,
+)
 from wayside.pipeline.process import (
     flush_standard_streams,
     interrupt_on_signals,
@@ -29,7 +35,7 @@ from wayside.pipeline.process import (
     report_error,
     silence_standard_streams,
 )
-from wayside.pipeline.visible_text import visible_lines
+from wayside.pipeline.visible_text import fitted, visible_lines
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import (
     INTERRUPTED,
@@ -43,11 +49,12 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="Road sign inventory from recorded drives: MCAP in, Parquet out.",
-    epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.",
+    epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.\n\n"
+    + EXIT_STATUSES,
 )
 
 
@@ -98,7 +105,8 @@ Workers = Annotated[int | None, typer.Option(help="Images processed side by side
 def common(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show a traceback with every error.")
+        bool,
+        typer.Option("--debug", help="Show a traceback with every error; anywhere in the line."),
     ] = False,
 ) -> None:
     """Options of every command."""
@@ -113,10 +121,13 @@ def common(
     "`wayside run drive.mcap --view file -o out` · "
     "`wayside run drive.mcap --route 'US-36 EB' --milepost 12.35 -o out` · "
     "`wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out` · "
-    "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`"
+    "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`\n\n" + EXIT_STATUSES
 )
 def run(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="MCAP files.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG...", help="MCAP files, ROS 2 bag directories, ROS 1 bags."),
+    ],
     out: Annotated[
         Path,
         typer.Option(
@@ -165,6 +176,7 @@ def run(
             help="Keep what is found in each image; go on where the same command was ended.",
         ),
     ] = False,
+    verbose: viewer.Verbose = False,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
     if resume and (view is not viewer.ViewMode.none or connect is not None):
@@ -190,6 +202,7 @@ def run(
         every_region=every_region,
         overwrite=overwrite,
         resume=resume,
+        verbose=verbose,
     )
 
 
@@ -197,7 +210,7 @@ def run(
     epilog="Examples: `wayside replay drive.mcap` · `wayside replay drive.mcap --rate max --connect 127.0.0.1:9876`"
 )
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")],
+    log: viewer.Log,
     rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
@@ -235,7 +248,13 @@ def replay(
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out
         end = process(
-            log, folder, chosen, viewing, rate=times, kept=out is not None, overwrite=overwrite
+            read_as_log(log),
+            folder,
+            chosen,
+            viewing,
+            rate=times,
+            kept=out is not None,
+            overwrite=overwrite,
         )
     exit_with([end])
 
@@ -282,11 +301,14 @@ def _load_settings(
 
 
 @app.command(epilog="Example: `wayside info drive.mcap`")
-def info(log: Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")]) -> None:
+def info(
+    log: viewer.Log,
+) -> None:
     """Say what a log holds, and whether and how it can be used."""
     from wayside.pipeline.information import describe_log, format_information
 
-    typer.echo(visible_lines(format_information(describe_log(log))))
+    words = visible_lines(format_information(describe_log(read_as_log(log), shown=log)))
+    typer.echo(fitted(words) if sys.stdout.isatty() else words)
 
 
 @app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
@@ -350,11 +372,13 @@ app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 def main() -> None:
     """The command line; every error ends here with its words and exit status."""
-    debug = "--debug" in sys.argv[1:]
+    words = sys.argv[1:]
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
     open_standard_streams()
     interrupt_on_signals()
     try:
-        result = app(standalone_mode=False)
+        result = app(words, standalone_mode=False)
         status = result if isinstance(result, int) else 0
         if status == INTERRUPTED:  # what the parser makes of Ctrl-C
             raise InterruptionError("interrupted")

@@ -64,16 +64,23 @@ def simulate(
     Drives are simulated without images: panels and ties are projected with the given errors, the stages of `wayside
     run` locate the panels, and the errors are compared with the stated sigmas and the Cramér-Rao bound.
     """
+    from contextlib import suppress
+
     from wayside.pipeline.lengths import parse_length
+    from wayside.pipeline.progress import SheetProgress
     from wayside.pipeline.simulation.drive import Survey
     from wayside.pipeline.simulation.simulate import (
+        SimulationResult,
         focal_of_view,
         format_simulation,
-        format_sweep,
         simulate,
         sweep,
+        sweep_conclusion,
+        sweep_heading,
+        sweep_row,
         write_simulation,
     )
+    from wayside.pipeline.tuning import watched_compilation
     from wayside.schemas.errors import UsageError
 
     width, height = _size(picture)
@@ -101,14 +108,23 @@ def simulate(
         signs=signs,
         seed=seed,
     )
-    if target is None:
-        result = simulate(survey)
-        typer.echo(format_simulation(result))
-        tried = [result]
-    else:
-        wanted = parse_length(target)
-        tried = list(sweep(survey))
-        typer.echo(format_sweep(tried, wanted))
+
+    def say(words: str) -> None:
+        print(words, flush=True)  # above the bar, where both go to one terminal
+
+    tried: list[SimulationResult] = []
+    with SheetProgress("simulated", "images") as progress, watched_compilation(progress.compiling):
+        if target is None:
+            tried.append(simulate(survey, progress.watch))
+            say(format_simulation(tried[0]))
+        else:
+            wanted = parse_length(target)
+            say(sweep_heading(wanted))
+            for one in sweep(survey):
+                with suppress(UsageError):  # no sign is seen
+                    tried.append(simulate(one, progress.watch))
+                    say(sweep_row(tried[-1], wanted))
+            say(sweep_conclusion(tried, wanted))
     if json is not None:
         write_simulation(tried, json, overwrite=overwrite)
 

@@ -33,6 +33,7 @@ def process_all(
     every_region: bool = False,
     overwrite: bool = False,
     resume: bool = False,
+    verbose: bool = False,
 ) -> None:
     """Run logs one after the other and end with the gravest status.
 
@@ -56,11 +57,19 @@ def process_all(
     from wayside.pipeline.visible_text import visible
 
     def run_one(log: Path, folder: Path) -> int:
-        options = {"every_region": every_region, "overwrite": overwrite, "resume": resume}
-        return process(log, folder, settings, viewing, **options)
+        return process(
+            log,
+            folder,
+            settings,
+            viewing,
+            every_region=every_region,
+            overwrite=overwrite,
+            resume=resume,
+            verbose=verbose,
+        )
 
     if len(logs) == 1:
-        exit_with([run_one(logs[0], folders[0])])
+        exit_with([run_one(read_as_log(logs[0]), folders[0])])
         return
     if len(set(folders)) < len(folders):
         twice = next(folder for folder in folders if folders.count(folder) > 1)
@@ -70,17 +79,20 @@ def process_all(
         )
     for log, folder in zip(logs, folders, strict=True):
         finish_replacement(folder)
-        check_earlier(folder, log, overwrite=overwrite)
+        standing = _standing_log(log)
+        if standing is not None:
+            check_earlier(folder, standing, overwrite=overwrite)
     digests = load_models(settings).digests()
     ends: list[tuple[int, str]] = []
     for number, (log, folder) in enumerate(zip(logs, folders, strict=True), 1):
         typer.echo(visible(f"log {number} of {len(logs)}: {log}"))
         try:
-            key = result_key(log, settings, digests, every_region=every_region)
+            source = read_as_log(log)
+            key = result_key(source, settings, digests, every_region=every_region)
             if viewing is None and not overwrite and is_finished(folder, key):
                 ends.append((0, f"unchanged, result in {folder} kept"))
                 continue
-            status = run_one(log, folder)
+            status = run_one(source, folder)
         except InterruptionError:
             raise
         except WaysideError as error:
@@ -95,6 +107,25 @@ def process_all(
     exit_with([status for status, _ in ends])
 
 
+def read_as_log(path: Path) -> Path:
+    """What is to be read of a recording; says on stderr where the log of a ROS bag lies. Raises as `readable_log`."""
+    from wayside.pipeline.bags import readable_log
+    from wayside.pipeline.visible_text import visible
+
+    return readable_log(path, lambda words: typer.echo(visible(words), err=True))
+
+
+def _standing_log(path: Path) -> Path | None:
+    """What `read_as_log` gives where it is there already; None for a bag that is still to be joined, or is none."""
+    from wayside.pipeline.bags import joined_log
+
+    try:
+        log = joined_log(path)
+    except InputError:
+        return None  # told when it is its turn
+    return path if log is None else log if log.exists() else None
+
+
 def process(
     log: Path,
     folder: Path,
@@ -106,6 +137,7 @@ def process(
     kept: bool = True,
     overwrite: bool = False,
     resume: bool = False,
+    verbose: bool = False,
 ) -> int:
     """Run one log with progress and a closing summary; the exit status that it asks for."""
     from rich.console import Console
@@ -128,10 +160,12 @@ def process(
 
         return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
 
-    size = log.stat().st_size if log.exists() else 0
     under_way = Run()
     try:
-        with FrameProgress(log.name, size) as progress, watched_compilation(progress.compiling):
+        with (
+            FrameProgress(log.name, under_way) as progress,
+            watched_compilation(progress.compiling),
+        ):
             result = run_log(
                 log,
                 folder,
@@ -140,7 +174,6 @@ def process(
                 under_way,
                 arguments=sys.argv[1:],
                 every_region=every_region,
-                watch=progress.watch,
                 open_observer=open_observer,
                 rate=rate,
                 overwrite=overwrite,
@@ -150,13 +183,20 @@ def process(
         done = "were" if under_way.committed else "were not"
         more = "; the same command goes on from here" if resume and not under_way.committed else ""
         raise InterruptionError(f"interrupted; this log's tables {done} written{more}") from error
-    console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 120)
-    print_summary(result, console, kept=kept)
+    seen = sys.stdout.isatty()  # a pipe gets each statement as one line
+    console = Console(highlight=False, soft_wrap=not seen, width=None if seen else 160)
+    print_summary(result, console, kept=kept, verbose=verbose)
     if result.recorded is False:
         return OutputError.exit_status
     return PARTS_LOST if result.lost else 0
 
 
+EXIT_STATUSES = (
+    "Exit status: 0 done · 1 a fault of wayside · 2 wrong arguments or settings · 3 the input cannot be used · "
+    "4 done, but parts of the input were lost · 5 the output could not be written, or something stands in its place · "
+    "130 interrupted"
+)
+"""For the help."""
 _GRAVEST = (
     StageError.exit_status,
     OutputError.exit_status,

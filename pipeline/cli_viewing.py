@@ -58,6 +58,15 @@ Overwrite = Annotated[
     bool,
     typer.Option("--overwrite", help="Replace what stands there under the names of the output."),
 ]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "-v", "--verbose", help="Also say what became of the regions, and the time of each stage."
+    ),
+]
+Log = Annotated[
+    Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag.")
+]
 SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
 OverOption = Annotated[
     Path | None,

@@ -6,12 +6,13 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from wayside.pipeline.output_folder import RECORDING
+from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.writing import not_written
-from wayside.schemas.errors import OutputError
+from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 TABLES = (SIGNS.file, OBSERVATIONS.file, FRAMES.file)
@@ -35,19 +36,30 @@ class EarlierResult:
 def log_fingerprint(log: Path) -> str | None:
     """Which recording a log is, wherever it lies: a digest of its length and its first and last mebibyte.
 
-    None where it cannot be told.
+    That of a bag directory is of its parts. None where it cannot be told.
     """
     try:
-        if not log.is_file():
-            return None
-        size = log.stat().st_size
-        digest = hashlib.sha256(str(size).encode())
-        with log.open("rb") as stream:
-            digest.update(stream.read(_END_BYTES))
-            stream.seek(max(size - _END_BYTES, 0))
-            digest.update(stream.read(_END_BYTES))
-    except OSError:
+        digests = [_file_fingerprint(file) for file in (bag_parts(log) if log.is_dir() else [log])]
+    except (OSError, InputError):
         return None
+    if len(digests) == 1:
+        return digests[0]
+    return hashlib.sha256(" ".join(map(str, digests)).encode()).hexdigest()
+
+
+def _file_fingerprint(file: Path) -> str | None:
+    if not file.is_file():
+        return None
+    with file.open("rb") as stream:
+        return stream_fingerprint(stream, file.stat().st_size)
+
+
+def stream_fingerprint(stream: BinaryIO, size: int) -> str:
+    """The same of an open file of so many bytes, wherever it is stored; raises OSError where it cannot be read."""
+    digest = hashlib.sha256(str(size).encode())
+    digest.update(stream.read(_END_BYTES))
+    stream.seek(max(size - _END_BYTES, 0))
+    digest.update(stream.read(_END_BYTES))
     return digest.hexdigest()
 
 

@@ -68,6 +68,14 @@ class Observer(Protocol):
         """Take note; must not raise and must not keep the run waiting."""
 
 
+@dataclass(slots=True)
+class FrameCounts:
+    """Frames that were looked at, each for itself, and those that the stages which need the order are done with."""
+
+    looked_at: int = 0
+    settled: int = 0
+
+
 @dataclass(frozen=True, slots=True)
 class Flow:
     """The chain with its settings and models; one instance serves one log."""
@@ -80,6 +88,7 @@ class Flow:
     routes: RouteFile | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
     calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
+    counts: FrameCounts = field(default_factory=FrameCounts)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
@@ -88,7 +97,14 @@ class Flow:
         found = ordered_parallel(self.resume, read, workers=run.workers, queue=run.queue)
         if self.journal is not None:
             found = self.clock.timed("journal", self.journal.record(found))
-        return self.follow(self.clock.timed("queue", found))
+        for settled in self.follow(self._counted(self.clock.timed("queue", found))):
+            self.counts.settled += 1
+            yield settled
+
+    def _counted(self, found: Iterator[Detections]) -> Iterator[Detections]:
+        for item in found:
+            self.counts.looked_at += 1
+            yield item
 
     def resume(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Take from the journal what a run before has found in the first frames, and detect in the others."""

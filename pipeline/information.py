@@ -52,15 +52,19 @@ class LogInformation:
         return 0.0 if first is None or last is None else (last - first) / 1e9
 
 
-def describe_log(path: Path, settings: ReadSettings | None = None) -> LogInformation:
+def describe_log(
+    path: Path, settings: ReadSettings | None = None, *, shown: Path | None = None
+) -> LogInformation:
     """Read a whole log, in bounded memory, and say what it holds.
 
     Parameters
     ----------
     path
-        The MCAP file.
+        The MCAP file, or a ROS 2 bag directory of such.
     settings
         Calibration and spacing given from outside, if any.
+    shown
+        What is named as the log: the bag that it was made of. None: the path.
 
     Raises
     ------
@@ -70,6 +74,7 @@ def describe_log(path: Path, settings: ReadSettings | None = None) -> LogInforma
     settings = settings or ReadSettings()
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
     survey = survey_log(path, allowance=allowance_of(settings))
+    survey.path = path = shown or path
     cameras = survey.cameras
     hindrance = ""
     ways = []

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-import yaml
 from mcap.writer import CompressionType, Writer
 from rosbags.convert import ConverterError
 from rosbags.convert.converter import convert
@@ -17,13 +16,12 @@ from rosbags.typesys import Stores, get_typestore
 
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
 from wayside.pipeline.reading.messages import ROS_TYPES
+from wayside.pipeline.reading.parts import bag_parts, is_mcap
 from wayside.pipeline.reading.records import scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.writing import whole_file
 from wayside.schemas.errors import InputError, UsageError
 
-BAG_METADATA = "metadata.yaml"
-"""The file of a ROS 2 bag directory that lists its parts."""
 _BAG_VERSION = 9
 
 
@@ -69,34 +67,6 @@ def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> Joine
         return _join(paths, stream, Path(scratch))
 
 
-def bag_parts(folder: Path) -> list[Path]:
-    """Files of a ROS 2 bag directory in their order.
-
-    Raises
-    ------
-    InputError
-        It is no such directory, or a part that it lists is not there.
-    """
-    file = folder / BAG_METADATA
-    try:
-        content = yaml.safe_load(file.read_text("utf-8"))
-        listed = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        parts = [folder / Path(str(name)).name for name in listed]
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
-        raise InputError(
-            f"{folder}: wanted a ROS 2 bag directory with {BAG_METADATA}, found none that can be read "
-            f"({type(error).__name__}); give its parts one by one, or repair it with `ros2 bag reindex`"
-        ) from error
-    missing = [part.name for part in parts if not part.is_file()]
-    if missing or not parts:
-        absent = ", ".join(missing) or "part listed"
-        raise InputError(
-            f"{folder}: wanted the parts that its {BAG_METADATA} lists, found no {absent}; "
-            "copy the whole directory"
-        )
-    return parts
-
-
 def _existing(out: Path) -> Path | None:
     """The folder for scratch files: that of the output, as it has room for the result."""
     return out.parent if out.parent.is_dir() else None
@@ -127,7 +97,7 @@ def _join(paths: list[Path], stream: BinaryIO, scratch: Path) -> JoinedLog:
 def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
     """The MCAP files of a part: itself, those of its bag, or what it was converted to (removed at the end)."""
     parts = bag_parts(path) if path.is_dir() else [path]
-    if all(part.suffix == ".mcap" for part in parts):
+    if all(is_mcap(part) for part in parts):
         yield parts
         return
     ros1 = path.suffix == ".bag"

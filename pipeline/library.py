@@ -212,7 +212,7 @@ def run(
             open_observer=open_observer,
             overwrite=overwrite,
         )
-        yield from _reported(frames, path, under_way, progress)
+        yield from _reported(frames, under_way, progress)
 
     if out is not None:
         from wayside.pipeline.run import Run
@@ -291,14 +291,13 @@ def _kept(
 
 def _reported(
     frames: Iterator[TrackedFrame],
-    log: Path,
     under_way: Run,
     progress: Callable[[Progress], None] | None,
 ) -> Iterator[TrackedFrame]:
     for count, settled in enumerate(frames, 1):
         if progress is not None:
-            size = max(log.stat().st_size, 1)
-            progress(Progress(count, min(under_way.report.bytes_read / size, 1.0)))
+            read = under_way.report
+            progress(Progress(count, min(read.bytes_read / max(read.bytes_total, 1), 1.0)))
         yield settled
 
 

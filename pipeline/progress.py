@@ -2,40 +2,50 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterable
+from datetime import timedelta
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.progress import (
     BarColumn,
+    MofNCompleteColumn,
     Progress,
     ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
+from rich.text import Text
 
-from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.visible_text import visible
-from wayside.schemas.landmarks import TrackedFrame
+
+if TYPE_CHECKING:
+    from wayside.pipeline.run import Run
 
 COMPILING = "compiling, once after installation"
+_LONGEST_LABEL = 16
 
 
 class _Shown:
     """A bar on stderr while its block runs; `what` says how far the work is."""
 
-    def __init__(self, *what: ProgressColumn) -> None:
-        console = Console(stderr=True)
-        self._bar = Progress(
+    def __init__(self, *what: ProgressColumn, refresh: Callable[[], None] = lambda: None) -> None:
+        self._console = Console(stderr=True)
+        self._bar = _Bar(
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(bar_width=None),
             *what,
-            console=console,
-            disable=not console.is_terminal,
+            console=self._console,
+            disable=not self._console.is_terminal,
+            redirect_stdout=sys.stdout.isatty(),
             transient=True,
         )
+        self._bar.refreshed = refresh
+        self._told = False
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -49,46 +59,81 @@ class _Shown:
     ) -> None:
         self._bar.stop()
 
-
-class FrameProgress(_Shown):
-    """Shows images done, their rate and the time left, estimated from the bytes read."""
-
-    def __init__(self, label: str, total_bytes: int) -> None:
-        super().__init__(
-            TextColumn("{task.fields[frames]} images, {task.fields[rate]:.1f}/s"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        self._label = label = escape(visible(label))
-        self._task = self._bar.add_task(label, total=max(total_bytes, 1), frames=0, rate=0.0)
-        self._frames = 0
-
-    def watch(self, settled: TrackedFrame, report: ReadReport) -> None:
-        """One more image is done; what was read of the log so far tells how much is left."""
-        self._frames += 1
-        elapsed = self._bar.tasks[0].elapsed or 0.0
-        rate = self._frames / elapsed if elapsed > 0 else 0.0
-        self._bar.update(self._task, completed=report.bytes_read, frames=self._frames, rate=rate)
-
     @property
     def description(self) -> str:
         """What stands at the start of the line: the label, or that kernels are compiled."""
         return self._bar.tasks[0].description
 
     def compiling(self, active: bool) -> None:
-        """Say that kernels are compiled, in place of the label, so that a first run explains its minute."""
-        self._bar.update(self._task, description=COMPILING if active else self._label)
+        """Say that kernels are compiled, so that a first run explains its minute; where no bar is shown, in a line."""
+        task = self._bar.tasks[0]
+        description = COMPILING if active else task.fields["label"]
+        self._bar.update(task.id, description=description)
+        if self._bar.disable and active and not self._told:
+            self._told = True
+            self._console.print(f"wayside: {COMPILING}, takes about a minute", soft_wrap=True)
+
+
+class _Bar(Progress):
+    """Asks how far the work is each time it is drawn."""
+
+    refreshed: Callable[[], None] = staticmethod(lambda: None)
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """The bar with the counts of this moment."""
+        self.refreshed()
+        yield from super().get_renderables()
+
+
+class _TimeLeft(ProgressColumn):
+    """Time left by the speed of the last half minute; nothing before it is known and behind the last piece."""
+
+    max_refresh = 0.5
+
+    def render(self, task: Task) -> Text:
+        """Hours, minutes and seconds."""
+        left = None if task.finished else task.time_remaining
+        words = "" if left is None else f"{timedelta(seconds=int(left))} left"
+        return Text(f"{words:>12}")
+
+
+class FrameProgress(_Shown):
+    """Shows how many images were looked at, how many are settled, which comes later, and the time left."""
+
+    def __init__(self, label: str, run: Run) -> None:
+        counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
+        super().__init__(TextColumn(counts), _TimeLeft(), refresh=self._refresh)
+        self._run = run
+        label = escape(_shortened(visible(label)))
+        start = {"looked_at": 0, "settled": 0, "held": "?"}
+        self._task = self._bar.add_task(label, total=None, label=label, **start)
+
+    def _refresh(self) -> None:
+        """An image is half done when it was looked at: only both counts together rise evenly."""
+        counts, held = self._run.counts, self._run.report.images_held
+        if held:
+            self._bar.update(
+                self._task,
+                total=2 * held,
+                completed=counts.looked_at + counts.settled,
+                looked_at=counts.looked_at,
+                settled=counts.settled,
+                held=held,
+            )
 
 
 class SheetProgress(_Shown):
     """Shows how many of a known number of sheets, or of something else, are done."""
 
     def __init__(self, label: str, things: str = "sheets") -> None:
-        counted = f"{{task.completed}} of {{task.total}} {things}"
-        super().__init__(TextColumn(counted), TimeElapsedColumn())
-        self._task = self._bar.add_task(label, total=None)
+        super().__init__(MofNCompleteColumn(), TextColumn(things), TimeElapsedColumn())
+        self._task = self._bar.add_task(label, total=None, label=label)
 
-    def watch(self, done: int, total: int) -> None:
+    def watch(self, done: int, total: int | None) -> None:
         """So many are done."""
         self._bar.update(self._task, completed=done, total=total)
+
+
+def _shortened(name: str) -> str:
+    """A name that leaves room for the counts on a line of 80 columns."""
+    return name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."

@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from wayside.pipeline.output_folder import finish_replacement
+from wayside.pipeline.reading.parts import is_bag
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -141,7 +142,7 @@ def find_log(run: dict[str, Any], given: Path | None) -> Path:
             "say it with --log"
         )
     log = Path(noted or "") if given is None else given
-    if not log.is_file():
+    if not log.is_file() and not is_bag(log):
         found = "a folder" if log.is_dir() else "no such file"
         advice = "say where it lies now with --log" if given is None else "give a log with --log"
         raise InputError(f"wanted the log {log} to take images from, found {found}; {advice}")

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
-from wayside.pipeline.flow import Flow, Observer
+from wayside.pipeline.flow import Flow, FrameCounts, Observer
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.model_files import Models
@@ -38,9 +38,6 @@ from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import FocalCheck
-
-Watcher = Callable[[TrackedFrame, ReadReport], None]
-
 
 OpenObserver = Callable[[ReadReport, Path], "RunObserver | None"]
 """Makes the observer of a run, from what reading chose and the folder for its files."""
@@ -111,7 +108,6 @@ def run_log(
     *,
     arguments: list[str],
     every_region: bool = False,
-    watch: Watcher = lambda settled, report: None,
     open_observer: OpenObserver = lambda report, part: None,
     rate: float | None = None,
     overwrite: bool = False,
@@ -124,8 +120,6 @@ def run_log(
     log, folder, settings, models, run, arguments, every_region, open_observer, rate, overwrite,
     resume
         As in `process_log`.
-    watch
-        Called with every settled frame on its way to the tables.
 
     Raises
     ------
@@ -133,7 +127,7 @@ def run_log(
         As in `process_log`.
     """
     run = run or Run()
-    for settled in process_log(
+    for _ in process_log(
         log,
         folder,
         settings,
@@ -146,18 +140,22 @@ def run_log(
         overwrite=overwrite,
         resume=resume,
     ):
-        watch(settled, run.report)
+        pass
     assert run.result is not None
     return run.result
 
 
 @dataclass(slots=True)
 class Run:
-    """A run under way: what reading came across so far, the result once it is complete, whether its files stand."""
+    """A run under way: what reading came across and how many frames are done so far, the result once it is complete.
+
+    committed: its files stand.
+    """
 
     report: ReadReport = field(default_factory=ReadReport)
     result: RunResult | None = None
     committed: bool = False
+    counts: FrameCounts = field(default_factory=FrameCounts)
 
 
 def process_log(
@@ -252,7 +250,7 @@ def _process(
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
-    flow = Flow(settings, models, clock, observer, journal, routes)
+    flow = Flow(settings, models, clock, observer, journal, routes, counts=run.counts)
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
     duplicates: list[str] = []

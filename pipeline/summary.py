@@ -15,22 +15,39 @@ from wayside.pipeline.visible_text import visible
 from wayside.schemas.frame import USED
 
 _MOST_SIGNS = 40
+_WIDE = 100
+_FEWER_NUMBERS = {"station_m": "station m", "lateral_m": "right m", "sigma_along_m": "±along"}
+_NUMBERS = {
+    "station_m": "station m",
+    "lateral_m": "right m",
+    "up_m": "up m",
+    "panel_width_m": "width m",
+    "panel_height_m": "height m",
+    "sigma_along_m": "±along m",
+}
+"""Columns of numbers, and their headings."""
 
 
-def print_summary(result: RunResult, console: Console, *, kept: bool = True) -> None:
-    """Signs found, images used and not used, time by stage; where the files are `kept`, and what to type next."""
+def print_summary(
+    result: RunResult, console: Console, *, kept: bool = True, verbose: bool = False
+) -> None:
+    """Signs found, images used and not used; where the files are `kept`, and what to type next.
+
+    verbose: also what became of the regions, and the share of each stage in the time.
+    """
     rows = result.inventory.sign_rows
     signs = [row for row in rows if row["status"] == "sign"]
     if rows:
-        console.print(sign_table(rows[:_MOST_SIGNS]))
+        console.print(sign_table(rows[:_MOST_SIGNS], console.width))
     if len(rows) > _MOST_SIGNS:
         console.print(f"... and {len(rows) - _MOST_SIGNS} more in signs.parquet")
     console.print(f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(rows)}")
     console.print(_images(result))
     if result.boxes is not None:
         console.print(result.boxes.words)
-    console.print(_regions(result.inventory.verdicts))
-    console.print(_times(result))
+    if verbose:
+        console.print(_regions(result.inventory.verdicts))
+        console.print(_times(result))
     for note in result.notes:
         console.print(f"[yellow]note:[/yellow] {plain(note)}", highlight=False)
     for part in result.lost:
@@ -55,35 +72,21 @@ def plain(text: object) -> str:
     return escape(visible(str(text)))
 
 
-def sign_table(signs: list[dict[str, Any]]) -> Table:
-    """One line a sign: what it looks like, where it stands, how sure."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
+    """One line a sign: what it looks like, where it stands, how sure; in fewer columns where `width` has no room."""
+    table = Table(
+        box=None, pad_edge=False, padding=(0, 2 if width >= _WIDE else 1, 0, 0), header_style="bold"
+    )
     for heading in ("sign", "color", "shape"):
-        table.add_column(heading)
-    for heading in (
-        "station m",
-        "right m",
-        "up m",
-        "width m",
-        "height m",
-        "±along m",
-        "views",
-        "confidence",
-    ):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, overflow="fold")
+    numbers = _NUMBERS if width >= _WIDE else _FEWER_NUMBERS
+    for heading in (*numbers.values(), "views", "conf."):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in signs:
-        numbers = (
-            "station_m",
-            "lateral_m",
-            "up_m",
-            "panel_width_m",
-            "panel_height_m",
-            "sigma_along_m",
-        )
         table.add_row(
-            plain(row["sign_id"]) + ("" if row["status"] == "sign" else f" ({row['status']})"),
-            row["color"] or "-",
-            row["shape"] or "-",
+            plain(row["sign_id"]),
+            (row["color"] or "-").replace("_", " "),
+            (row["shape"] or "-") + ("" if row["status"] == "sign" else f" ({row['status']})"),
             *("-" if row[name] is None else f"{row[name]:.2f}" for name in numbers),
             str(row["views"]),
             "-" if row["confidence"] is None else f"{row['confidence']:.2f}",

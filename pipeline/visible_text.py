@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import textwrap
+
 
 def visible(text: str, keep: str = "") -> str:
     r"""The text with every character that has no form of its own as its escape, such as `\x1b`.
@@ -20,3 +23,21 @@ def visible(text: str, keep: str = "") -> str:
 def visible_lines(text: str) -> str:
     """Text of several lines, made visible line by line."""
     return visible(text, keep="\n\t")
+
+
+def fitted(text: str) -> str:
+    """Lines broken at words for the width of the terminal; those that hold a command, to be copied, stay whole."""
+    width = shutil.get_terminal_size().columns
+    lines = []
+    for line in text.splitlines():
+        if len(line) > width and "wayside run" not in line:
+            indent = " " * (len(line) - len(line.lstrip()) + 4)
+            line = textwrap.fill(
+                line,
+                width,
+                subsequent_indent=indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+        lines.append(line)
+    return "\n".join(lines)

@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 
 from wayside.pipeline.model_files import load_models
-from wayside.pipeline.progress import COMPILING, FrameProgress
-from wayside.pipeline.run import run_log
+from wayside.pipeline.progress import FrameProgress
+from wayside.pipeline.run import Run, run_log
 from wayside.pipeline.settings_file import PRESETS, load_settings
 from wayside.pipeline.tuning import tune_process, watched_compilation
 from wayside.schemas.errors import WaysideError
@@ -29,18 +29,18 @@ def warm_up(log: Path) -> None:
     tune_process()
     for preset in PRESETS:
         settings, _ = load_settings(preset)
+        run = Run()
         with (
             tempfile.TemporaryDirectory(prefix="wayside-") as scratch,
-            FrameProgress(preset, log.stat().st_size) as progress,
+            FrameProgress(preset, run) as progress,
             watched_compilation(progress.compiling),
         ):
             models = load_models(settings)
-            run_log(log, Path(scratch), settings, models, arguments=[], watch=progress.watch)
+            run_log(log, Path(scratch), settings, models, run, arguments=[])
 
 
 if __name__ == "__main__":
     started = time.perf_counter()
-    print(COMPILING, flush=True)
     try:
         warm_up(Path(sys.argv[1]))
     except WaysideError as error:

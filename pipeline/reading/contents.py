@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.layout import LATEST_NS
 from wayside.schemas.frame import Camera, Fix
 
@@ -92,6 +93,12 @@ def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
     """Nanoseconds of a time stamp; None where it is not set (0), or not before `LATEST_NS`."""
     stamp = int(seconds) * 10**9 + int(nanoseconds)
     return stamp if stamp and abs(stamp) < LATEST_NS else None
+
+
+def check_video_format(name: str) -> None:
+    """Refuse a video that is not of H.264 by the name of its format; raises ContentError."""
+    if name.lower() != H264:
+        raise ContentError(f"it is video of the format {name!r}; h264 is understood")
 
 
 def make_camera(

@@ -15,7 +15,7 @@ from typing import Any
 
 from mcap.records import Schema as McapSchema
 from mcap_protobuf.decoder import DecoderFactory
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from wayside.pipeline.reading.layout import Channel
@@ -26,6 +26,8 @@ Unpacked = tuple[Any, memoryview]
 Unpack = Callable[[memoryview], Unpacked]
 
 _NOTHING = memoryview(b"")
+_VIDEO_FIELDS = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format"
+"""Of the one type that is understood and not of ROS itself; https://github.com/foxglove/schemas"""
 
 
 class EncodingError(ValueError):
@@ -120,7 +122,9 @@ def _varint(content: memoryview, position: int) -> tuple[int, int]:
 
 @cache
 def _typestore() -> Typestore:
-    return get_typestore(Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(_VIDEO_FIELDS, "foxglove_msgs/msg/CompressedVideo"))
+    return store
 
 
 def _cdr(type_name: str) -> Unpack:

@@ -13,15 +13,23 @@ from wayside.pipeline.reading.contents import (
     FixContent,
     ImageContent,
     PoseContent,
+    check_video_format,
     make_camera,
     make_fix,
     stamp_ns,
 )
+from wayside.pipeline.reading.h264 import H264
 
 
 def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
     """`foxglove.CompressedImage`."""
     return [ImageContent(_time(message), _name(message), message.format, data)]
+
+
+def compressed_video(message: Any, data: memoryview) -> list[ImageContent]:
+    """`foxglove.CompressedVideo`: one picture of an H.264 stream."""
+    check_video_format(message.format)
+    return [ImageContent(_time(message), _name(message), H264, data)]
 
 
 def raw_image(message: Any, data: memoryview) -> list[ImageContent]:

@@ -13,8 +13,7 @@ from wayside.pipeline.reading.contents import (
     FixContent,
     ImageContent,
 )
-from wayside.pipeline.reading.copies import ImageNumbers
-from wayside.pipeline.reading.image_headers import format_word, read_image_header
+from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.inspection import Inspection, inspect_log
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
@@ -22,24 +21,18 @@ from wayside.pipeline.reading.poses import CameraPoses
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import messages_of
 from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.selection import Selection, WaitingImage
 from wayside.pipeline.reading.series import TimeSeries, blend_fixes
 from wayside.pipeline.reading.survey import topic_key
-from wayside.pipeline.reading.thinning import Thinning, position_of
+from wayside.pipeline.reading.video import VideoDecoder
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
-    DUPLICATE,
-    NO_CALIBRATION,
     NO_POSITION,
-    OUTSIDE,
-    SKIPPED,
-    THINNED,
-    UNDECODABLE,
     USED,
     WRONG_SIZE,
     Camera,
     Fix,
     Frame,
-    PosePrior,
 )
 from wayside.schemas.settings import ReadSettings
 
@@ -47,7 +40,6 @@ MOST_WAITING, MOST_WAITING_BYTES = 64, 1 << 26
 _OFTEN_NS = 10**9
 _MUCH_SMALLER = 8
 """An image so much smaller than its chunk is copied, so that it does not keep all of the chunk in memory."""
-_NOTHING = memoryview(b"")
 
 
 @dataclass(slots=True)
@@ -55,6 +47,8 @@ class ReadReport(ScanReport):
     """What the reading of a log came across and chose, filled while it runs."""
 
     images: int = 0
+    images_held: int = 0
+    """Image messages of the chosen camera in the whole log."""
     with_pose: int = 0
     with_fix: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
@@ -68,22 +62,6 @@ class ReadReport(ScanReport):
     first_time_ns: int | None = None
     last_time_ns: int | None = None
     notes: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """An image message that waits for its pose; `image` is None where it could not be decoded.
-
-    arrival_ns: when it came, time_ns: when it was taken, both on continuous clocks; settled_ns: as in `Frame`.
-    """
-
-    index: int
-    number: int
-    log_time_ns: int
-    arrival_ns: int
-    time_ns: int
-    settled_ns: int | None
-    image: ImageContent | None
 
 
 def read_frames(
@@ -116,6 +94,7 @@ def read_frames(
     plan = plan_reading(path, settings, camera)
     report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
     report.camera_frame = plan.camera_frame
+    report.images_held = plan.camera.count
     report.motion_source = plan.motion_source
     report.motion_topic = "" if plan.motion is None else plan.motion.name
     report.fix_topic = "" if plan.fixes is None else plan.fixes.name
@@ -135,10 +114,12 @@ class _Reader:
         self.plan, self.inspection, self.report = plan, inspection, report
         self.allowance = allowance_of(settings)
         self.window_ns = round(settings.late_s * 1e9)
-        self.selection = _Selection(plan, settings)
+        self.selection = Selection(plan, settings)
         self.decoders = Decoders()
-        self.waiting: deque[_Waiting] = deque()
+        self.video = VideoDecoder()
+        self.waiting: deque[WaitingImage] = deque()
         self.waiting_bytes = 0
+        self.problems = 0
         self.calibrations: TimeSeries[Camera] = TimeSeries()
         self.fixes: TimeSeries[Fix] = TimeSeries()
         self.poses: CameraPoses | None = None
@@ -215,7 +196,7 @@ class _Reader:
         header_ns = None if image is None else image.time_ns
         capture_ns = int(inspection.capture_ns[entry])
         self.waiting.append(
-            _Waiting(
+            WaitingImage(
                 index,
                 taken,
                 message.log_time_ns,
@@ -223,8 +204,10 @@ class _Reader:
                 int(inspection.time_ns[entry]),
                 None if capture_ns == (header_ns or message.log_time_ns) else capture_ns,
                 image,
+                after_loss=report.problem_count > self.problems,
             )
         )
+        self.problems = report.problem_count
         self.waiting_bytes += 0 if image is None else len(image.data)
 
     def _is_ready(self, now_ns: int) -> bool:
@@ -250,6 +233,9 @@ class _Reader:
     def _next_frame(self) -> Frame:
         one = self.waiting.popleft()
         self.waiting_bytes -= 0 if one.image is None else len(one.image.data)
+        if one.image is not None and one.image.encoding == H264:
+            fault, image = self.video.decode(one.image, after_loss=one.after_loss)
+            one = replace(one, image=image, fault="" if fault == USED else fault)
         camera = self.plan.camera_given or self.calibrations.latest(one.time_ns)
         pose = None if self.poses is None else self.poses.at(one.time_ns)
         fix = self.fixes.at(one.time_ns, blend_fixes)
@@ -274,7 +260,7 @@ class _Reader:
                 f"({topic.fault})",
             )
         report.notes += [*map(str, report.remarks), *report.unchecked]
-        report.notes += self.selection.numbers.notes()
+        report.notes += [*self.selection.numbers.notes(), *self.video.notes()]
         if self.poses is not None and self.poses.assumed_mount:
             report.notes.append(
                 "the log does not say how the camera is mounted: it is taken to look straight ahead"
@@ -282,6 +268,10 @@ class _Reader:
         if self.poses is not None and report.images and not report.with_pose:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
+            )
+        if self.video.both_ways and not report.statuses[USED]:
+            raise InputError(
+                f"{self.plan.survey.path}: wanted images that can be used, found {self.video.notes()[-1]}"
             )
         if report.statuses[NO_POSITION] and not report.statuses[USED]:
             raise InputError(
@@ -302,97 +292,3 @@ class _Reader:
                 f"({self.plan.calibration_source}) has them, found {found} on {self.plan.camera.name}; "
                 "give the right one with --calibration camera.yaml"
             )
-
-
-class _Selection:
-    """Decides what becomes of each image, in order."""
-
-    def __init__(self, plan: Plan, settings: ReadSettings) -> None:
-        self.settings = settings
-        self.spacing_m = plan.spacing_m
-        self.thinning = Thinning(settings.thin_m, plan.spacing_m)
-        self.numbers = ImageNumbers()
-        self.names, self.dates = plan.survey.image_names, plan.survey.image_dates
-        self.first_ns: int | None = None
-        self.inside = 0
-        self.last_used: int | None = None
-        self.last_camera: Camera | None = None
-
-    def decide(
-        self, one: _Waiting, camera: Camera | None, pose: PosePrior | None, fix: Fix | None
-    ) -> Frame:
-        """The frame of an image, with its status."""
-        if self.first_ns is None:
-            self.first_ns = one.time_ns
-        self.last_camera = camera
-        image = one.image
-        encoding, width, height = "", 0, 0
-        if image is not None:
-            encoding, width, height = _format_and_size(image)
-        status, number = OUTSIDE, one.number
-        name = self.names.get(str(one.log_time_ns), "")
-        if self._is_inside(one.time_ns):
-            data = _NOTHING if image is None else image.data
-            number, is_copy = self.numbers.take(number, name or f"frame {one.index}", data)
-            known = (width, height), camera, pose, fix
-            status = DUPLICATE if is_copy else self._status(image, number, *known)
-        used = status == USED and image is not None
-        spacing_m = None
-        if used:
-            if self.spacing_m and self.last_used is not None:
-                spacing_m = self.spacing_m * (number - self.last_used)
-            self.last_used = number
-        return Frame(
-            index=one.index,
-            log_time_ns=one.log_time_ns,
-            header_time_ns=None if image is None else image.time_ns,
-            status=status,
-            encoding=encoding,
-            data=image.data if used and image is not None else _NOTHING,
-            camera=camera,
-            width=width,
-            height=height,
-            step=0 if image is None else image.step,
-            pose=pose,
-            fix=fix,
-            spacing_m=spacing_m,
-            settled_time_ns=one.settled_ns,
-            name=name,
-            date=self.dates.get(str(one.log_time_ns), ""),
-        )
-
-    def _is_inside(self, time_ns: int) -> bool:
-        """Whether a time lies in the part asked for."""
-        settings = self.settings
-        passed_s = (time_ns - (self.first_ns or 0)) / 1e9
-        return passed_s >= settings.from_s and not 0 < settings.until_s < passed_s
-
-    def _status(
-        self,
-        image: ImageContent | None,
-        number: int,
-        size: tuple[int, int],
-        camera: Camera | None,
-        pose: PosePrior | None,
-        fix: Fix | None,
-    ) -> str:
-        self.inside += 1
-        if (self.inside - 1) % self.settings.every:
-            return SKIPPED
-        if image is None:
-            return UNDECODABLE
-        if camera is None:
-            return NO_CALIBRATION
-        if size != (0, 0) and size != (camera.width, camera.height):
-            return WRONG_SIZE
-        if self.last_used is None and pose is None and fix is None and not self.spacing_m:
-            return NO_POSITION
-        return USED if self.thinning.keeps(number, position_of(pose, fix)) else THINNED
-
-
-def _format_and_size(image: ImageContent) -> tuple[str, int, int]:
-    """Encoding in a word, width and height; 0 where only decoding will tell."""
-    if image.width:
-        return image.encoding, image.width, image.height
-    header = read_image_header(image.data)
-    return (format_word(image.encoding), 0, 0) if header is None else header

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from typing import Literal, NamedTuple
 
+from wayside.pipeline.reading.h264 import H264, read_stream
+
 _PNG = b"\x89PNG\r\n\x1a\n"
 _START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD9)})
-_FORMAT_WORDS = {w: w for w in ("jpeg", "png", "webp", "tiff", "bmp", "avif")} | {
+_FORMAT_WORDS = {w: w for w in ("jpeg", "png", "webp", "tiff", "bmp", "avif", "h264")} | {
     "jpg": "jpeg",
     "tif": "tiff",
 }
@@ -16,7 +18,7 @@ _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
 
 
 class ImageHeader(NamedTuple):
-    """Format ("jpeg", "png", "webp", "tiff", "bmp", "avif") and size in pixels of a compressed image."""
+    """Format ("jpeg", "png", "webp", "tiff", "bmp", "avif", "h264") and size in pixels of a compressed image."""
 
     encoding: str
     width: int
@@ -26,7 +28,8 @@ class ImageHeader(NamedTuple):
 def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
     """Header of an image; None where it is of none of these formats, or cut before its size.
 
-    JPEG (ITU-T T.81, annex B), PNG, WebP (RFC 9649), TIFF 6.0 (its first image), BMP, AVIF (the largest size it names).
+    JPEG (ITU-T T.81, annex B), PNG, WebP (RFC 9649), TIFF 6.0 (its first image), BMP, AVIF (the largest size it names),
+    H.264 (a piece that begins with its sequence set).
     """
     start = bytes(data[:16])
     if start[:2] == b"\xff\xd8":
@@ -39,6 +42,8 @@ def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
         return _read_tiff(data, "little" if start[:2] == b"II" else "big")
     if start[:2] == b"BM":
         return _sized("bmp", data, (18, 4), (22, 4), "little")
+    if start[:4] == b"\0\0\0\1" or start[:3] == b"\0\0\1":
+        return _read_h264(data)
     if start[4:12] in (b"ftypavif", b"ftypavis"):
         return _read_avif(bytes(data[:4096]))
     return None
@@ -117,6 +122,14 @@ def _read_tiff(data: bytes | memoryview, order: Literal["little", "big"]) -> Ima
             sizes[tag] = max(value, sizes.get(tag, 0))
     width, height = sizes.get(_TIFF_WIDTH, 0), sizes.get(_TIFF_HEIGHT, 0)
     return ImageHeader("tiff", width, height) if width and height else None
+
+
+def _read_h264(data: bytes | memoryview) -> ImageHeader | None:
+    try:
+        found, _ = read_stream(data, None)
+    except ValueError:
+        return None
+    return found and ImageHeader(H264, found.width, found.height)
 
 
 def _read_avif(start: bytes) -> ImageHeader | None:

@@ -27,6 +27,7 @@ _Read = Callable[[Any, memoryview], Sequence[Content]]
 
 _TYPES: dict[str, tuple[Kind, _Read]] = {
     "foxglove.CompressedImage": (Kind.IMAGE, foxglove.compressed_image),
+    "foxglove.CompressedVideo": (Kind.IMAGE, foxglove.compressed_video),
     "foxglove.RawImage": (Kind.IMAGE, foxglove.raw_image),
     "foxglove.CameraCalibration": (Kind.CALIBRATION, foxglove.calibration),
     "foxglove.PoseInFrame": (Kind.POSE, foxglove.pose_in_frame),
@@ -42,6 +43,7 @@ _TYPES: dict[str, tuple[Kind, _Read]] = {
     "tf2_msgs/msg/TFMessage": (Kind.TRANSFORM, ros2.transforms),
     "nav_msgs/msg/Odometry": (Kind.ODOMETRY, ros2.odometry),
     "sensor_msgs/msg/NavSatFix": (Kind.FIX, ros2.nav_sat_fix),
+    "foxglove_msgs/msg/CompressedVideo": (Kind.IMAGE, ros2.compressed_video),
 }
 
 ROS_TYPES = tuple(name for name in _TYPES if "/" in name)

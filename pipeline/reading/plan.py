@@ -10,8 +10,10 @@ from pathlib import Path
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent, PoseContent
+from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
+from wayside.pipeline.reading.video import WITHOUT_DECODER, can_decode_video
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -135,14 +137,9 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
 def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
     cameras = survey.cameras
     if not cameras:
-        video = any("CompressedVideo" in t.schema for t in survey.topics.values())
-        advice = (
-            "video is not read yet: convert it to images first"
-            if video
-            else "wayside needs foxglove.CompressedImage, foxglove.RawImage or the sensor_msgs ones"
-        )
         raise InputError(
-            f"{survey.path}: wanted images, found {_listing(survey)}{_lost(survey)}; {advice}"
+            f"{survey.path}: wanted images, found {_listing(survey)}{_lost(survey)}; wayside needs "
+            "foxglove.CompressedImage, foxglove.RawImage, foxglove.CompressedVideo or the sensor_msgs ones"
         )
     chosen = [t for t in cameras if t.name == wanted] if wanted else cameras
     if not chosen:
@@ -161,6 +158,8 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
             f"{survey.path}: wanted images on {chosen[0].name}, found messages that cannot be decoded "
             f"({chosen[0].fault}); record them anew or choose another with --camera"
         )
+    if chosen[0].image_format == H264 and not can_decode_video():
+        raise InputError(f"{survey.path}: {chosen[0].name}: {WITHOUT_DECODER}")
     return chosen[0]
 
 

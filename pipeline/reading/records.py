@@ -8,10 +8,12 @@ Layout and opcodes: MCAP specification, https://mcap.dev/spec. Neither footer no
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
+from wayside.pipeline.reading.parts import LogParts, log_parts
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.scanner import Message, Scanner
 from wayside.schemas.errors import InputError
@@ -22,7 +24,7 @@ __all__ = ["Attachment", "Message", "Metadata", "messages_at", "scan"]
 def scan(
     path: Path, report: ScanReport, allowance: Allowance | None = None
 ) -> Iterator[Message | Metadata | Attachment]:
-    """Messages, metadata and small attachments of a log in file order.
+    """Messages, metadata and small attachments of a log in file order; of a bag directory, one part after the other.
 
     Memory is bounded by the largest chunk (at most `LARGEST_RECORD`), time by the allowance. Damage is counted in
     `report.problems` and stepped over: a chunk whose checksum, compression or inner lengths are wrong is lost as a
@@ -32,20 +34,41 @@ def scan(
     Raises
     ------
     InputError
-        The file cannot be opened, is empty, or is no MCAP.
+        The file cannot be opened, is empty, or is no MCAP; a directory is no ROS 2 bag of MCAP parts.
     """
+    parts = log_parts(path)
+    if len(parts.files) == 1:
+        yield from _scan_file(parts.files[0], report, allowance or Allowance())
+        return
+    report.bytes_total = parts.size
+    for number, (file, start) in enumerate(zip(parts.files, parts.starts, strict=True)):
+        one = ScanReport()
+        try:
+            for record in _scan_file(file, one, replace(allowance or Allowance())):
+                report.bytes_read = start + one.bytes_read
+                yield (
+                    record._replace(offset=start + record.offset)
+                    if isinstance(record, Message)
+                    else record
+                )
+        finally:
+            report.bytes_read = start + one.bytes_read
+            report.absorb(one, file.name, first=number == 0)
+
+
+def _scan_file(
+    path: Path, report: ScanReport, allowance: Allowance
+) -> Iterator[Message | Metadata | Attachment]:
     try:
         stream = path.open("rb")
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        advice = f"`wayside join {path} -o drive.mcap` makes a log of a ROS 2 bag directory"
         raise InputError(
-            f"{path}: wanted a log to read, found: {reason or error}; "
-            f"{advice if path.is_dir() else 'check the name'}"
+            f"{path}: wanted a log to read, found: {reason or error}; check the name"
         ) from error
     with stream:
         try:
-            yield from Scanner(path, stream, report, allowance or Allowance()).run()
+            yield from Scanner(path, stream, report, allowance).run()
         except OSError as error:
             raise InputError(
                 f"{path}: reading stopped at byte {report.bytes_read}: {error.strerror or error}; "
@@ -54,7 +77,10 @@ def scan(
 
 
 def messages_at(
-    path: Path, offset: int, channels: Iterable[Channel], allowance: Allowance | None = None
+    parts: LogParts,
+    offset: int,
+    channels: Iterable[Channel],
+    allowance: Allowance | None = None,
 ) -> list[Message]:
     """Messages of the one record at an offset of a log scanned before, of the channels known there.
 
@@ -63,19 +89,20 @@ def messages_at(
     InputError
         As `scan`, and where the record can no longer be read as it was, or only beyond the allowance.
     """
+    path, place = parts.at(offset)
     try:
         with path.open("rb") as stream:
             scanner = Scanner(path, stream, ScanReport(), allowance or Allowance())
             scanner.definitions.know(channels)
-            found = scanner.messages_at(offset)
+            found = scanner.messages_at(place)
             if scanner.report.lost_chunks:
                 raise InputError(
                     f"{path}: wanted the messages once more, in the order of their times, found "
                     f"{scanner.report.problems[0]}; sort the log by time first (mcap sort)"
                 )
-            return found
+            return [one._replace(offset=offset) for one in found] if place != offset else found
     except OSError as error:
         raise InputError(
-            f"{path}: reading stopped at byte {offset}: {error.strerror or error}; "
+            f"{path}: reading stopped at byte {place}: {error.strerror or error}; "
             "check the disk or copy the file anew"
         ) from error

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from wayside.pipeline.reading.bounds import Allowance
+from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import Message, messages_at, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.stamps import Integers
@@ -72,6 +73,7 @@ class _Records:
 
     def __init__(self, survey: LogSurvey, allowance: Allowance) -> None:
         self.survey, self.allowance = survey, allowance
+        self.parts = log_parts(survey.path)
         self.kept: OrderedDict[int, list[Message]] = OrderedDict()
         self.sizes: dict[int, int] = {}
         self.bytes = 0
@@ -81,7 +83,7 @@ class _Records:
             self.kept.move_to_end(offset)
             return self.kept[offset]
         known = self.survey.channels_at(offset)
-        found = messages_at(self.survey.path, offset, known, self.allowance)
+        found = messages_at(self.parts, offset, known, self.allowance)
         messages = [m for m in found if self.survey.is_stamped(m.channel)]
         self.kept[offset] = messages
         # A message of a chunk keeps all of the chunk.

@@ -15,10 +15,12 @@ from wayside.pipeline.reading.contents import (
     FixContent,
     ImageContent,
     PoseContent,
+    check_video_format,
     make_camera,
     make_fix,
     stamp_ns,
 )
+from wayside.pipeline.reading.h264 import H264
 
 _NO_FIX = -1
 
@@ -26,6 +28,13 @@ _NO_FIX = -1
 def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
     """`sensor_msgs/msg/CompressedImage`; its format is free text such as "bgr8; jpeg compressed bgr8"."""
     return [ImageContent(_time(message), _name(message), message.format, data)]
+
+
+def compressed_video(message: Any, data: memoryview) -> list[ImageContent]:
+    """`foxglove_msgs/msg/CompressedVideo`, as `foxglove.CompressedVideo` with times of ROS."""
+    stamp = message.timestamp
+    check_video_format(message.format)
+    return [ImageContent(stamp_ns(stamp.sec, stamp.nanosec), message.frame_id, H264, data)]
 
 
 def image(message: Any, data: memoryview) -> list[ImageContent]:

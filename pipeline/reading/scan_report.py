@@ -15,10 +15,13 @@ class Problem:
 
     offset: int
     what: str
+    part: str = ""
+    """File of a bag in which the offset counts; empty: the log is one file."""
 
     def __str__(self) -> str:
         """One line for a person."""
-        return f"at byte {self.offset}: {self.what}"
+        where = f"{self.part}, at byte" if self.part else "at byte"
+        return f"{where} {self.offset}: {self.what}"
 
 
 @dataclass(slots=True)
@@ -61,15 +64,36 @@ class ScanReport:
         """Whether parts of the log could not be read."""
         return self.problem_count > 0
 
-    def add_problem(self, offset: int, what: str) -> None:
+    def add_problem(self, offset: int, what: str, part: str = "") -> None:
         """Count a problem and keep its words while there is room."""
         self.problem_count += 1
         if self.problem_count <= MOST_PROBLEMS:
-            self.problems.append(Problem(offset, what))
+            self.problems.append(Problem(offset, what, part))
         elif self.problem_count == MOST_PROBLEMS + 1:
             self.problems.append(Problem(offset, "more problems follow, not listed"))
 
-    def add_remark(self, offset: int, what: str) -> None:
+    def add_remark(self, offset: int, what: str, part: str = "") -> None:
         """Keep in words what was found amiss and made good."""
         if len(self.remarks) < MOST_PROBLEMS:
-            self.remarks.append(Problem(offset, what))
+            self.remarks.append(Problem(offset, what, part))
+
+    def absorb(self, part: ScanReport, name: str, *, first: bool) -> None:
+        """Add what a scan of one part of the log came across; places are told with the name of its file."""
+        for count in ("messages", "chunks", "lost_chunks", "unchecked_chunks", "unknown_records"):
+            setattr(self, count, getattr(self, count) + getattr(part, count))
+        stated = None if first else self.messages_stated
+        if part.messages_stated is not None and (first or stated is not None):
+            self.messages_stated = (stated or 0) + part.messages_stated
+        else:
+            self.messages_stated = None
+        self.data_checked = part.data_checked and (first or self.data_checked)
+        self.compressions.update(part.compressions)
+        times = [t for t in (self.first_log_ns, part.first_log_ns) if t is not None]
+        self.first_log_ns = min(times, default=None)
+        times = [t for t in (self.last_log_ns, part.last_log_ns) if t is not None]
+        self.last_log_ns = max(times, default=None)
+        for one in part.problems:
+            self.add_problem(one.offset, one.what, name)
+        self.problem_count += part.problem_count - len(part.problems)
+        for one in part.remarks:
+            self.add_remark(one.offset, one.what, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import atan, degrees, isfinite, radians, tan
 from pathlib import Path
@@ -88,8 +88,17 @@ class SimulationResult:
         }
 
 
-def simulate(survey: Survey) -> SimulationResult:
+def simulate(
+    survey: Survey, watch: Callable[[int, int], None] = lambda done, total: None
+) -> SimulationResult:
     """Simulate a survey and compare the located signs with the truth.
+
+    Parameters
+    ----------
+    survey
+        What is planned.
+    watch
+        Called with how many of all images are done.
 
     Raises
     ------
@@ -104,11 +113,10 @@ def simulate(survey: Survey) -> SimulationResult:
     )
     mapping = MappingSettings(settings, landmark=noise)
     found: dict[int, tuple[Array, Array, float, int]] = {}
-    for settled in track(
-        drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings()),
-        mapping,
-        adjustment=LocalAdjustmentSettings(),
-    ):
+    posed = drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
+    settled_frames = track(posed, mapping, adjustment=LocalAdjustmentSettings())
+    for done, settled in enumerate(settled_frames, 1):
+        watch(done, len(drive.poses))
         for place in settled.landmarks:
             if place.verdict != "sign":
                 continue
@@ -174,17 +182,13 @@ def view_of_focal(survey: Survey) -> float:
     return 2 * degrees(atan(survey.width / 2 / survey.focal_px))
 
 
-def sweep(survey: Survey) -> Iterator[SimulationResult]:
-    """The survey with other spacings and focal lengths around those given, without those in which no sign is seen."""
-    for spacing in SWEEP_SPACING:
-        for focal in SWEEP_FOCAL:
-            tried = replace(
-                survey, spacing_m=spacing * survey.spacing_m, focal_px=focal * survey.focal_px
-            )
-            try:
-                yield simulate(tried)
-            except UsageError:
-                continue
+def sweep(survey: Survey) -> list[Survey]:
+    """The survey with other spacings and focal lengths around those given."""
+    return [
+        replace(survey, spacing_m=spacing * survey.spacing_m, focal_px=focal * survey.focal_px)
+        for spacing in SWEEP_SPACING
+        for focal in SWEEP_FOCAL
+    ]
 
 
 def reaches(one: SimulationResult, target_m: float) -> bool:
@@ -213,9 +217,8 @@ def format_simulation(one: SimulationResult) -> str:
     s = one.survey
     given = "poses given" if s.pose_m is not None else "spacing given"
     lines = [
-        f"images every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px "
-        f"({view_of_focal(s):.0f} degrees); signs {abs(s.lateral_m):.1f} m beside the camera, "
-        f"seen last from {np.median(one.nearest):.1f} m",
+        f"images every {s.spacing_m:.2f} m, {given}; focal length {s.focal_px:.0f} px ({view_of_focal(s):.0f} degrees)",
+        f"signs {abs(s.lateral_m):.1f} m beside the camera, seen last from {np.median(one.nearest):.1f} m",
         f"placed {len(one.error)} of {one.wanted} signs",
         "",
         f"{'error, m':<10}{'median':>9}{'68 %':>9}{'95 %':>9}"
@@ -229,34 +232,36 @@ def format_simulation(one: SimulationResult) -> str:
         )
     lines += [f"{'total':<10}{_quantiles(one.total)}", ""]
     lines += [
-        "sigma: as stated with each sign; bound: Cramér-Rao, the least that any method could reach (both 68 %)"
+        "sigma: as stated with each sign; bound: Cramér-Rao, the least that any method",
+        "could reach (both 68 %)",
     ]
     return "\n".join(lines)
 
 
-def format_sweep(tried: Sequence[SimulationResult], target_m: float) -> str:
-    """One line a combination, those that reach the target marked."""
-    lines = [
-        f"95 % of the signs within {target_m:g} m:",
-        f"{'spacing, m':>10}{'focal, px':>11}{'view':>6}{'placed':>10}{'median':>9}{'95 %':>9}{'bound':>9}",
-    ]
-    for one in tried:
-        s, bound = one.survey, float(np.median(np.linalg.norm(one.bound, axis=1)))
-        lines.append(
-            f"{s.spacing_m:>10.2f}{s.focal_px:>11.0f}{view_of_focal(s):>5.0f}°{len(one.error):>6}/{one.wanted:<3}"
-            f"{np.median(one.total):>9.3f}{np.quantile(one.total, 0.95):>9.3f}{bound:>9.3f}"
-            f"{'   reached' if reaches(one, target_m) else ''}"
-        )
-    good = [one for one in tried if reaches(one, target_m)]
+def sweep_heading(target_m: float) -> str:
+    """What stands above the rows of a sweep."""
+    return (
+        f"95 % of the signs within {target_m:g} m:\n"
+        f"{'spacing, m':>10}{'focal, px':>11}{'view':>6}{'placed':>10}{'median':>9}{'95 %':>9}{'bound':>9}"
+    )
+
+
+def sweep_row(one: SimulationResult, target_m: float) -> str:
+    """The line of one combination, marked where it reaches the target."""
+    s, bound = one.survey, float(np.median(np.linalg.norm(one.bound, axis=1)))
+    return (
+        f"{s.spacing_m:>10.2f}{s.focal_px:>11.0f}{view_of_focal(s):>5.0f}°{len(one.error):>6}/{one.wanted:<3}"
+        f"{np.median(one.total):>9.3f}{np.quantile(one.total, 0.95):>9.3f}{bound:>9.3f}"
+        f"{'   reached' if reaches(one, target_m) else ''}"
+    )
+
+
+def sweep_conclusion(tried: Sequence[SimulationResult], target_m: float) -> str:
+    """What stands below the rows of a sweep."""
+    good = [one.survey.spacing_m for one in tried if reaches(one, target_m)]
     if good:
-        widest = max(one.survey.spacing_m for one in good)
-        lines += ["", f"widest spacing that reaches it: {widest:.2f} m"]
-    else:
-        lines += [
-            "",
-            "none of these reaches it: closer signs, less noise or given poses would help",
-        ]
-    return "\n".join(lines)
+        return f"\nwidest spacing that reaches it: {max(good):.2f} m"
+    return "\nnone of these reaches it: closer signs, less noise or given poses would help"
 
 
 def _errors_of(

@@ -14,6 +14,15 @@ AROUND = 4.0
 """The image of one sign shows this many times its size on every side."""
 FLAT = f"- /{at.CAMERA}/**"
 NO_RAYS = f"- /{at.SIGN_RAYS}/**"
+GROUND = (20, 22, 26)
+"""Behind everything that is drawn in the colours of signs, white among them, whether the viewer is light or dark."""
+NO_LEGEND = rrb.PlotLegend(visible=False)
+"""A legend lies on the curves; names show under the pointer."""
+TEXT_ONLY = rrb.TextLogColumns(
+    timeline_columns=[rrb.encodings.TimelineColumn(at.FRAME)],
+    text_log_columns=[rrb.encodings.TextLogColumn("Body")],
+)
+"""The frame and the words: the columns that a log has by default leave no room for them."""
 
 
 def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Blueprint:
@@ -28,42 +37,57 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,
         name="camera",
+        background=GROUND,
         contents=["$origin/**", f"+ /{at.CAMERA}/**", f"- /{at.CHAINS}/**"],
         overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
     )
     chased = rrb.Spatial3DView(
         origin=at.VEHICLE,
         name="3-D, behind the vehicle",
-        contents=[f"+ /{at.WORLD}/**", FLAT, f"+ /{at.CAMERA}", NO_RAYS],
+        contents=[f"+ /{at.WORLD}/**", FLAT, f"+ /{at.CAMERA}", NO_RAYS, f"- /{at.NAMES}"],
+        background=GROUND,
         overrides={at.POINTS_STRAIGHT: rrb.EntityBehavior(visible=False)},
         eye_controls=rrb.EyeControls3D(
-            position=[0, -9, -16], look_target=[0, 0, 20], eye_up=[0, -1, 0]
+            position=[0, -6, -10], look_target=[0, 0, 20], eye_up=[0, -1, 0]
         ),
     )
     above = rrb.Spatial3DView(
         origin=at.VEHICLE,
         name="from above",
-        contents=[f"+ /{at.WORLD}/**", FLAT, NO_RAYS, f"- /{at.WORLD}/points/**"],
+        contents=[
+            f"+ /{at.WORLD}/**",
+            FLAT,
+            NO_RAYS,
+            f"- /{at.NAMES_IN_VIEW}",
+            f"- /{at.WORLD}/points/**",
+        ],
+        background=GROUND,
         eye_controls=rrb.EyeControls3D(
-            position=[0, -110, 30], look_target=[0, 0, 31], eye_up=[0, 0, 1]
+            position=[0, -70, 24], look_target=[0, 0, 25], eye_up=[0, 0, 1]
         ),
     )
-    across = rrb.Spatial2DView(origin=at.LOCATION, name="across the road")
+    across = rrb.Spatial2DView(origin=at.LOCATION, name="across the road", background=GROUND)
     residuals = rrb.TimeSeriesView(
-        origin=at.RESIDUALS, name="residual, px", plot_legend=rrb.PlotLegend(visible=True)
+        origin=at.RESIDUALS,
+        name="residual, px: straight orange, adjusted green",
+        plot_legend=NO_LEGEND,
     )
-    iterations = rrb.TimeSeriesView(origin=at.ITERATIONS, name="residual by iteration, px")
-    gates = rrb.TimeSeriesView(
-        origin=at.GATES, name="candidates by stage", plot_legend=rrb.PlotLegend(visible=True)
+    iterations = rrb.TimeSeriesView(
+        origin=at.ITERATIONS, name="residual by iteration, px", plot_legend=NO_LEGEND
     )
-    signs = rrb.TimeSeriesView(origin=at.SIGN_RESIDUALS, name="residual of signs, px")
+    gates = rrb.TimeSeriesView(origin=at.GATES, name="candidates by stage", plot_legend=NO_LEGEND)
+    signs = rrb.TimeSeriesView(
+        origin=at.SIGN_RESIDUALS, name="residual of signs, px", plot_legend=NO_LEGEND
+    )
     window = rrb.TimeSeriesView(
-        origin=at.WINDOW_RESIDUALS, name="residual of the windowed adjustment, sigmas"
+        origin=at.WINDOW_RESIDUALS,
+        name="windowed adjustment, sigmas: before orange, after green",
+        plot_legend=NO_LEGEND,
     )
     panels = rrb.Spatial2DView(origin=at.PANELS, name="registered views of panels")
     words = (
         rrb.TextDocumentView(origin=at.INVENTORY, name="inventory"),
-        rrb.TextLogView(origin=at.REJECTIONS, name="refused, and why"),
+        rrb.TextLogView(origin=at.REJECTIONS, name="refused, and why", columns=TEXT_ONLY),
         # Last and not on top: its tiles come over the network, and only when the tab is opened.
         rrb.MapView(origin=at.MAP, name="map"),
     )
@@ -92,7 +116,7 @@ def sign_layout(
     part = rr.escape_entity_path_part(sign_id)
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,
-        name=f"{sign_id}: measured and, white, reprojected",
+        name=f"{sign_id}: box measured; white: the face by its position and size",
         contents=[f"+ {images or '/' + at.IMAGE}", f"+ /{at.CHAINS}/{part}/**"],
         visual_bounds=rrb.VisualBounds2D(
             x_range=[x - reach, x + reach], y_range=[y - reach, y + reach]
@@ -112,6 +136,7 @@ def sign_layout(
         origin=at.VEHICLE,
         name="its rays and 2-sigma ellipsoid",
         contents=own,
+        background=GROUND,
         eye_controls=rrb.EyeControls3D(
             position=[-0.3 * best_range_m, -0.4 * best_range_m, -0.4 * best_range_m],
             look_target=[0, 0, 0.6 * best_range_m],
@@ -119,7 +144,9 @@ def sign_layout(
         ),
     )
     residuals = rrb.TimeSeriesView(
-        origin=f"{at.SIGN_RESIDUALS}/{part}", name="reprojection residual, px"
+        origin=f"{at.SIGN_RESIDUALS}/{part}",
+        name="reprojection residual, px",
+        plot_legend=NO_LEGEND,
     )
     words = rrb.TextDocumentView(origin=f"{at.SIGN_FIGURES}/{part}", name="figures")
     panels = rrb.Spatial2DView(origin=f"{at.SIGN_PANELS}/{part}", name="its registered views")

@@ -15,10 +15,13 @@ from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
 from wayside.pipeline.view.landmarks import (
+    MARK,
+    THIN,
     cross_section,
+    face_in_image,
     landmark_color,
     landmark_words,
-    reprojected_box,
+    panel_rotation,
 )
 from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN, ViewState
 from wayside.schemas.detections import SOURCES, Dropped
@@ -38,6 +41,7 @@ GATE_NAMES = {
 }
 """What the numbers of a stage are, in the order in which its view gives them."""
 LEAST_HALF_AXIS_M = 0.02
+WHITE = (255, 255, 255)
 
 
 def opening(location: GaussianModel) -> Batch:
@@ -46,7 +50,7 @@ def opening(location: GaussianModel) -> Batch:
     for one in location.classes:
         # The plane across the road as an image: right is right, up is up (images count downwards).
         ring = ellipse(one.mean, one.covariance, one.threshold) * (1.0, -1.0)
-        strip = rr.LineStrips2D([ring], colors=[(255, 255, 255)], labels=[one.name])
+        strip = rr.LineStrips2D([ring], colors=[WHITE], labels=[one.name])
         found.append(Entity(f"{at.LOCATION}/{one.name}", (strip,)))
     found.append(Entity(at.ITERATIONS, (rr.SeriesLines(names=STEPS),)))
     for stage, names in GATE_NAMES.items():
@@ -80,6 +84,7 @@ def closing(
 ) -> Iterator[Batch | Columns]:
     """What is known at the end of the drive only, sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
+    yield from _names(inventory, times)
     for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
         name = " ".join(filter(None, (row["sign_id"], code_of(row))))
         yield from chain(row["sign_id"], name, sign.landmark, state.poses, times)
@@ -88,6 +93,34 @@ def closing(
         measured = state.measured.get(sign.landmark.track_id)
         shown = () if measured is None else measured.entities(part)
         yield Batch(None, (Entity(f"{at.SIGN_FIGURES}/{part}", (figures,)), *shown))
+
+
+def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Batch | Columns]:
+    """Every sign marked with its number and what it is: all of them, and frame by frame those in view."""
+    if not inventory.signs or not times:
+        return
+    landmarks = [sign.landmark for sign in inventory.signs]
+    centres = np.array([one.best_pose.to_world(one.position) for one in landmarks])
+    inks = [landmark_color(one) for one in landmarks]
+    words = [sign_name(row) for row in inventory.sign_rows]
+    marks = rr.Points3D(centres, colors=inks, labels=words, show_labels=True, radii=MARK)
+    shared = rr.Points3D.from_fields(show_labels=True, radii=MARK)
+    yield Batch(None, (Entity(at.NAMES, (marks,)), Entity(at.NAMES_IN_VIEW, (shared,))))
+    spans = [(one.views[0].frame, one.views[-1].frame) for one in landmarks]
+    frames = sorted(times)
+    shown = [[i for i, (a, b) in enumerate(spans) if a <= frame <= b] for frame in frames]
+    rows = [i for in_frame in shown for i in in_frame]
+    columns = rr.Points3D.columns(
+        positions=centres[rows].reshape(-1, 3),
+        colors=[inks[i] for i in rows],
+        labels=[words[i] for i in rows],
+    ).partition([len(in_frame) for in_frame in shown])
+    yield Columns(at.NAMES_IN_VIEW, tuple(times[frame] for frame in frames), tuple(columns))
+
+
+def sign_name(row: Mapping[str, Any]) -> str:
+    """Number, colour and shape of a sign, as it is labelled in space."""
+    return " ".join((row["sign_id"].rpartition("-")[2], *_appearance(row)))
 
 
 def chain(
@@ -109,21 +142,23 @@ def chain(
         (
             Entity(f"{at.SIGNS}/{part}", (_panel(landmark, centre, ink, words),)),
             Entity(f"{at.SIGNS}/{part}/error", (_ellipsoid(landmark, centre, ink),)),
-            Entity(f"{at.SIGN_RAYS}/{part}", (rr.LineStrips3D(rays, colors=[ink], radii=0.015),)),
+            Entity(f"{at.SIGN_RAYS}/{part}", (rr.LineStrips3D(rays, colors=[ink], radii=THIN),)),
         ),
     )
     if not views:
         return
     when = tuple(times[view.frame] for view in views)
-    measured = np.array([view.box for view in views])
-    expected = np.array([reprojected_box(landmark, *poses[view.frame]) for view in views])
-    for name, boxes in (("measured", measured), ("reprojected", expected)):
-        half, middle = (boxes[:, 2:] - boxes[:, :2]) / 2, (boxes[:, 2:] + boxes[:, :2]) / 2
-        columns = rr.Boxes2D.columns(
-            centers=middle,
-            half_sizes=half,
-            colors=[ink if name == "measured" else (255, 255, 255)] * len(views),
-        )
+    boxes = np.array([view.box for view in views])
+    measured = rr.Boxes2D.columns(
+        centers=(boxes[:, 2:] + boxes[:, :2]) / 2,
+        half_sizes=(boxes[:, 2:] - boxes[:, :2]) / 2,
+        colors=[ink] * len(views),
+    )
+    reprojected = rr.LineStrips2D.columns(
+        strips=[face_in_image(landmark, *poses[view.frame]) for view in views],
+        colors=[WHITE] * len(views),
+    )
+    for name, columns in (("measured", measured), ("reprojected", reprojected)):
         yield Columns(f"{at.CHAINS}/{part}/{name}", when, tuple(columns))
         yield from _cleared(f"{at.CHAINS}/{part}/{name}", when, times)
     residuals = rr.Scalars.columns(scalars=[view.residual_px for view in views])
@@ -143,13 +178,10 @@ def _panel(
     landmark: Landmark, centre: NDArray[np.float64], ink: tuple[int, int, int], words: str
 ) -> rr.Boxes3D:
     size = np.array([landmark.width_m, landmark.height_m, 0.03])
-    rotation = landmark.best_pose.rotation @ _about_down(
-        np.radians(np.nan_to_num(landmark.facing_deg))
-    )
     return rr.Boxes3D(
         centers=[centre],
         half_sizes=[size / 2],
-        quaternions=[rr.Quaternion(xyzw=_quaternion(rotation))],
+        quaternions=[rr.Quaternion(xyzw=_quaternion(panel_rotation(landmark)))],
         colors=[ink],
         fill_mode=rr.components.FillMode.Solid,
         labels=[words],
@@ -169,11 +201,6 @@ def _ellipsoid(
         quaternions=[rr.Quaternion(xyzw=_quaternion(landmark.best_pose.rotation @ axes))],
         colors=[(*ink, 120)],
     )
-
-
-def _about_down(angle: float) -> NDArray[np.float64]:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

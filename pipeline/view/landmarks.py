@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import COLOR_RGB, COLORS
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.stages.geometry import distort_points
+from wayside.stages.panel import face_corners
 
 GREY = (150, 150, 150)
 """Of what is no sign, or has no colour."""
+MARK = rr.Radius.ui_points(6)
+"""Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
+THIN = rr.Radius.ui_points(1.5)
+PIXEL_CENTRE = 0.5
+"""Where the viewer has the centre of the first pixel, which is 0 elsewhere."""
+_NEAREST_M = 0.5
 
 
 def color_of(code: int) -> tuple[int, int, int]:
@@ -24,18 +33,31 @@ def landmark_color(landmark: Landmark) -> tuple[int, int, int]:
     return COLOR_RGB.get(landmark.color or "", GREY) if landmark.verdict == "sign" else GREY
 
 
-def reprojected_box(
-    landmark: Landmark, pose: Pose, camera: Camera
-) -> tuple[float, float, float, float]:
-    """Box of a landmark's panel projected into an image, recorded pixels; nan behind the camera."""
-    x, y, z = pose.to_camera(landmark.best_pose.to_world(landmark.position))
-    if z < 0.5:
-        return (np.nan,) * 4
+def panel_rotation(landmark: Landmark) -> NDArray[np.float64]:
+    """Axes (3, 3) of a landmark's panel in the drive's frame: right, down, away; facing the camera where not known."""
+    angle = np.radians(np.nan_to_num(landmark.facing_deg))
+    about_down = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+    return np.asarray(landmark.best_pose.rotation @ about_down)
+
+
+def face_in_image(landmark: Landmark, pose: Pose, camera: Camera) -> NDArray[np.float64]:
+    """The outline of a landmark's face projected into an image, closed.
+
+    Returns
+    -------
+    Points (n, 2) in the viewer's pixels, which count from the upper left corner of the image; (0, 2) where a corner
+    is behind the camera.
+    """
     half = np.array([landmark.width_m, landmark.height_m]) / 2
-    corners = np.array([[x - half[0], y - half[1]], [x + half[0], y + half[1]]]) / z
-    ideal = corners * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    (x0, y0), (x1, y1) = distort_points(camera, ideal)
-    return float(x0), float(y0), float(x1), float(y1)
+    flat = face_corners(landmark.shape) * half
+    offsets = np.column_stack([flat, np.zeros(len(flat))]) @ panel_rotation(landmark).T
+    centre = landmark.best_pose.to_world(landmark.position)
+    local = pose.to_camera(centre + offsets)
+    if (local[:, 2] < _NEAREST_M).any():
+        return np.zeros((0, 2))
+    ideal = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    pixels = distort_points(camera, ideal) + PIXEL_CENTRE
+    return np.concatenate([pixels, pixels[:1]])
 
 
 def landmark_words(landmark: Landmark) -> str:
@@ -71,7 +93,7 @@ def landmark_points(landmarks: list[Landmark]) -> rr.Points3D:
         colors=[landmark_color(p) for p in landmarks] or None,
         labels=[landmark_words(p) for p in landmarks] or None,
         show_labels=False,
-        radii=0.25,
+        radii=MARK,
     )
 
 

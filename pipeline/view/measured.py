@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity
+from wayside.pipeline.view.landmarks import THIN
 from wayside.schemas.measurement import Measurement
 from wayside.stages.panel import warp_to_template
 from wayside.stages.segmentation import difference_image
@@ -108,7 +109,7 @@ def measurement_entities(measurements: Sequence[Measurement]) -> list[Entity]:
                         colors=[MOVED_INK],
                         labels=[adjustment_words(m) for m in measurements if m.adjustment],
                         show_labels=False,
-                        radii=0.03,
+                        radii=THIN,
                     ),
                 ),
             ),

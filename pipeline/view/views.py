@@ -20,12 +20,13 @@ from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.candidates import verdict_entities
 from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import (
+    THIN,
     cross_section,
+    face_in_image,
     landmark_color,
     landmark_points,
     landmark_words,
     rejection,
-    reprojected_box,
 )
 from wayside.pipeline.view.measured import SignMeasurement, difference_entity, measurement_entities
 from wayside.pipeline.view.outlines import outline_entities
@@ -47,8 +48,8 @@ ITERATIONS_SHOWN = 4
 """The adjustment converges in fewer, as a rule."""
 IMAGE_PLANE_M, REACH_M = 3.0, 150.0
 GOOD, BAD = (90, 220, 120), (240, 90, 90)
-BEFORE, AFTER = (245, 150, 60), GOOD
-"""The straight motion, and the adjusted one."""
+BEFORE, AFTER = (214, 96, 10), (24, 145, 66)
+"""The straight motion, and the adjusted one; in plots, whose ground the viewer's theme makes light or dark."""
 JPEG_QUALITY = 85
 SIFT_INK = (255, 160, 255)
 KEYPOINT_PATHS = {
@@ -209,7 +210,7 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
         Entity(at.VEHICLE, (_transform(motion.pose),)),
         Entity(
             at.PATH,
-            (rr.LineStrips3D([np.array(state.path)], colors=[(255, 255, 255)], radii=0.08),),
+            (rr.LineStrips3D([np.array(state.path)], colors=[(255, 255, 255)], radii=THIN),),
         ),
         *_view_ties(motion, frame.camera),
     ]
@@ -337,7 +338,7 @@ def active_landmarks(state: ViewState, index: int) -> list[Landmark]:
 def _view_tracks(
     active: list[Landmark], index: int, motion: Motion, camera: Camera, state: ViewState
 ) -> list[Entity]:
-    strips, inks, boxes, labels, rays = [], [], [], [], []
+    strips, inks, faces, labels, rays = [], [], [], [], []
     for landmark in active:
         centre = landmark.best_pose.to_world(landmark.position)
         ink = landmark_color(landmark)
@@ -345,11 +346,10 @@ def _view_tracks(
         strips.append(distort_points(camera, np.array([(v.u_px, v.v_px) for v in until_now])))
         inks.append(ink)
         rays.append(np.stack([motion.pose.centre, centre]))
-        boxes.append(reprojected_box(landmark, motion.pose, camera))
+        faces.append(face_in_image(landmark, motion.pose, camera))
         labels.append(landmark_words(landmark))
-    signs = rr.Boxes2D(
-        array=np.array(boxes).reshape(-1, 4),
-        array_format=rr.Box2DFormat.XYXY,
+    signs = rr.LineStrips2D(
+        faces,
         colors=inks or None,
         labels=labels or None,
         show_labels=False,
@@ -357,7 +357,7 @@ def _view_tracks(
     return [
         Entity(at.TRACKS, (rr.LineStrips2D(strips, colors=inks or None),)),
         Entity(at.REPROJECTED, (signs,)),
-        Entity(at.RAYS, (rr.LineStrips3D(rays, colors=inks or None, radii=0.02),)),
+        Entity(at.RAYS, (rr.LineStrips3D(rays, colors=inks or None, radii=THIN),)),
     ]
 
 

@@ -9,7 +9,13 @@ from wayside.stages.panel.outline import (
     outline_candidates,
 )
 from wayside.stages.panel.outline_edges import gradients_of
-from wayside.stages.panel.outline_shapes import ASPECT, OUTLINE_SHAPES, box_size, segments_of
+from wayside.stages.panel.outline_shapes import (
+    ASPECT,
+    OUTLINE_SHAPES,
+    box_size,
+    face_corners,
+    segments_of,
+)
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 from wayside.stages.panel.registration import (
     PanelMethod,
@@ -30,6 +36,7 @@ __all__ = [
     "PosedImage",
     "RegisteredViews",
     "box_size",
+    "face_corners",
     "gradients_of",
     "outline_candidates",
     "outline_of",

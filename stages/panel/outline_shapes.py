@@ -69,6 +69,15 @@ def _template(shape: str) -> tuple[Array, Array]:
     return begin.reshape(-1, 2), end.reshape(-1, 2)
 
 
+_UPRIGHT = ("diamond", "octagon", "circle", "pentagon")
+"""Shapes that stand one way up, so that their name tells where their corners are."""
+
+
+def face_corners(shape: str | None) -> Array:
+    """Corners (n, 2) of a face in the square -1..1, y down: its outline, or its box where the name tells too little."""
+    return np.array(_CORNERS[shape if shape in _UPRIGHT else "rectangle"], np.float64)
+
+
 OUTLINE_SHAPES = tuple(_CORNERS)
 """Shapes that have a template; triangles point down unless said."""
 _TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}

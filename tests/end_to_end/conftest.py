@@ -37,8 +37,12 @@ RunDemo = Callable[..., Result]
 
 def run_demo_log(folder: Path, *options: str) -> Result:
     """Run the demo log with those options into the folder, in this process, and read the result."""
-    log = str(RECORDINGS / "demo.mcap")
-    status = app(["run", log, "-o", str(folder), *options], standalone_mode=False)
+    return run_log_file(RECORDINGS / "demo.mcap", folder, *options)
+
+
+def run_log_file(log: Path, folder: Path, *options: str) -> Result:
+    """Run a log likewise."""
+    status = app(["run", str(log), "-o", str(folder), *options], standalone_mode=False)
     assert not status
     signs, observations, frames = (
         pq.read_table(folder / f"{name}.parquet").to_pylist()

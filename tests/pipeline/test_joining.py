@@ -10,9 +10,15 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
 
+from wayside.pipeline.bags import readable_log
+from wayside.pipeline.cli import app
+from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.joining import join_logs
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
@@ -88,9 +94,9 @@ def test_a_ros2_bag_directory_becomes_a_log(tmp_path, plugin):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bag", "drive.mcap"]
 
 
-def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
-    first = write_ros2(tmp_path / "bag", range(3), StoragePlugin.MCAP)
-    second = write_ros2(tmp_path / "other", range(3, 5), StoragePlugin.MCAP)
+def write_split(folder, first_indices, second_indices):
+    first = write_ros2(folder / "bag", first_indices, StoragePlugin.MCAP)
+    second = write_ros2(folder / "other", second_indices, StoragePlugin.MCAP)
     (part,) = second.glob("*.mcap")
     part.rename(first / "bag_1.mcap")
     listing = first / "metadata.yaml"
@@ -98,11 +104,80 @@ def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
     content = yaml.safe_load(listing.read_text())
     content["rosbag2_bagfile_information"]["relative_file_paths"] = [name, "bag_1.mcap"]
     listing.write_text(yaml.safe_dump(content))
+    return first
+
+
+def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
+    first = write_split(tmp_path, range(3), range(3, 5))
+    assert_images(first, range(5))
+    report = ScanReport()
+    offsets = [m.offset for m in scan(first, report) if isinstance(m, Message)]
+    assert offsets == sorted(offsets)
+    assert (report.messages, report.messages_stated, report.problem_count) == (15, 15, 0)
+    assert (
+        report.bytes_read
+        == report.bytes_total
+        == sum(p.stat().st_size for p in first.glob("*.mcap"))
+    )
     assert len(join_logs([first], tmp_path / "drive.mcap").parts) == 2
     assert_images(tmp_path / "drive.mcap", range(5))
     (first / "bag_1.mcap").unlink()
     with pytest.raises(InputError, match=r"found no bag_1\.mcap"):
         join_logs([first], tmp_path / "again.mcap")
+
+
+def test_parts_whose_times_interleave_are_read_in_the_order_of_time(tmp_path):
+    assert_images(write_split(tmp_path, (0, 2, 4), (1, 3)), range(5))
+
+
+def test_damage_in_a_part_names_its_file_and_the_other_parts_are_used(tmp_path):
+    bag = write_split(tmp_path, range(3), range(3, 5))
+    part = bag / "bag_1.mcap"
+    part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
+    report = ReadReport()
+    frames = list(read_frames(bag, ReadSettings(spacing_m=8.0), report))
+    assert len(frames) >= 3
+    assert report.problems
+    assert all(str(problem).startswith("bag_1.mcap, at byte") for problem in report.problems)
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "ros1"])
+def test_other_bags_are_joined_once_into_the_cache_and_told(tmp_path, monkeypatch, kind):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    if kind == "ros1":
+        bag = write_ros1(tmp_path / "drive.bag", range(4))
+    else:
+        bag = write_ros2(tmp_path / "drive", range(4), StoragePlugin.SQLITE3)
+    told = []
+    log = readable_log(bag, told.append)
+    assert log.name == "drive.mcap"
+    assert log.is_relative_to(tmp_path / "cache")
+    assert "joined first" in told[0]
+    assert str(log) in told[0]
+    assert_images(log, range(4))
+    made = log.stat().st_mtime_ns
+    assert readable_log(bag, told.append) == log
+    assert log.stat().st_mtime_ns == made
+    assert "made of it before" in told[1]
+
+
+def test_a_bag_of_mcap_is_no_copy_and_has_the_fingerprint_of_its_part(tmp_path):
+    bag = write_ros2(tmp_path / "bag", range(2), StoragePlugin.MCAP)
+    assert readable_log(bag, pytest.fail) == bag
+    (part,) = bag.glob("*.mcap")
+    assert log_fingerprint(bag) == log_fingerprint(part)
+    (bag / "metadata.yaml").unlink()
+    with pytest.raises(InputError, match=r"wanted a ROS 2 bag directory with metadata\.yaml"):
+        list(scan(bag, ScanReport()))
+
+
+def test_the_command_names_the_bag_it_was_given_and_not_the_copy(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    bag = write_ros1(tmp_path / "drive.bag", range(4))
+    done = CliRunner().invoke(app, ["info", str(bag)])
+    assert done.exit_code == 0, done.output
+    assert f"wayside run {bag} -o out --spacing 26.4ft" in done.stdout
+    assert "joined first" in done.stderr
 
 
 def test_ros1_bags_of_one_drive_become_a_log(tmp_path):

@@ -9,7 +9,7 @@ from rich.console import Console
 from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.run import RunResult
-from wayside.pipeline.summary import print_summary
+from wayside.pipeline.summary import print_summary, sign_table
 from wayside.stages.georeference import DrivePath
 
 LATE = "the fixes are 0.200 s behind the images (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
@@ -34,3 +34,37 @@ def test_a_log_without_faults_has_no_notes():
     one = result(())
     one.report.notes.clear()
     assert one.notes == []
+
+
+def row(**change):
+    numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
+    told = {"sign_id": "rosbag2_2026_03_14-0017", "status": "uncertain", "shape": "rectangle"}
+    told |= {"color": "fluorescent_yellow_green", "views": 23, "confidence": 0.4}
+    return told | dict.fromkeys(numbers, -1234.56) | change
+
+
+def test_the_table_of_signs_fits_into_80_columns_and_keeps_numbers_and_names_whole():
+    stream = io.StringIO()
+    console = Console(file=stream, width=80)
+    demo = row(sign_id="demo-0017", color="red", status="sign", shape="octagon")
+    console.print(sign_table([demo], console.width))
+    assert len(stream.getvalue().splitlines()) == 2
+    console.print(sign_table([row(), row()], console.width))
+    said = stream.getvalue()
+    assert max(map(len, said.splitlines())) <= 80
+    assert said.count("-1234.56") == 9
+    assert said.count("(uncertain)") == 2
+    assert "…" not in said
+    wide = io.StringIO()
+    Console(file=wide, width=160).print(sign_table([row()], 160))
+    assert "fluorescent yellow green" in wide.getvalue()
+
+
+def test_shares_of_stages_and_verdicts_of_regions_are_for_who_asks():
+    one = result(())
+    for verbose in (False, True):
+        stream = io.StringIO()
+        print_summary(one, Console(file=stream, width=80), verbose=verbose)
+        said = stream.getvalue()
+        assert "3 images read: 3 used" in said
+        assert ("processor time" in said) == ("no regions" in said) == verbose

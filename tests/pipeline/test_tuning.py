@@ -7,6 +7,7 @@ import gc
 from numba import njit
 
 from wayside.pipeline.progress import COMPILING, FrameProgress
+from wayside.pipeline.run import Run
 from wayside.pipeline.tuning import keep_heap, watched_compilation
 
 
@@ -34,7 +35,7 @@ def test_outside_of_the_block_nothing_is_told() -> None:
 
 
 def test_the_progress_line_says_that_kernels_are_compiled() -> None:
-    with FrameProgress("drive.mcap", 1) as progress, watched_compilation(progress.compiling):
+    with FrameProgress("drive.mcap", Run()) as progress, watched_compilation(progress.compiling):
         shown: list[str] = []
 
         def note(x: int) -> int:

@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app, main
 from wayside.pipeline.progress import FrameProgress
+from wayside.pipeline.run import Run
 from wayside.pipeline.summary import plain, sign_table
-from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.pipeline.visible_text import fitted, visible, visible_lines
 
 NASTY = "/cam\x1b]0;owned\x07[/bold][red]\u202e\nforged: line\udcff"
 
@@ -38,7 +39,7 @@ def test_markup_and_commands_to_the_terminal_are_shown_as_text():
 
 
 def test_a_log_whose_name_is_markup_has_a_progress_bar_and_a_table_of_signs():
-    with FrameProgress("[/bold]\x1b[2J.mcap", 10) as progress:
+    with FrameProgress("[/bold]\x1b[2J.mcap", Run()) as progress:
         assert "\x1b" not in progress.description
     numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
     row = dict.fromkeys(numbers, 1.0) | {
@@ -137,3 +138,12 @@ def test_thousands_of_cameras_are_named_by_a_handful():
     words = describe_cameras(cameras)
     assert len(words) < 1000
     assert "and 2994 more" in words
+
+
+def test_lines_are_broken_for_the_terminal_and_commands_stay_whole(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    command = "  can be used: wayside run /a/rather/long/way/to/a/drive.mcap -o out"
+    shown = fitted(f"  note: {'word ' * 20}\n{command}\nshort").splitlines()
+    assert shown[-2:] == [command, "short"]
+    assert max(map(len, shown[:-2])) <= 40
+    assert all(line.startswith("      word") for line in shown[1:-2])

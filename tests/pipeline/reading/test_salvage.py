@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
 from wayside.pipeline.reading.chunks import ChunkHead
+from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import Message, messages_at, scan
 from wayside.pipeline.reading.salvage import front_of_lz4_block, unpack_front
 from wayside.pipeline.reading.scan_report import ScanReport
@@ -239,7 +240,9 @@ def test_the_messages_of_any_record_can_be_read_again(tmp_path, options):
     found = [m for m in scan(path, ScanReport()) if isinstance(m, Message)]
     channels = [m.channel for m in found]
     again = [
-        m for at in dict.fromkeys(m.offset for m in found) for m in messages_at(path, at, channels)
+        m
+        for at in dict.fromkeys(m.offset for m in found)
+        for m in messages_at(log_parts(path), at, channels)
     ]
     assert [(m.sequence, bytes(m.data)) for m in again] == [
         (m.sequence, bytes(m.data)) for m in found

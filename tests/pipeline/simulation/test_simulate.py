@@ -11,9 +11,10 @@ from wayside.pipeline.simulation.simulate import (
     check,
     focal_of_view,
     format_simulation,
-    format_sweep,
     reaches,
     simulate,
+    sweep_conclusion,
+    sweep_row,
 )
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
@@ -98,7 +99,10 @@ def test_the_mount_is_learnt_from_the_drive():
 
 
 def test_the_same_survey_gives_the_same_figures_and_another_seed_others():
-    first, again, other = (simulate(s) for s in (SMALL, SMALL, replace(SMALL, seed=4)))
+    told = []
+    first, again = simulate(SMALL), simulate(SMALL, lambda done, total: told.append((done, total)))
+    other = simulate(replace(SMALL, seed=4))
+    assert told == [(k + 1, len(told)) for k in range(len(told))]
     np.testing.assert_array_equal(first.error, again.error)
     assert not np.array_equal(first.error, other.error)
 
@@ -118,8 +122,9 @@ def test_a_target_counts_signs_that_were_not_found():
     assert reaches(one, 1.0)
     assert not reaches(replace(one, wanted=2 * one.wanted), 1.0)
     assert not reaches(one, 0.001)
-    assert "reached" in format_sweep([one], 1.0)
-    assert "none of these" in format_sweep([one], 0.001)
+    assert sweep_row(one, 1.0).endswith("reached")
+    assert "widest" in sweep_conclusion([one], 1.0)
+    assert "none of these" in sweep_conclusion([one], 0.001)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+import rerun as rr
 
 from wayside.pipeline.cli_viewing import parse_rate
 from wayside.pipeline.view import viewer
@@ -80,6 +81,15 @@ def test_layouts_are_written_as_files(tmp_path):
         path = tmp_path / f"{name}.rbl"
         layout.save("wayside", str(path))
         assert path.stat().st_size > 1000
+        reader = rr.chunk.RrdReader(str(path))
+        stated = {
+            name
+            for chunk in reader.stream(store=reader.blueprints()[0])
+            for name in chunk.to_record_batch().schema.names
+        }
+        assert "Background:color" in stated
+        assert "PlotLegend:visible" in stated
+        assert ("TextLogColumns:text_log_columns" in stated) == (name == "drive")
 
 
 def has_vulkan():

@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import json
 import pkgutil
 import subprocess
 import sys
@@ -18,14 +19,19 @@ import rerun as rr
 
 import wayside.stages
 from wayside.pipeline.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.view.blueprint import GROUND
 from wayside.pipeline.view.candidates import candidate_words
-from wayside.pipeline.view.landmarks import rejection
+from wayside.pipeline.view.chains import sign_name
+from wayside.pipeline.view.landmarks import GREY, face_in_image, rejection
 from wayside.pipeline.view.outlines import CURVES
 from wayside.pipeline.view.sinks import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
 from wayside.pipeline.view.views import (
+    AFTER,
+    BEFORE,
     LAST_STAGE,
     VIEWS,
     NoViewError,
@@ -33,10 +39,11 @@ from wayside.pipeline.view.views import (
     entities_of,
 )
 from wayside.pipeline.writing import PART
-from wayside.schemas.detections import Candidates, Regions
+from wayside.schemas.detections import COLOR_RGB, Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
+from wayside.schemas.settings import ReadSettings
 from wayside.schemas.signs import Sign
 from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
@@ -300,11 +307,36 @@ def test_each_sign_has_its_chain(rows, recorded):
         assert rows[f"/world/vehicle/camera/chains/{name}/measured"] >= len(place.views)
 
 
-def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided():
-    camera = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
-    frame = Frame(4, 10, None, "used", "jpeg", b"", camera)
+def test_signs_are_named_in_space_all_at_once_and_those_in_view_of_each_frame(chunks, recorded):
+    rows = recorded.inventory.sign_rows
+    names = [sign_name(row) for row in rows]
+    assert names[0].startswith("0001 ")
+    (everything,) = column(chunks, "/world/names/all", "Points3D:labels")
+    assert everything == names
+    (batch,) = [
+        c.to_record_batch()
+        for c in chunks
+        if c.entity_path == "/world/names/in_view" and not c.is_static
+    ]
+    labels = dict(
+        zip(
+            batch.column("frame").to_pylist(),
+            batch.column("Points3D:labels").to_pylist(),
+            strict=True,
+        )
+    )
+    assert list(labels) == list(range(FRAMES))
+    for name, row in zip(names, rows, strict=True):
+        assert name in labels[row["best_frame"]]
+        assert all(name not in labels[f] for f in range(row["first_frame"]))
+
+
+AHEAD = np.array([2.0, -1.0, 20.0])
+
+
+def refused_place():
     pose = Pose(np.eye(3), np.zeros(3))
-    place = Landmark(
+    return Landmark(
         track_id=7,
         views=(Observation(4, 0, 900.0, 500.0, (890.0, 490.0, 910.0, 510.0), 0.3),),
         position=np.array([24.2, -1.6, 40.0]),
@@ -330,6 +362,78 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
         residual_px=0.6,
         verdict="location",
     )
+
+
+def test_the_face_drawn_into_the_best_image_lies_on_the_true_face(recorded):
+    camera = next(read_frames(DEMO, ReadSettings(), ReadReport())).camera
+    truth = json.loads(DEMO.with_name("demo.truth.json").read_text())
+    rows = recorded.inventory.sign_rows
+    shares = []
+    for row, sign in zip(rows, recorded.inventory.signs, strict=True):
+        landmark = sign.landmark
+        face = face_in_image(landmark, landmark.best_pose, camera) - 0.5
+        seen = [f for s in truth["signs"] for f in s["frames"] if f["frame"] == row["best_frame"]]
+        if row["status"] == "sign":
+            shares.append(max(overlap(face, np.reshape(f["box"], (2, 2))) for f in seen))
+    assert len(shares) >= 8
+    assert min(shares) > 0.75
+    assert np.median(shares) > 0.9
+
+
+def overlap(points, box):
+    """Intersection over union of the box round points and a box, by their corners."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    shared = np.maximum(np.minimum(high, box[1]) - np.maximum(low, box[0]), 0).prod()
+    return shared / ((high - low).prod() + (box[1] - box[0]).prod() - shared)
+
+
+@pytest.mark.parametrize("facing", [0.0, 30.0])
+def test_a_face_in_an_image_has_its_corners_where_a_pinhole_has_them(facing):
+    place = replace(
+        refused_place(),
+        shape="diamond",
+        width_m=2.0,
+        height_m=1.0,
+        facing_deg=facing,
+        position=AHEAD,
+    )
+    camera = Camera(1600, 1200, 1400.0, 1300.0, 799.5, 599.5)
+    found = face_in_image(place, Pose(np.eye(3), np.zeros(3)), camera)
+    axis = np.array([np.cos(np.radians(facing)), 0.0, -np.sin(np.radians(facing))])
+    up = np.array([0.0, -0.5, 0.0])
+    corners = AHEAD + np.array([up, axis, -up, -axis, up])
+    expected = corners[:, :2] / corners[:, 2:] * (1400.0, 1300.0) + (799.5, 599.5) + 0.5
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert len(face_in_image(place, Pose(np.eye(3), np.array([0.0, 0.0, 21.0])), camera)) == 0
+
+
+def luminance(rgb):
+    """Relative luminance of sRGB, WCAG 2.2."""
+    c = np.array(rgb) / 255
+    return float(
+        np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
+    )
+
+
+def contrast(a, b):
+    dark, light = sorted((luminance(a), luminance(b)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def test_everything_stands_out_from_its_ground_by_three_to_one():
+    """WCAG 2.2, 1.4.11: spaces have a ground of their own, plots that of the viewer's light or dark theme."""
+    for ink in (*COLOR_RGB.values(), GREY, (255, 255, 255), BEFORE, AFTER):
+        assert contrast(ink, GROUND) > 3, ink
+    for ink in (BEFORE, AFTER):
+        assert contrast(ink, (255, 255, 255)) > 3
+        assert contrast(ink, (20, 20, 20)) > 3
+
+
+def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided():
+    camera = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+    frame = Frame(4, 10, None, "used", "jpeg", b"", camera)
+    pose = Pose(np.eye(3), np.zeros(3))
+    place = refused_place()
     motion = Motion(pose, None, None, "start", 0.0, 0.0, None, 0.1, 0.1, False, 0, 2.0)
     settled = TrackedFrame(
         frame,

@@ -1,0 +1,219 @@
+"""Logs whose images are H.264 video, encoded by PyAV, beside the same images as they were."""
+
+import sys
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from mcap.reader import make_reader
+from mcap.writer import Writer as McapWriter
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.writer import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.h264 import read_stream
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import ReadSettings
+
+from .conftest import RECORDINGS, Result, run_log_file
+
+av = pytest.importorskip("av", reason="no PyAV: pip install 'wayside[video]'")
+
+START, STEP, WIDTH, HEIGHT, GROUP = 1_700_000_000 * 10**9, 10**8, 162, 122, 6
+WITHOUT_B = {"bf": "0", "g": str(GROUP), "preset": "ultrafast"}
+
+
+def images(count, width=WIDTH, height=HEIGHT):
+    """Images of a texture that passes."""
+    noise = np.random.default_rng(5).integers(0, 256, (height, width + 3 * count, 3), np.uint8)
+    smooth = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3), None, 0, 255, cv2.NORM_MINMAX)
+    return [np.ascontiguousarray(smooth[:, 3 * k : 3 * k + width]) for k in range(count)]
+
+
+def encode(pictures, options, quality="12"):
+    """Packets of H.264 in the order in which they are decoded."""
+    context = av.CodecContext.create("libx264", "w")
+    context.height, context.width = pictures[0].shape[:2]
+    context.pix_fmt, context.time_base = "yuv420p", Fraction(1, 10)
+    context.options = {"crf": quality, **options}
+    packets = []
+    for number, rgb in enumerate(pictures):
+        frame = av.VideoFrame.from_ndarray(rgb, format="rgb24")
+        frame.pts = number
+        packets += context.encode(frame)
+    return [bytes(packet) for packet in (*packets, *context.encode(None))]
+
+
+def video_message(data, time_ns, kind="h264"):
+    message = CompressedVideo(frame_id="camera", data=data, format=kind)
+    message.timestamp.FromNanoseconds(time_ns)
+    return message
+
+
+def write_log(path, packets, kind="h264", missing=(), size=(WIDTH, HEIGHT)):
+    """A log of the packets that are not missing."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        camera = CameraCalibration(width=size[0], height=size[1], distortion_model="plumb_bob")
+        camera.K.extend([200.0, 0, 80, 0, 200.0, 60, 0, 0, 1])
+        writer.write_message("/calibration", camera, START, START)
+        for number, data in enumerate(packets):
+            if number not in missing:
+                time_ns = START + number * STEP
+                message = video_message(data, time_ns, kind)
+                writer.write_message("/camera", message, time_ns, time_ns)
+        writer.finish()
+    return path
+
+
+def read(path, **settings):
+    report = ReadReport()
+    return list(read_frames(path, ReadSettings(spacing_m=5.0, **settings), report)), report
+
+
+def pixels(frame):
+    return np.frombuffer(frame.data, np.uint8).reshape(frame.height, frame.width, 3)
+
+
+def assert_alike(frame, rgb):
+    assert frame.encoding == "rgb8"
+    assert np.abs(pixels(frame).astype(int) - rgb).mean() < 6
+
+
+@pytest.mark.parametrize("profile", ["baseline", "main", "high", "high444"])
+def test_every_picture_of_a_video_is_decoded_in_order_with_its_size(tmp_path, profile):
+    shown = images(10)
+    log = write_log(tmp_path / "a.mcap", encode(shown, WITHOUT_B | {"profile": profile}))
+    frames, report = read(log)
+    assert [f.status for f in frames] == ["used"] * 10
+    assert [f.header_time_ns for f in frames] == [START + k * STEP for k in range(10)]
+    for frame, rgb in zip(frames, shown, strict=True):
+        assert_alike(frame, rgb)
+    assert report.notes == []
+    words = format_information(describe_log(log))
+    assert f"10 images, {WIDTH} x {HEIGHT}, h264" in words
+
+
+def test_the_type_of_ros_says_the_same(tmp_path):
+    name = "foxglove_msgs/msg/CompressedVideo"
+    text = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(text, name))
+    shown = images(3)
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema(name, "ros2msg", text.encode())
+        channel = writer.register_channel("/camera", "cdr", schema)
+        for number, data in enumerate(encode(shown, WITHOUT_B)):
+            time = START + number * STEP
+            stamp = store.types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
+            array = np.frombuffer(data, np.uint8)
+            message = store.types[name](stamp, "camera", array, "h264")
+            writer.add_message(channel, time, store.serialize_cdr(message, name), time)
+        writer.finish()
+    (tmp_path / "camera.yaml").write_text(
+        f"image_width: {WIDTH}\nimage_height: {HEIGHT}\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [200, 0, 80, 0, 200, 60, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
+    )
+    frames, _ = read(tmp_path / "a.mcap", calibration=str(tmp_path / "camera.yaml"))
+    assert [f.header_time_ns for f in frames] == [START + k * STEP for k in range(3)]
+    for frame, rgb in zip(frames, shown, strict=True):
+        assert_alike(frame, rgb)
+
+
+def test_nothing_is_shown_before_the_first_key_frame_and_that_is_counted(tmp_path):
+    log = write_log(tmp_path / "a.mcap", encode(images(14), WITHOUT_B), missing=range(2))
+    frames, report = read(log)
+    waited = GROUP - 2
+    assert [f.status for f in frames] == ["no_key_frame"] * waited + ["used"] * (12 - waited)
+    assert report.statuses["no_key_frame"] == waited
+    assert any("key frame" in note and f": {waited} " in note for note in report.notes)
+    assert frames[waited + 1].spacing_m == 5.0
+
+
+@pytest.mark.parametrize("lost", [1, 3, GROUP + 1])
+def test_behind_a_missing_picture_nothing_is_shown_up_to_the_next_key_frame(tmp_path, lost):
+    """A decoder goes on without a word; the pictures that it makes are wrong."""
+    shown = images(3 * GROUP)
+    log = write_log(tmp_path / "a.mcap", encode(shown, WITHOUT_B), missing=[lost])
+    frames, _ = read(log)
+    numbers = [n for n in range(3 * GROUP) if n != lost]
+    following = range(lost, (lost // GROUP + 1) * GROUP)
+    for number, frame in zip(numbers, frames, strict=True):
+        if number in following:
+            assert frame.status == "no_key_frame"
+        else:
+            assert_alike(frame, shown[number])
+
+
+def test_b_pictures_are_refused_with_what_to_do(tmp_path):
+    packets = encode(images(12), {"bf": "2", "g": "12", "b-adapt": "0"})
+    with pytest.raises(InputError, match="bframes=0"):
+        read(write_log(tmp_path / "a.mcap", packets))
+
+
+def test_another_format_is_named(tmp_path):
+    log = write_log(tmp_path / "a.mcap", encode(images(2), WITHOUT_B), kind="h265")
+    with pytest.raises(InputError, match=r"video of the format 'h265'; h264 is understood"):
+        read(log)
+
+
+def test_without_pyav_the_log_is_described_and_what_to_install_is_said(tmp_path, monkeypatch):
+    log = write_log(tmp_path / "a.mcap", encode(images(2), WITHOUT_B))
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(InputError, match=r"pip install 'wayside\[video\]'"):
+        read(log)
+    assert "wayside[video]" in format_information(describe_log(log))
+
+
+@pytest.mark.parametrize("cut", range(1, 30, 3))
+def test_headers_that_are_cut_are_refused_or_read_and_never_an_accident(cut):
+    packet = encode(images(1), WITHOUT_B)[0]
+    try:
+        sequence, _ = read_stream(packet[:cut], None)
+    except ValueError:
+        return
+    assert sequence is None or sequence[:2] == (WIDTH, HEIGHT)
+
+
+def signs_of(result: Result):
+    return {(r["color"], r["shape"]): r for r in result.signs if r["status"] == "sign"}
+
+
+@pytest.mark.slow
+def test_the_demo_drive_as_video_gives_its_signs(tmp_path, default_demo):
+    video = tmp_path / "demo.mcap"
+    pictures, others, times = [], [], []
+    with (RECORDINGS / "demo.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, content in reader.iter_decoded_messages():
+            if schema.name == "foxglove.CompressedImage":
+                coded = np.frombuffer(content.data, np.uint8)
+                bgr = cv2.imdecode(coded, cv2.IMREAD_COLOR)
+                pictures.append(np.ascontiguousarray(bgr[:, :, ::-1]))
+                times.append((channel.topic, content.timestamp, message.log_time))
+            else:
+                others.append((channel.topic, content, message.log_time))
+    packets = encode(pictures, WITHOUT_B, quality="20")
+    with video.open("wb") as stream:
+        writer = Writer(stream)
+        for topic, content, log_time in others:
+            writer.write_message(topic, content, log_time, log_time)
+        for (topic, stamp, log_time), data in zip(times, packets, strict=True):
+            message = video_message(data, stamp.seconds * 10**9 + stamp.nanos)
+            writer.write_message(topic, message, log_time, log_time)
+        writer.finish()
+    found, wanted = signs_of(run_log_file(video, tmp_path / "out")), signs_of(default_demo)
+    assert len(wanted) >= 8
+    assert len(set(wanted) - set(found)) <= 1
+    assert len(set(found) - set(wanted)) <= 1
+    for key in set(found) & set(wanted):
+        a, b = found[key], wanted[key]
+        assert np.hypot(a["x"] - b["x"], a["y"] - b["y"]) < 0.5, key

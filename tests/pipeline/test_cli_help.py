@@ -1,0 +1,79 @@
+"""The command line as it explains itself: help, completion, statuses; and without Rerun."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from wayside.pipeline import cli
+
+COMMANDS = sorted(get_command(cli.app).commands)
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help_has_a_short_name_and_fits_into_80_columns(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    words = [] if command is None else [command]
+    done = CliRunner().invoke(cli.app, [*words, "-h"])
+    assert done.exit_code == 0
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    if command in (None, "run"):
+        said = " ".join(done.stdout.split())
+        for status in ("0 done", "1 a fault", "2 wrong", "3 the input", "4 done, but", "130 "):
+            assert status in said
+    if command is None:
+        assert "--install-completion" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["--debug", "info", "none.mcap"],
+        ["info", "--debug", "none.mcap"],
+        ["info", "none.mcap", "--debug"],
+    ],
+)
+def test_debug_may_stand_anywhere(line, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["wayside", *line])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    said = capsys.readouterr().err
+    assert end.value.code == 3
+    assert "Traceback" in said
+    assert "none.mcap: wanted a log to read" in said
+
+
+def python(code, *words, **env):
+    return subprocess.run(
+        [sys.executable, "-c", code, *words],
+        env=os.environ | env,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def test_a_shell_completes_commands():
+    code = "import sys; sys.argv[0] = 'wayside'; from wayside.pipeline.cli import main; main()"
+    asked = {"_WAYSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "wayside ev", "COMP_CWORD": "1"}
+    done = python(code, **asked)
+    assert done.stdout.split() == ["evaluate", "evidence"]
+
+
+def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
+    code = (
+        "import sys; sys.modules['rerun'] = None\n"
+        "import wayside.pipeline.run, wayside.pipeline.summary, wayside.pipeline.evidence.write\n"
+        "import wayside.pipeline.evaluate, wayside.pipeline.labelling.page, wayside.pipeline.fitting.command\n"
+        "import wayside.pipeline.importing, wayside.pipeline.joining, wayside.pipeline.simulation.simulate\n"
+        "from wayside.pipeline.cli import main; main()"
+    )
+    done = python(code, "view", str(tmp_path))
+    assert done.returncode == 2, done.stderr
+    assert "pip install 'rerun-sdk" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,74 @@
+"""What a terminal shows of work under way, and what a pipe does not."""
+
+import io
+import re
+import sys
+import time
+
+import pytest
+
+from wayside.pipeline.progress import COMPILING, FrameProgress
+from wayside.pipeline.run import Run
+
+NAME = "rosbag2_2026_03_14-15_09_26_front_camera.mcap"
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Make standard error a terminal of 80 columns; what is written to it."""
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def become() -> io.StringIO:
+        screen = io.StringIO()
+        monkeypatch.setattr(sys, "stderr", screen)
+        return screen
+
+    return become
+
+
+def last_line(screen):
+    lines = re.split(r"[\r\n]", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", screen.getvalue()))
+    return [line for line in lines if line.strip()][-1]
+
+
+def test_the_bar_counts_images_looked_at_and_settled_and_fits_into_80_columns(terminal):
+    screen, run = terminal(), Run()
+    with FrameProgress(NAME, run) as progress:
+        run.report.images_held = 120_000
+        run.counts.looked_at, run.counts.settled = 100_500, 100_321
+        progress._bar.refresh()
+        line = last_line(screen)
+    assert "100500 looked at, 100321 of 120000 settled" in line
+    assert line.startswith("rosbag2")
+    assert len(line) <= 80
+
+
+def test_time_is_left_while_images_are_looked_at_and_not_settled(terminal):
+    """All of a short log is read long before half of it is settled."""
+    screen, run = terminal(), Run()
+    with FrameProgress("a.mcap", run) as progress:
+        run.report.images_held, run.report.bytes_read, run.report.bytes_total = 20, 9, 9
+        for _ in range(4):
+            run.counts.looked_at += 5
+            progress._bar.refresh()
+            time.sleep(0.02)
+        task = progress._bar.tasks[0]
+        assert task.percentage == 50
+        assert task.time_remaining > 0
+        run.counts.settled = 20
+        progress._bar.refresh()
+        assert task.finished
+        assert "left" not in last_line(screen)
+
+
+def test_where_no_bar_is_shown_compilation_is_told_once_and_nothing_else(monkeypatch):
+    screen = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.delenv("TTY_COMPATIBLE", raising=False)
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    with FrameProgress("a.mcap", Run()) as progress:
+        for active in (True, False, True, False):
+            progress.compiling(active)
+    assert screen.getvalue() == f"wayside: {COMPILING}, takes about a minute\n"
