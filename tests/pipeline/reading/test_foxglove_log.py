@@ -1,7 +1,6 @@
 """The log for Foxglove: read by the stock reader beside the drive that it belongs to."""
 
 import json
-import subprocess
 import sys
 
 import numpy as np
@@ -16,7 +15,7 @@ from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.reviewing.review import NO_REVIEW
 from wayside.pipeline.settings_file import load_settings, settings_values
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 AHEAD = [0.5, -0.5, 0.5, -0.5]
@@ -176,11 +175,10 @@ def test_observations_of_a_frame_that_is_not_there_are_refused(new_log, tmp_path
         export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
 
 
-def test_without_the_package_the_way_to_install_it_is_told():
-    code = (
-        "import sys; sys.modules['foxglove_schemas_protobuf.Color_pb2'] = None\n"
-        "import wayside.pipeline.exporting.export\n"
-        "import wayside.pipeline.exporting.foxglove_log"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "wayside[foxglove]" in done.stderr.splitlines()[-1]
+def test_without_the_package_the_way_to_install_it_is_told(new_log, tmp_path, monkeypatch):
+    out = write_result(tmp_path / "out", drive(new_log, "poses"), "log")
+    monkeypatch.setitem(sys.modules, "foxglove_schemas_protobuf.Color_pb2", None)
+    monkeypatch.delitem(sys.modules, "wayside.pipeline.exporting.foxglove_log", raising=False)
+    with pytest.raises(UsageError, match=r"wayside\[foxglove\]"):
+        export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
+    assert not (tmp_path / "signs.mcap").exists()
