@@ -190,16 +190,31 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> Convo
         loss.backward()
         descent.step()
         rate.step()
-    filters, biases = folded_filters(body)
-    hidden, output = (
-        [np.array(t.detach().numpy(), np.float32, order="C") for t in (one.weight.T, one.bias)]
+    weights, biases = folded_filters(body)
+    hidden, hidden_bias, output, output_bias = (
+        np.array(tensor.detach().numpy(), np.float32, order="C")
         for one in (head[0], head[3])
+        for tensor in (one.weight.T, one.bias)
     )
     none = np.zeros(0, np.float32)
     return ConvolutionModel(
-        (), PATCH_SIDE, 0.0, 0.0, 1.0, filters, biases, POOLED, none, none, *hidden, *output, "",
-        tuple(map(str, classes)),
-    )  # fmt: skip
+        features=(),
+        side=PATCH_SIDE,
+        tree_threshold=0.0,
+        tree_weight=0.0,
+        feature_limit=1.0,
+        filters=weights,
+        biases=biases,
+        pooled=POOLED,
+        mean=none,
+        scale=none,
+        hidden=hidden,
+        hidden_bias=hidden_bias,
+        output=output,
+        output_bias=output_bias,
+        provenance="",
+        classes=tuple(map(str, classes)),
+    )
 
 
 def at_temperature(
@@ -247,7 +262,7 @@ def _shrunk(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     weighted = rgba.astype(np.float32)
     weighted[..., :3] *= weighted[..., 3:] / 255
     small = np.asarray(
-        cv2.resize(weighted, (0, 0), fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        cv2.resize(weighted, (0, 0), fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.float32
     )
     small[..., :3] *= 255 / np.maximum(small[..., 3:], 1)
     return np.clip(np.rint(small), 0, 255).astype(np.uint8)
