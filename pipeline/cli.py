@@ -372,13 +372,12 @@ app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 
 def main() -> None:
     """The command line; every error ends here with its words and exit status."""
-    words = sys.argv[1:]
-    debug = "--debug" in words
-    words = [word for word in words if word != "--debug"]
+    debug = "--debug" in sys.argv[1:]
+    line = [word for word in sys.argv[1:] if word != "--debug"]
     open_standard_streams()
     interrupt_on_signals()
     try:
-        result = app(words, standalone_mode=False)
+        result = app(line, standalone_mode=False)
         status = result if isinstance(result, int) else 0
         if status == INTERRUPTED:  # what the parser makes of Ctrl-C
             raise InterruptionError("interrupted")

@@ -105,8 +105,9 @@ class FrameProgress(_Shown):
         super().__init__(TextColumn(counts), _TimeLeft(), refresh=self._refresh)
         self._run = run
         label = escape(_shortened(visible(label)))
-        start = {"looked_at": 0, "settled": 0, "held": "?"}
-        self._task = self._bar.add_task(label, total=None, label=label, **start)
+        self._task = self._bar.add_task(
+            label, total=None, label=label, looked_at=0, settled=0, held="?"
+        )
 
     def _refresh(self) -> None:
         """An image is half done when it was looked at: only both counts together rise evenly."""

@@ -65,7 +65,7 @@ class VideoDecoder:
         if head.referred:
             self._reference = head.number
         height, width, _ = pixels.shape
-        rows = memoryview(pixels.reshape(-1)).cast("B")
+        rows = pixels.reshape(-1).data
         return USED, ImageContent(image.time_ns, image.frame_id, "rgb8", rows, width, height)
 
     def notes(self) -> list[str]:
