@@ -196,7 +196,8 @@ class Flow:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
         # scores of another detector are no probabilities: what its least score let through is a sign
-        confidence = s.locate.confidence if self.models.external is None else 0.0
+        external = self.models.external is not None
+        confidence = 0.0 if external else self.models.sign_confidence(s.locate.confidence)
         placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
         return self.drive_stage("signs", placed)
 

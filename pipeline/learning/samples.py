@@ -17,7 +17,7 @@ from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, 
 from wayside.schemas.detections import Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Image
-from wayside.schemas.settings import Settings
+from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.detection import (
     SIDE,
     box_feature_names,
@@ -41,6 +41,12 @@ TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
 which a box that shows a second face as well is no example rather than a bad one."""
 
 OFF, ON, NEITHER = 0, 1, -1
+
+ANY_SPACING_M = 8.0
+"""Distance between the images of logs without poses, where no position is learned from it: about that of the report."""
+
+LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=ANY_SPACING_M)
+"""Every image."""
 
 SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
 """Signs of which an image shows the front (or the back), each with its view there (box, visible fraction)."""
