@@ -69,7 +69,11 @@ class Flow:
     observer: Observer | None = None
     journal: Journal | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
-    calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
+    calibration: CalibrationWatch = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Watch the calibration by its settings."""
+        object.__setattr__(self, "calibration", CalibrationWatch(self.settings.calibration))
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""

@@ -6,6 +6,7 @@ and `REPORT_SHAPE`.
 """
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.georeference import GeoreferenceSettings
@@ -43,6 +44,7 @@ __all__ = [
     "AdjustmentSettings",
     "AssemblySettings",
     "AssociationSettings",
+    "BoardSettings",
     "CandidateSettings",
     "FeatureSettings",
     "GateSettings",
@@ -61,6 +63,7 @@ __all__ = [
     "ReportSettings",
     "RunSettings",
     "SegmentSettings",
+    "SelfCalibrationSettings",
     "Settings",
     "SiftSettings",
     "TieSettings",

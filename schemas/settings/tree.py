@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.landmark import (
@@ -63,6 +64,8 @@ class Settings:
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
+    boards: BoardSettings = field(default_factory=BoardSettings)
+    calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
 
     @property
     def mapping(self) -> MappingSettings:

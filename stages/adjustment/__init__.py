@@ -12,7 +12,7 @@ from wayside.stages.adjustment.residuals import (
     constraint_jacobian,
     constraint_residuals,
 )
-from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks
+from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, translation_px
 
 __all__ = [
     "QUADRATIC",
@@ -26,4 +26,5 @@ __all__ = [
     "correlated_sigma_px",
     "link_tracks",
     "select_tracks",
+    "translation_px",
 ]
