@@ -9,7 +9,7 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 from scipy.special import expit, logit
@@ -251,20 +251,21 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
 
 def _retraded(models: Models, settings: Settings) -> Models:
     """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
-    alpha, traded, lacking = settings.models.alpha, models, []
+    alpha, lacking = settings.models.alpha, []
+    traded: dict[str, Any] = {}
     for name, field in _gates(models, settings).items():
         gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, field)
         try:
-            traded = replace(traded, **{field: gate.at_alpha(alpha)})
+            traded[field] = gate.at_alpha(alpha)
         except ValueError as error:
             lacking.append(f"{name}: {error}")
-    if lacking or traded is models:
+    if lacking or not traded:
         raise InputError(
             f"models.alpha: wanted a false-alarm rate that every gate of the run has a threshold for: "
             f"{'; '.join(lacking) or 'found no gate, since a detector of another kind decides'}; take a larger rate, "
             "learn these models again, or leave the rate out"
         )
-    return traded
+    return replace(models, **traded)
 
 
 def _gates(models: Models, settings: Settings) -> dict[str, str]:
