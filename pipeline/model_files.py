@@ -251,12 +251,12 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
 
 def _retraded(models: Models, settings: Settings) -> Models:
     """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
-    alpha, lacking = settings.models.alpha, []
+    lacking: list[str] = []
     traded: dict[str, Any] = {}
     for name, field in _gates(models, settings).items():
         gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, field)
         try:
-            traded[field] = gate.at_alpha(alpha)
+            traded[field] = gate.at_alpha(settings.models.alpha)
         except ValueError as error:
             lacking.append(f"{name}: {error}")
     if lacking or not traded:

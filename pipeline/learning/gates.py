@@ -38,14 +38,11 @@ OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
 
 CHAINS = (
-    ("report-shape", (), ("shape.json",)),
-    *(
-        ("report-2d", (f"report.trajectory={form}",), (name,))
-        for form, name in TRAJECTORY_FILES.items()
-    ),
-    ("report", (), ("color_rgb.json", REPORT_LOCATION, KANSAS)),
+    ("report-shape", (), ("shape",)),
+    *(("report-2d", (f"report.trajectory={form}",), ("trajectory",)) for form in TRAJECTORY_FILES),
+    ("report", (), ("color", "location")),
 )
-"""Preset, settings besides, and the files whose gates are asked there about what really reaches them."""
+"""Preset, settings besides, and the gates that are asked there about what really reaches them."""
 
 FEWEST = 5
 """A component of fewer signs is not learned."""
@@ -165,8 +162,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             gather_samples(log, read_labels(log.with_suffix(".truth.json")), settings, models)
             for log in given.logs
         ]
-        found = learn_gates(join_drives(drives), models)
-        learned |= {name: found[name] for name in wanted if name in found}
+        asked = {name: own for name, own in join_drives(drives).items() if name in wanted}
+        learned |= learn_gates(asked, models)
     for name, model in learned.items():
         write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0

@@ -189,7 +189,7 @@ def learn_landmark_classifier(
         threshold=accept,
         provenance=provenance,
         threshold_rule=f"alpha {false_alarm:g}: log odds of 0 {DECISION_RULE}",
-        threshold_interval=decision.intervals[0],
+        threshold_interval=decision.intervals[0] if decision.intervals else None,
         curve=points,
     )
 

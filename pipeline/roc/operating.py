@@ -35,7 +35,6 @@ DRAWS = 100
 
 JOINT_RULE = "knee of the ROC of all components together: " + KNEE_RULE.partition(": ")[2]
 
-
 GATE_RULE = (
     "knee of the ROC of the gate, its classes of one false positive rate: "
     + KNEE_RULE.partition(": ")[2]
@@ -52,7 +51,8 @@ def with_learned_thresholds(
     Parameters
     ----------
     model
-        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule.
+        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule; with one knee it
+        gets the false positive rate of the others.
     samples
         What the classifier was asked about on labelled drives; the intervals resample the drives, or the stretches of a
         single one.
