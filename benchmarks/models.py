@@ -1,4 +1,4 @@
-"""What the classifiers of the report do on drives that their thresholds were not learned from: writes models.md.
+"""What the classifiers do on drives that their thresholds were not learned from: writes models.md.
 
     .venv/bin/python benchmarks/models.py DRIVE.mcap ... [--spacing]
 
@@ -12,8 +12,9 @@ import argparse
 import json
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,9 @@ from numpy.typing import NDArray
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.gates import KANSAS, learn_gates
 from wayside.pipeline.learning.samples import ON
-from wayside.pipeline.model_files import REPORT_LOCATION, load_models
-from wayside.pipeline.roc.command import characteristics
+from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, load_models
+from wayside.pipeline.roc.command import characteristics, format_characteristics
 from wayside.pipeline.roc.curves import RocCurve
-from wayside.pipeline.roc.operating import with_learned_thresholds
 from wayside.pipeline.roc.questions import ALL
 from wayside.pipeline.roc.samples import (
     NO_CLASS,
@@ -39,14 +39,27 @@ ROOT = Path(__file__).resolve().parents[1]
 KEPT, PAGE = ROOT / ".cache" / "models", ROOT / "benchmarks" / "models.md"
 FILES = {
     "color": "color_rgb.json",
-    "shape (at the knee)": "shape.json",
+    "shape": "shape.json",
     "location": REPORT_LOCATION,
     "location (report-kansas)": KANSAS,
 }
+ELSEWHERE = """\
+## Elsewhere
+
+| what | page |
+| --- | --- |
+| recall and precision of the three generations, and what each gate removes | [generations.md](generations.md), \
+[docs/report.md](../docs/report.md) |
+| a refit from 50 labelled pictures, and what it changes | [docs/fit.md](../docs/fit.md#measured) |
+| calibration against the truth and on real boards | [docs/calibration.md](../docs/calibration.md) |
+| recall of preset `default` by colour and size of the face | [seeing.md](seeing.md), [scenes.md](scenes.md) |
+""".splitlines()
 RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 DRAWS = 1000
 
 Drive = Mapping[str, ClassifierSamples]
+Fold = tuple[Drive, dict[str, Any]]
+"""A drive, and the models that were learned from the others."""
 
 
 @dataclass(frozen=True)
@@ -84,16 +97,18 @@ def main() -> None:
 
 
 def kept_samples(log: Path, *, spacing: bool) -> Drive:
-    """What the classifiers of the report are asked about on a drive, from the cache where it is there."""
+    """What the classifiers of all presets are asked about on a drive, from the cache where it is there."""
     kept = KEPT / f"{log.stem}.pickle"
     if kept.is_file():
         return dict(pickle.loads(kept.read_bytes()))
     truth = log.with_suffix(".truth.json")
     found: dict[str, ClassifierSamples] = {}
     options = {"read.spacing_m": json.loads(truth.read_text())["spacing_m"]} if spacing else {}
-    for preset in (name for name in ("report-shape", "report") if name in PRESETS):
+    for preset in PRESETS:
         settings = load_settings(preset, None, [], options)[0]
-        found |= gather_samples(log, read_labels(truth), settings, load_models(settings))
+        asked = gather_samples(log, read_labels(truth), settings, load_models(settings))
+        # sizes are those of the report's chain, which looks at the whole image
+        found |= {name: own for name, own in asked.items() if (preset, name) != ("default", "size")}
     KEPT.mkdir(parents=True, exist_ok=True)
     kept.write_bytes(pickle.dumps(found))
     return found
@@ -101,15 +116,19 @@ def kept_samples(log: Path, *, spacing: bool) -> Drive:
 
 def page(drives: Mapping[str, Drive]) -> Iterator[str]:
     """The lines of models.md."""
-    models = load_models(load_settings("report")[0])
-    folds: list[tuple[Drive, dict[str, GaussianModel]]] = []
+    shape, trajectory, models = (
+        load_models(load_settings(preset)[0]) for preset in ("report-shape", "report-2d", "report")
+    )
+    models = replace(
+        models,
+        shape_classes=shape.shape_classes,
+        trajectory_density=trajectory.trajectory_density,
+    )
+    folds: list[Fold] = []
     for name, own in drives.items():
         print(name, flush=True)
         others = join_drives([one for other, one in drives.items() if other != name])
         learned = learn_gates(others, models)
-        if models.shape_classes is not None and "shape" in others:
-            shapes = with_learned_thresholds(models.shape_classes, others["shape"])
-            learned["shape.json"] = shapes
         folds.append((own, learned))
     yield "# Classifiers of the report on drives held out in turn"
     yield ""
@@ -135,6 +154,12 @@ def page(drives: Mapping[str, Drive]) -> Iterator[str]:
     yield from _beside_the_report(together, folds)
     yield ""
     yield from _retraded(folds)
+    yield ""
+    yield from trajectory_beside_location(folds)
+    yield ""
+    yield from _by_evidence(together)
+    yield ""
+    yield from ELSEWHERE
 
 
 def held_out(
@@ -157,9 +182,7 @@ def held_out(
     return np.array(rows, np.int64)
 
 
-def _beside_the_report(
-    together: Drive, folds: Sequence[tuple[Drive, dict[str, GaussianModel]]]
-) -> Iterator[str]:
+def _beside_the_report(together: Drive, folds: Sequence[Fold]) -> Iterator[str]:
     settings = load_settings("report")[0]
     measured = characteristics(together, settings, load_models(settings))
     found = {
@@ -191,12 +214,56 @@ def _beside_the_report(
     )
 
 
+def trajectory_beside_location(folds: Sequence[Fold]) -> Iterator[str]:
+    """What the gates of chapters 5 and 8 make of the same tracks."""
+    yield "## Trajectory against location"
+    yield ""
+    yield (
+        "The report replaced the trajectory in the image (chapter 5) by the place (chapters 8, 11). Both are asked "
+        "about the same tracks, of regions of an accepted colour."
+    )
+    yield ""
+    yield "| gate | signs | TPR | FPR |"
+    yield "| --- | ---: | --- | --- |"
+    counts: dict[str, list[list[int]]] = {}
+    for own, learned in folds:
+        tracks, places = own["trajectory"].known(), own["location"].known()
+        if len(tracks) != len(places) or (tracks.box != places.box).any():
+            raise SystemExit("wanted the same tracks before both gates, found others")
+        density, mixture = learned[TRAJECTORY_FILES["image"]], learned[REPORT_LOCATION]
+        moves = tracks.values[:, 0] >= density.threshold
+        reach = np.array([one.threshold for one in mixture.classes])
+        stands = (mixture.distances(places.values) <= reach).any(axis=1)
+        on = tracks.label == ON
+        for name, accepted in (
+            ("trajectory", moves),
+            ("location", stands),
+            ("both", moves & stands),
+        ):
+            flags = (on & accepted, on, ~on & accepted, ~on)
+            counts.setdefault(name, []).append([int(one.sum()) for one in flags])
+    for name, rows in counts.items():
+        yield f"| {name} | {Counts(np.array(rows, np.int64)).rates()} |"
+
+
+def _by_evidence(together: Drive) -> Iterator[str]:
+    """The classifiers of preset `default`."""
+    settings = load_settings("default")[0]
+    names = ("detector", "landmark", "confidence")
+    own = {name: together[name] for name in names if name in together}
+    yield "## Preset `default`"
+    yield ""
+    yield "Boxes, landmarks by the sum of their evidence and by each of its terms, and the final confidence."
+    yield ""
+    yield format_characteristics(characteristics(own, settings, load_models(settings)))
+
+
 def _others_at(curve: RocCurve, tpr: float) -> str:
     row = int(np.argmax(curve.tpr >= tpr))
     return f"{100 * curve.fpr[row]:.1f} %"
 
 
-def _retraded(folds: Sequence[tuple[Drive, dict[str, GaussianModel]]]) -> Iterator[str]:
+def _retraded(folds: Sequence[Fold]) -> Iterator[str]:
     yield "## What the location allows"
     yield ""
     yield (

@@ -155,7 +155,7 @@ def run(
     alpha: Annotated[
         float | None,
         typer.Option(
-            help="Preset report: false-alarm rate of every gate, instead of the thresholds of the models."
+            help="False-alarm rate of every gate, instead of the thresholds of the models."
         ),
     ] = None,
     observations: Annotated[

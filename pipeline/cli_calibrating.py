@@ -60,6 +60,14 @@ def calibrate(
     until: Annotated[str | None, typer.Option(help="Log: stop here.")] = None,
     every: Annotated[int | None, typer.Option(help="Log: use every n-th image.")] = None,
     name: Annotated[str, typer.Option(help="Name of the camera in the YAML.")] = "camera",
+    settings: Annotated[
+        Path | None,
+        typer.Option("--settings", help="TOML file as `wayside settings` prints it."),
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change one setting."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
 ) -> None:
     """Calibrate a camera by a chessboard or by a drive: focal length and distortion with standard errors.
@@ -84,7 +92,8 @@ def calibrate(
         "read.until_s": None if until is None else parse_time(until),
         "read.every": every,
     }
-    options = {setting: value for setting, value in given.items() if value is not None}
+    options = {leaf: value for leaf, value in given.items() if value is not None}
+    chosen = load_settings("default", settings, assignments or [], options)[0]
     if board is not None:
         if options:
             raise UsageError(
@@ -95,6 +104,7 @@ def calibrate(
         report = calibrate_by_boards(
             paths,
             parse_board(board, square_m),
+            settings=chosen.boards,
             model=model or "plumb_bob",
             name=name,
             out=out,
@@ -111,6 +121,5 @@ def calibrate(
             raise UsageError(
                 f"wanted one log, found {len(paths)}; calibrate each by itself, or give --board for images of a board"
             )
-        settings = load_settings("default", None, [], options)[0]
-        report = calibrate_by_drive(paths[0], settings, name=name, out=out, overwrite=overwrite)
+        report = calibrate_by_drive(paths[0], chosen, name=name, out=out, overwrite=overwrite)
     typer.echo(report)

@@ -87,8 +87,12 @@ class Flow:
     journal: Journal | None = None
     routes: RouteFile | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
-    calibration: CalibrationWatch = field(default_factory=CalibrationWatch)
+    calibration: CalibrationWatch = field(init=False)
     counts: FrameCounts = field(default_factory=FrameCounts)
+
+    def __post_init__(self) -> None:
+        """Watch the calibration by its settings."""
+        object.__setattr__(self, "calibration", CalibrationWatch(self.settings.calibration))
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
@@ -224,7 +228,8 @@ class Flow:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
         # scores of another detector are no probabilities: what its least score let through is a sign
-        confidence = s.locate.confidence if self.models.external is None else 0.0
+        external = self.models.external is not None
+        confidence = 0.0 if external else self.models.sign_confidence(s.locate.confidence)
         placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
         placed = self.drive_stage("signs", placed)
         route = s.route

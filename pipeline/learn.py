@@ -31,6 +31,7 @@ from wayside.pipeline.learning.gaussians import color_model, location_model, sha
 from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
 from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
+    LEARN_READ,
     CandidateSamples,
     TrainingDrive,
     for_each,
@@ -55,7 +56,7 @@ from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import Model
-from wayside.schemas.settings import ReadSettings, Settings
+from wayside.schemas.settings import Settings
 from wayside.stages.imaging import decode
 
 PREFIX = "learn_"
@@ -63,9 +64,6 @@ PREFIX = "learn_"
 
 BACKGROUND_OVERLAP = 0.05
 """Regions that overlap no face by more are background."""
-
-LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
-"""Every image; positions come from the truth, and the spacing is for logs without any poses."""
 
 EVERY = 2
 """Every n-th image of a rendered drive: neighbours are much alike."""

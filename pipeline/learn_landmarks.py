@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learn import LEARN_READ, PROCESSES, learning_logs, write_model
+from wayside.pipeline.learn import PROCESSES, learning_logs, write_model
 from wayside.pipeline.learning.landmarks import (
     ACCEPT,
     ACCEPT_BACK,
@@ -30,7 +30,7 @@ from wayside.pipeline.learning.landmarks import (
     joined,
     learn_landmark_classifier,
 )
-from wayside.pipeline.learning.samples import read_truth
+from wayside.pipeline.learning.samples import LEARN_READ, read_truth
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings

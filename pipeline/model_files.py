@@ -9,9 +9,10 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
+from scipy.special import expit, logit
 
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.detector_file import load_detector
@@ -98,6 +99,11 @@ class Models:
     trajectory_density: MixtureModel | None = None
     face_classes: ConvolutionModel | None = None
 
+    def sign_confidence(self, setting: float) -> float:
+        """Confidence from which a face counts as a sign: `setting`, its log odds counted from the model's decision."""
+        decision = 0.0 if self.landmark_classifier is None else self.landmark_classifier.decision
+        return float(expit(logit(setting) + decision)) if decision else setting
+
     def digests(self) -> dict[str, str]:
         """SHA-256 of each model's text, by the name of its file."""
         digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
@@ -175,7 +181,7 @@ def load_models(settings: Settings) -> Models:
         optional(_convolution, "face_code.json"),
     )
     _check_inputs(models, folder)
-    return _retraded(models, settings.models.alpha) if settings.models.alpha else models
+    return _retraded(models, settings) if settings.models.alpha else models
 
 
 def _check_inputs(models: Models, folder: Path | None) -> None:
@@ -254,32 +260,45 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
     return replace(location, classes=classes)
 
 
-def _retraded(models: Models, alpha: float) -> Models:
-    """The models with the thresholds of a false-alarm rate; InputError where one holds no operating points."""
-    if models.trajectory_density is not None:
+def _retraded(models: Models, settings: Settings) -> Models:
+    """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
+    lacking: list[str] = []
+    traded: dict[str, Any] = {}
+    for name, field in _gates(models, settings).items():
+        gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, field)
+        try:
+            traded[field] = gate.at_alpha(settings.models.alpha)
+        except ValueError as error:
+            lacking.append(f"{name}: {error}")
+    if lacking or not traded:
         raise InputError(
-            "models.alpha: wanted gates with operating points, found the density of trajectories, which has one "
-            "threshold; use --preset report or report-shape, or leave the rate out"
+            f"models.alpha: wanted a false-alarm rate that every gate of the run has a threshold for: "
+            f"{'; '.join(lacking) or 'found no gate, since a detector of another kind decides'}; take a larger rate, "
+            "learn these models again, or leave the rate out"
         )
-    color, shape, location = models.color_classes, models.shape_classes, models.location_classes
-    gates = {"color": color, "shape": shape, "location": location}
-    lacking = [name for name, one in gates.items() if one is not None and not one.curve]
-    if color is None:
-        raise InputError(
-            "models.alpha: wanted the gates of the report's chain, found preset default, whose classifiers are scored "
-            "together; set locate.confidence instead, or --preset report"
-        )
-    if lacking:
-        raise InputError(
-            f"models.alpha: wanted operating points in every model, found none for {', '.join(lacking)}; learn these "
-            "models again, or leave the rate out"
-        )
-    return replace(
-        models,
-        color_classes=color.at_alpha(alpha),
-        shape_classes=None if shape is None else shape.at_alpha(alpha),
-        location_classes=location.at_alpha(alpha),
-    )
+    return replace(models, **traded)
+
+
+def _gates(models: Models, settings: Settings) -> dict[str, str]:
+    """The models that decide in a run of these settings what is a sign: their fields, by the name of their file."""
+    by_report, by_evidence = models.color_classes is not None, settings.track.matching != "sift"
+    by_evidence &= models.external is None
+    decides = {
+        "color": ("color_classes", True),
+        "shape": ("shape_classes", True),
+        "trajectory": ("trajectory_density", True),
+        "location": ("location_classes", by_report and settings.locate.gate),
+        "place": ("landmark_classifier", by_evidence),
+        "back_place": (
+            "back_landmark_classifier",
+            by_evidence and models.back_classifier is not None,
+        ),
+    }
+    return {
+        name: field
+        for name, (field, on) in decides.items()
+        if on and getattr(models, field) is not None
+    }
 
 
 def _external(settings: Settings) -> DetectorFile | BoxFile | None:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -55,17 +56,13 @@ def model_to_json(model: Model) -> str:
             "space": model.space,
             "classes": [_gaussian_class(c) for c in model.classes],
         }
-        if model.curve:
-            body["curve"] = [
-                [round(v, 6) for v in (p.false_alarm, p.power)]
-                + [round(t, 4) for t in p.thresholds]
-                for p in model.curve
-            ]
+        body |= _curve(model.curve)
     elif isinstance(model, MixtureModel):
         body = {"space": model.space}
         body |= {name: _significant(getattr(model, name)) for name in MIXTURE_ARRAYS}
         body |= {"threshold": round(model.threshold, 4), "threshold_rule": model.threshold_rule}
         body |= {"count": model.count}
+        body |= _interval(model.threshold_interval) | _curve(model.curve)
     elif isinstance(model, LinearModel):
         weights = [float(f"{w:.6g}") for w in model.weights]
         body = {"weights": dict(zip(model.features, weights, strict=True))}
@@ -94,6 +91,11 @@ def model_to_json(model: Model) -> str:
             "shift": model.shift,
             "accept": model.threshold,
         }
+        if model.decision:
+            body["decision"] = model.decision
+        if model.threshold_rule:
+            body["threshold_rule"] = model.threshold_rule
+        body |= _interval(model.threshold_interval) | _curve(model.curve)
     else:
         parts = {"gate": model.prefilter, "network": model.network, "closer": model.patch_cnn}
         body = {
@@ -135,7 +137,7 @@ def model_from_json(text: str, name: str = "model") -> Model:
 def _model_of(data: dict[str, Any], name: str) -> Model:
     if data["kind"] == "gaussian":
         classes = tuple(_gaussian_class_of(c) for c in data["classes"])
-        curve = tuple(_operating_point_of(point, len(classes)) for point in data.get("curve", ()))
+        curve = _curve_of(data, len(classes))
         return GaussianModel(data["space"], classes, str(data["provenance"]), curve)
     if data["kind"] == "mixture":
         return _mixture_of(data)
@@ -163,24 +165,49 @@ def _gaussian_class(one: GaussianClass) -> dict[str, Any]:
         "threshold_rule": one.threshold_rule,
         "count": one.count,
     }
-    if one.threshold_interval is not None:
-        content["threshold_interval"] = [round(end, 4) for end in one.threshold_interval]
-    return content
+    return content | _interval(one.threshold_interval)
+
+
+def _interval(interval: tuple[float, float] | None) -> dict[str, Any]:
+    """The key of a threshold's interval, where there is one."""
+    return {} if interval is None else {"threshold_interval": [round(end, 4) for end in interval]}
+
+
+def _interval_of(data: dict[str, Any]) -> tuple[float, float] | None:
+    ends = [_finite(end, "threshold_interval") for end in data.get("threshold_interval", ())]
+    if len(ends) not in (0, 2):
+        raise ValueError(f"threshold_interval: wanted two numbers, found {len(ends)}")
+    return (ends[0], ends[1]) if ends else None
+
+
+def _curve(curve: Sequence[OperatingPoint]) -> dict[str, Any]:
+    """The key of a curve, where there is one: rates, thresholds and both ends of their intervals, a row a point."""
+    rows = [
+        [round(rate, 6) for rate in (one.false_alarm, one.power)]
+        + [round(value, 4) for value in (*one.thresholds, *chain.from_iterable(one.intervals))]
+        for one in curve
+    ]
+    return {"curve": rows} if rows else {}
+
+
+def _curve_of(data: dict[str, Any], classes: int) -> tuple[OperatingPoint, ...]:
+    return tuple(_operating_point_of(point, classes) for point in data.get("curve", ()))
 
 
 def _operating_point_of(data: list[Any], classes: int) -> OperatingPoint:
-    false_alarm, power, *thresholds = (_finite(value, "curve") for value in data)
-    if len(thresholds) != classes or not (0 <= false_alarm <= 1 and 0 <= power <= 1):
-        raise ValueError(f"curve: wanted two rates and {classes} thresholds, found {data}")
-    return OperatingPoint(false_alarm, power, tuple(thresholds))
+    false_alarm, power, *values = (_finite(value, "curve") for value in data)
+    if len(values) not in (classes, 3 * classes) or not (0 <= false_alarm <= 1 and 0 <= power <= 1):
+        raise ValueError(
+            f"curve: wanted two rates, {classes} thresholds and both ends of their intervals or none, found {data}"
+        )
+    ends = values[classes:]
+    intervals = tuple(zip(ends[::2], ends[1::2], strict=True))
+    return OperatingPoint(false_alarm, power, tuple(values[:classes]), intervals)
 
 
 def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
     mean = np.array(data["mean"], np.float64)
     covariance = np.array(data["covariance"], np.float64)
-    interval = [_finite(end, "threshold_interval") for end in data.get("threshold_interval", ())]
-    if len(interval) not in (0, 2):
-        raise ValueError(f"threshold_interval: wanted two numbers, found {len(interval)}")
     d = mean.size
     _check_shapes({"mean": mean, "covariance": covariance}, ((d,), (d, d)))
     if not (d and np.allclose(covariance, covariance.T) and np.linalg.eigvalsh(covariance)[0] > 0):
@@ -192,7 +219,7 @@ def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
         _finite(data["threshold"], "threshold"),
         str(data["threshold_rule"]),
         int(data["count"]),
-        (interval[0], interval[1]) if interval else None,
+        _interval_of(data),
     )
 
 
@@ -214,6 +241,8 @@ def _mixture_of(data: dict[str, Any]) -> MixtureModel:
         threshold_rule=str(data["threshold_rule"]),
         count=int(data["count"]),
         provenance=str(data["provenance"]),
+        threshold_interval=_interval_of(data),
+        curve=_curve_of(data, 1),
     )
 
 
@@ -286,6 +315,10 @@ def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
         shift=_finite(data["shift"], "shift"),
         threshold=_finite(data["accept"], "accept"),
         provenance=str(data["provenance"]),
+        decision=_finite(data.get("decision", 0.0), "decision"),
+        threshold_rule=str(data.get("threshold_rule", "")),
+        threshold_interval=_interval_of(data),
+        curve=_curve_of(data, 1),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isnan
 from typing import Any, ClassVar
@@ -27,12 +27,36 @@ class OnnxFile:
 class OperatingPoint:
     """What a gate does at given thresholds: the shares of others and of signs that it accepts (eq. 10.2 and 10.1).
 
-    false_alarm, power: measured where the model was learned; thresholds: of each class, in the order of the model's.
+    false_alarm, power: where the model was learned; thresholds: of each class, in the order of the model's; intervals:
+    95 % interval of each threshold, empty: unknown.
     """
 
     false_alarm: float
     power: float
     thresholds: tuple[float, ...]
+    intervals: tuple[tuple[float, float], ...] = ()
+
+
+def most_powerful(curve: Sequence[OperatingPoint], alpha: float) -> OperatingPoint:
+    """The operating point of the most power among those of at most this false-alarm rate (report chapter 9).
+
+    Raises
+    ------
+    ValueError
+        There is none.
+    """
+    allowed = [one for one in curve if one.false_alarm <= alpha]
+    if not allowed:
+        rates = ", ".join(f"{one.false_alarm:g}" for one in curve) or "none"
+        raise ValueError(
+            f"wanted operating points of a false-alarm rate of at most {alpha:g}, found {rates}"
+        )
+    return max(allowed, key=lambda one: one.power)
+
+
+def alpha_rule(alpha: float) -> str:
+    """The rule of such a threshold, as model files name it."""
+    return f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +104,19 @@ class GaussianModel:
         Raises
         ------
         ValueError
-            The model has no operating points.
+            The model has no such operating point.
         """
-        allowed = [one for one in self.curve if one.false_alarm <= alpha]
-        if not allowed:
-            raise ValueError("model: wanted operating points, found none")
-        point = max(allowed, key=lambda one: one.power)
-        rule = f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
+        point = most_powerful(self.curve, alpha)
+        intervals = point.intervals or (None,) * len(self.classes)
+        chosen = zip(self.classes, point.thresholds, intervals, strict=True)
         classes = tuple(
-            replace(one, threshold=threshold, threshold_rule=rule, threshold_interval=None)
-            for one, threshold in zip(self.classes, point.thresholds, strict=True)
+            replace(
+                one,
+                threshold=threshold,
+                threshold_rule=alpha_rule(alpha),
+                threshold_interval=interval,
+            )
+            for one, threshold, interval in chosen
         )
         return replace(self, classes=classes)
 
@@ -100,6 +127,7 @@ class MixtureModel:
 
     weight (k,), of sum 1; mean (k, d); covariance (k, d, d); threshold: smallest accepted mean of the log density over
     the values of one item; threshold_rule: how it was chosen, and its rates; count: items that were learned from.
+    threshold_interval, curve: as in `GaussianModel`, of the one threshold.
     """
 
     kind: ClassVar[str] = "mixture"
@@ -111,6 +139,18 @@ class MixtureModel:
     threshold_rule: str
     count: int
     provenance: str
+    threshold_interval: tuple[float, float] | None = None
+    curve: tuple[OperatingPoint, ...] = ()
+
+    def at_alpha(self, alpha: float) -> MixtureModel:
+        """The model with another threshold: as in `GaussianModel`."""
+        point = most_powerful(self.curve, alpha)
+        return replace(
+            self,
+            threshold=point.thresholds[0],
+            threshold_rule=alpha_rule(alpha),
+            threshold_interval=point.intervals[0] if point.intervals else None,
+        )
 
     def log_density(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Natural logarithm of the density at each value (n, d): (n,)."""
@@ -256,7 +296,9 @@ class EvidenceModel:
 
     A feature x adds weight * (min(max(x, low), high) - middle) to its term: nothing outside what was learned from says
     more than its edge. features, terms (f,): names; low, high, middle, weight (f,) float64; shift: log odds where all
-    terms are 0; threshold: log odds from which a landmark is accepted.
+    terms are 0; threshold: log odds from which a landmark is accepted; decision: log odds from which what is accepted
+    is no longer uncertain, where nothing else is asked for. threshold_rule, threshold_interval: how the decision was
+    chosen, and its 95 % interval, "" and None: unknown. curve: operating points of the decision.
     """
 
     kind: ClassVar[str] = "evidence"
@@ -269,10 +311,34 @@ class EvidenceModel:
     shift: float
     threshold: float
     provenance: str
+    decision: float = 0.0
+    threshold_rule: str = ""
+    threshold_interval: tuple[float, float] | None = None
+    curve: tuple[OperatingPoint, ...] = ()
+
+    def at_alpha(self, alpha: float) -> EvidenceModel:
+        """The model that decides at another operating point; the log odds stay what they are.
+
+        What is uncertain stays as wide, in log odds. Raises as `GaussianModel.at_alpha` does.
+        """
+        point = most_powerful(self.curve, alpha)
+        decision = point.thresholds[0]
+        return replace(
+            self,
+            threshold=self.threshold + decision - self.decision,
+            decision=decision,
+            threshold_rule=alpha_rule(alpha),
+            threshold_interval=point.intervals[0] if point.intervals else None,
+        )
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """The terms, each once, in the order of `ratios`."""
+        return tuple(dict.fromkeys(self.terms))
 
     def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
         """Log-likelihood ratio of each term by values of the features; what is nan is not known yet: the best case."""
-        result = dict.fromkeys(self.terms, 0.0)
+        result = dict.fromkeys(self.term_names, 0.0)
         columns = (self.low, self.high, self.middle, self.weight)
         for name, term, low, high, middle, weight in zip(
             self.features, self.terms, *(column.tolist() for column in columns), strict=True

@@ -13,10 +13,16 @@ _WHICH = (
         "classifier",
         _TEXT,
         "",
-        "size, color, shape, detector, landmark, location or confidence",
+        "size, color, shape, trajectory, detector, landmark, location or confidence",
         _SURE,
     ),
-    Column("class", _TEXT, "", "class of the model, or `all` for the classifier as a whole", _SURE),
+    Column(
+        "class",
+        _TEXT,
+        "",
+        "class of the model, term of the evidence, or `all` for the classifier as a whole",
+        _SURE,
+    ),
 )
 
 CURVES = Table(
@@ -58,7 +64,7 @@ CLASSIFIERS = Table(
         Column("knee_high", _REAL, "", "the same"),
         Column("knee_tpr", _REAL, "", "tpr there"),
         Column("knee_fpr", _REAL, "", "fpr there"),
-        Column("threshold", _REAL, "", "that the run used"),
+        Column("threshold", _REAL, "", "that the run used; null: none, a term of a sum"),
         Column("tpr", _REAL, "", "at the threshold that the run used"),
         Column("tpr_low", _REAL, "", "its 95 % band"),
         Column("tpr_high", _REAL, "", "the same"),

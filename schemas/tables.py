@@ -23,7 +23,7 @@ SCHEMA_VERSION = 1
 SIGN_STATUSES = {
     "sign": "a panel whose face is seen",
     "back": "a panel seen from behind",
-    "uncertain": "a face whose confidence is below the setting `locate.confidence`",
+    "uncertain": "a face whose confidence is below the setting `locate.confidence`, or that of the rate `models.alpha`",
 }
 MOTION_SOURCES = {
     "start": "first used frame: the origin of the drive",

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.importing import image_files, natural_key
+from wayside.pipeline.reading.contents import OTHER_LENSES
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.settings.calibration import BoardSettings
+from wayside.schemas.settings import BoardSettings
 from wayside.stages.calibration import (
     LENS_MODELS,
     Board,
@@ -103,8 +104,7 @@ def calibrate_images(
     """
     if model not in LENS_MODELS:
         raise UsageError(
-            f"--model: wanted {' or '.join(LENS_MODELS)}, found {model}; "
-            "other lens models are not read by wayside"
+            f"--model: wanted {' or '.join(LENS_MODELS)}, found {model}; {OTHER_LENSES}"
         )
     files = sorted(image_files(paths), key=natural_key)
     if not files:

@@ -16,8 +16,7 @@ from wayside.pipeline.calibration.drives import calibrate_log
 from wayside.pipeline.reading.camera_file import format_camera
 from wayside.pipeline.writing import refuse, write_file
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.settings import Settings
-from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
+from wayside.schemas.settings import BoardSettings, Settings
 from wayside.stages.calibration import Board
 
 
@@ -25,6 +24,7 @@ def calibrate_by_boards(
     paths: list[Path],
     board: Board,
     *,
+    settings: BoardSettings,
     model: str,
     name: str,
     out: Path | None,
@@ -41,7 +41,6 @@ def calibrate_by_boards(
     UsageError, InputError, OutputError
         As the options, the images and the files are.
     """
-    settings = BoardSettings()
     picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
     files = [path for path in (out, picture) if path is not None]
     _require_free(files, overwrite=overwrite)
@@ -72,10 +71,9 @@ def calibrate_by_drive(
     UsageError, InputError, OutputError
         As the log and the files are; InputError where the drive does not determine the focal length.
     """
-    calibration = SelfCalibrationSettings()
     _require_free([] if out is None else [out], overwrite=overwrite)
-    found = calibrate_log(log, settings, calibration)
-    if refusal := not_determined(found, calibration):
+    found = calibrate_log(log, settings)
+    if refusal := not_determined(found, settings.calibration):
         raise InputError(refusal)
     report = format_drive(found)
     if out is None:

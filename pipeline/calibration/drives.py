@@ -19,7 +19,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import ReadSettings, Settings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration import DriveCalibration, calibrate_drive, cut_segments
 from wayside.stages.geometry import ideal_points
 from wayside.stages.imaging import decode
@@ -44,9 +43,7 @@ class CalibratedDrive:
     calibration: DriveCalibration
 
 
-def calibrate_log(
-    log: Path, settings: Settings, calibration: SelfCalibrationSettings
-) -> CalibratedDrive:
+def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
     """Estimate the lens of a log's camera from its images and its poses, where it has them.
 
     Matching starts from the calibration that is given, or from several focal lengths where none is; it is repeated with
@@ -57,9 +54,8 @@ def calibrate_log(
     log
         The MCAP file.
     settings
-        Which images are read and how they are matched, as of a run.
-    calibration
-        What is known beforehand, and how many images are used.
+        Which images are read and how they are matched, as of a run; `calibration`: what is known beforehand, and how
+        many images are used.
 
     Raises
     ------
@@ -67,7 +63,7 @@ def calibrate_log(
         The log cannot be read, or too few of its images could be matched.
     """
     read, given, source, size = _plan(log, settings.read)
-    settings = replace(settings, read=read)
+    settings, calibration = replace(settings, read=read), settings.calibration
     width, height = size
     if given is not None:
         starts, scatter = [given], calibration.principal_point
@@ -76,7 +72,7 @@ def calibrate_log(
         focals = [guess * width for guess in _FOCAL_GUESSES]
         starts = [Camera(width, height, f, f, *centre) for f in focals]
         scatter = calibration.unknown_principal_point
-    tries = [_round(log, one, scatter * width, settings, calibration) for one in starts]
+    tries = [_round(log, one, scatter * width, settings) for one in starts]
     start, (images, found) = min(
         zip(starts, tries, strict=True), key=lambda one: one[1][1].cost * one[1][1].residual ** 2
     )
@@ -86,7 +82,7 @@ def calibrate_log(
         # The distortion stays that of the start: what is known beforehand is known of it.
         ratio = found.camera.fx / start.fx
         start = replace(start, fx=start.fx * ratio, fy=start.fy * ratio)
-        images, found = _round(log, start, scatter * width, settings, calibration)
+        images, found = _round(log, start, scatter * width, settings)
     return CalibratedDrive(log, given, source, images, found)
 
 
@@ -95,9 +91,9 @@ def _round(
     camera: Camera,
     principal_sigma_px: float,
     settings: Settings,
-    calibration: SelfCalibrationSettings,
 ) -> tuple[int, DriveCalibration]:
     """Images used, and the calibration by ties that were matched with a camera."""
+    calibration = settings.calibration
     motions = list(islice(_motions(log, camera, settings), calibration.most_images))
     ties, adjustment = settings.ties, settings.local_adjustment
     segments = cut_segments(motions, camera, ties, adjustment, calibration)

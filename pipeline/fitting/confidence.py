@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from wayside.pipeline.fitting.gaussians import Samples
+from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings.fitting import FitSettings
@@ -40,14 +41,21 @@ class FittedConfidence:
 
 
 def fit_confidence(
-    samples: Samples, shipped: EvidenceModel, settings: FitSettings, provenance: str
+    samples: Samples,
+    shipped: EvidenceModel,
+    settings: FitSettings,
+    provenance: str,
+    alpha: float | None = None,
 ) -> FittedConfidence:
     """Fit slope and shift of the log odds (n, 1) of labelled landmarks, held out fold by fold.
+
+    The model decides where a sign is as likely as anything else, or at a false-alarm rate; its operating points are
+    those of the held-out log odds.
 
     Raises
     ------
     InputError
-        There are too few landmarks of signs, or of others, or all are of one fold.
+        There are too few landmarks of signs, or of others, for the false-alarm rate too, or all are of one fold.
     """
     score, on = samples.values[:, 0], samples.kind != ""
     signs, others = int(on.sum()), int((~on).sum())
@@ -62,12 +70,25 @@ def fit_confidence(
         slope, shift = calibrated(score[~own], on[~own], settings)
         held[own] = slope * score[own] + shift
     slope, shift = calibrated(score, on, settings)
+    points = score_points(held, on, samples.stretch, normal_tail, rates_of(others))
     model = replace(
         shipped,
         weight=slope * shipped.weight,
         shift=slope * shipped.shift + shift,
+        threshold=shipped.threshold - shipped.decision,
         provenance=f"{provenance}; log odds {slope:.3f} x + {shift:.3f} of: {shipped.provenance}",
+        decision=0.0,
+        threshold_rule="log odds of 0: as likely a sign as anything else, by labelled landmarks (Platt 1999)",
+        threshold_interval=None,
+        curve=points,
     )
+    if alpha is not None:
+        try:
+            model = model.at_alpha(alpha)
+        except ValueError as error:
+            raise InputError(
+                f"{error}; {others} landmarks that are no sign tell no smaller one: label more"
+            ) from error
     return FittedConfidence(
         model,
         slope,

@@ -132,7 +132,8 @@ def _fit_confidence(
             "wanted a landmark classifier to calibrate, found none; install wayside again"
         )
     samples = landmark_samples(run_drives(drives, settings, models), "landmark")
-    return fit_confidence(samples, models.landmark_classifier, task.settings, task.provenance)
+    shipped = models.landmark_classifier
+    return fit_confidence(samples, shipped, task.settings, task.provenance, task.alpha)
 
 
 def _tried(what: str, fit: Callable[[], FittedModel | FittedConfidence]) -> Outcome:
@@ -143,10 +144,9 @@ def _tried(what: str, fit: Callable[[], FittedModel | FittedConfidence]) -> Outc
         return Outcome(what, None, str(error))
     if fitted.better:
         return Outcome(what, fitted)
+    margin = " by a standard error" if isinstance(fitted, FittedModel) else ""
     return Outcome(
-        what,
-        fitted,
-        "on what was held out it is not better than the shipped one by a standard error",
+        what, fitted, f"on what was held out it is not better than the shipped one{margin}"
     )
 
 

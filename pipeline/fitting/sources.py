@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.importing import image_files, natural_key
 from wayside.pipeline.labels import FrameLabels, labels_by_frame
-from wayside.pipeline.learning.samples import ON_FACE
+from wayside.pipeline.learning.samples import ANY_SPACING_M, ON_FACE
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.schemas.errors import InputError
@@ -21,9 +21,6 @@ from wayside.schemas.labels import SIGN, UNSURE, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import decode
-
-ANY_SPACING_M = 8.0
-"""For logs without poses, where single images are read and no position is wanted."""
 
 
 @dataclass(frozen=True, slots=True)

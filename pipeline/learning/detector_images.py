@@ -16,19 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.faces import height_px, visible_fraction
-from wayside.pipeline.learning.samples import FACE_FRACTION, FACE_PX, read_truth
+from wayside.pipeline.learning.samples import FACE_FRACTION, FACE_PX, LEARN_READ, read_truth
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Frame
-from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import decode
 
 FRONT, BACK = 0, 1
 """Side of a panel that an image shows."""
-
-READ = ReadSettings(thin_m=0.0, spacing_m=8.0)
-"""Every image; the spacing is for logs without poses and decides nothing here."""
 
 BAND = (0.52, 0.22)
 """Rows of rendered images that are kept, as tangents above and below the optical axis: the rest shows no signs."""
@@ -120,7 +116,7 @@ def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator
     if not band:
         top, bottom = 0, camera["height"]
     shift = np.array([0, top, 0, top])
-    frames = (f for f in read_frames(log, READ, ReadReport()) if f.index % every == 0)
+    frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
     for frame, rgb in _decoded(frames):
         here = [(np.array(box) - shift, *rest) for box, *rest in faces.get(frame.index, [])]
         yield labelled_image(
@@ -153,7 +149,7 @@ def real_drive_images(
                 faces.setdefault(view["i"], []).append((view["box"], side, sign["colour"], shape))
             else:
                 ignored.setdefault(view["i"], []).append(view["box"])
-    frames = (f for f in read_frames(log, READ, ReadReport()) if f.index % every == 0)
+    frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
     for frame, rgb in _decoded(frames):
         yield labelled_image(
             log.stem,

@@ -3,13 +3,13 @@
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
 Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes are those of `make
-learn`; the thresholds of colours that it finds against candidates of preset `default` are replaced. Shapes keep theirs,
-and get operating points.
+learn`, and so are the densities of trajectories; the thresholds that it finds elsewhere are replaced.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels import read_labels
-from wayside.pipeline.learning.samples import ON
-from wayside.pipeline.model_files import REPORT_LOCATION, Models, load_models
-from wayside.pipeline.roc.operating import with_learned_thresholds
+from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
+from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
+from wayside.pipeline.roc.operating import with_learned_thresholds, with_score_threshold
 from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_to_json
-from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 
 KANSAS = "report-kansas.json"
 
@@ -37,8 +37,12 @@ KANSAS_MEAN = (3.121, 0.603)
 OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
 
-SPACING_M = 8.0
-"""Distance between the images of drives without poses."""
+CHAINS = (
+    ("report-shape", (), ("shape",)),
+    *(("report-2d", (f"report.trajectory={form}",), ("trajectory",)) for form in TRAJECTORY_FILES),
+    ("report", (), ("color", "location")),
+)
+"""Preset, settings besides, and the gates that are asked there about what really reaches them."""
 
 FEWEST = 5
 """A component of fewer signs is not learned."""
@@ -49,7 +53,7 @@ SIGMA_PER_MAD = 1.4826
 
 def learn_gates(
     samples: Mapping[str, ClassifierSamples], models: Models
-) -> dict[str, GaussianModel]:
+) -> dict[str, GaussianModel | MixtureModel]:
     """The models of the gates that were asked, by the name of their file.
 
     Parameters
@@ -64,16 +68,22 @@ def learn_gates(
     InputError
         Too few signs reached a gate.
     """
-    learned: dict[str, GaussianModel] = {}
+    learned: dict[str, GaussianModel | MixtureModel] = {}
     if "color" in samples and models.color_classes is not None:
         colors = with_learned_thresholds(models.color_classes, samples["color"])
         origin = _with_origin(colors, "thresholds by", samples["color"])
         learned["color_rgb.json"] = replace(colors, provenance=origin)
     if "shape" in samples and models.shape_classes is not None:
-        # nine knees together accept half of all regions (one in eight at the knees against other shapes)
-        shapes = with_learned_thresholds(models.shape_classes, samples["shape"])
-        origin = _with_origin(models.shape_classes, "operating points by", samples["shape"])
-        learned["shape.json"] = replace(models.shape_classes, curve=shapes.curve, provenance=origin)
+        # nine knees, one a shape, together accept half of all regions
+        shapes = with_learned_thresholds(models.shape_classes, samples["shape"], one_knee=True)
+        origin = _with_origin(shapes, "thresholds by", samples["shape"])
+        learned["shape.json"] = replace(shapes, provenance=origin)
+    if "trajectory" in samples and models.trajectory_density is not None:
+        density = with_score_threshold(models.trajectory_density, samples["trajectory"])
+        origin = _with_origin(density, "threshold by", samples["trajectory"])
+        learned[TRAJECTORY_FILES[density.space]] = replace(density, provenance=origin)
+    if "location" not in samples:
+        return learned
     places = samples["location"]
     origin = _origin(places)
     known = places.known()
@@ -119,9 +129,10 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 
-def _with_origin(model: GaussianModel, what: str, samples: ClassifierSamples) -> str:
+def _with_origin(model: GaussianModel | MixtureModel, what: str, samples: ClassifierSamples) -> str:
     """The provenance of a model with that of its thresholds or points, instead of those of before."""
-    return f"{model.provenance.partition(f'; {what} ')[0]}; {what} {_origin(samples)}"
+    learned_from = re.split(r"; (?:thresholds?|operating points) by ", model.provenance)[0]
+    return f"{learned_from}; {what} {_origin(samples)}"
 
 
 def _origin(samples: ClassifierSamples) -> str:
@@ -141,20 +152,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("logs", type=Path, nargs="+", help="rendered drives with their truth")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     given = parser.parse_args(arguments)
-    learned: dict[str, GaussianModel] = {}
+    learned: dict[str, GaussianModel | MixtureModel] = {}
     given.out.mkdir(parents=True, exist_ok=True)
-    # in the report's last chain no shape is asked about
-    for preset in ("report-shape", "report"):
-        settings, _ = load_settings(preset, None, [], {"models.folder": str(given.out)})
-        settings = replace(settings, read=replace(settings.read, spacing_m=SPACING_M))
+    for preset, more, wanted in CHAINS:
+        folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
+        settings, _ = load_settings(preset, None, list(more), folder)
         models = load_models(settings)
         drives = [
             gather_samples(log, read_labels(log.with_suffix(".truth.json")), settings, models)
             for log in given.logs
         ]
-        found = learn_gates(join_drives(drives), models)
-        wanted = {"shape.json"} if preset == "report-shape" else set(found)
-        learned |= {name: model for name, model in found.items() if name in wanted}
+        asked = {name: own for name, own in join_drives(drives).items() if name in wanted}
+        learned |= learn_gates(asked, models)
     for name, model in learned.items():
         write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0

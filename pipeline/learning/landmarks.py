@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
-from scipy.stats import norm
 
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.learning.cross_validation import platt
+from wayside.pipeline.roc.score_points import (
+    DECISION_RULE,
+    normal_tail,
+    rates_of,
+    score_points,
+)
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import EvidenceModel, GaussianModel, TreeModel
@@ -169,7 +174,11 @@ def learn_landmark_classifier(
     columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
     bounded = np.clip(columns, low, high)
     middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
-    slope, shift = _calibration(bounded - middle, sign, drive, direction, false_alarm)
+    held_out = _held_out_sums(bounded - middle, sign, drive, direction)
+    slope, shift = _calibration(held_out, sign, false_alarm)
+    rates = {*rates_of(int((~sign).sum())), false_alarm}
+    points = score_points(slope * held_out + shift, sign, drive, normal_tail, rates)
+    (decision,) = (one for one in points if one.false_alarm == false_alarm)
     weight, constant = _logistic_regression(bounded - middle, sign, direction)
     numbers = {"low": low, "high": high, "middle": middle, "weight": slope * weight}
     return EvidenceModel(
@@ -179,6 +188,9 @@ def learn_landmark_classifier(
         shift=round(slope * constant + shift, 5),
         threshold=accept,
         provenance=provenance,
+        threshold_rule=f"alpha {false_alarm:g}: log odds of 0 {DECISION_RULE}",
+        threshold_interval=decision.intervals[0] if decision.intervals else None,
+        curve=points,
     )
 
 
@@ -202,12 +214,21 @@ def _logistic_regression(
     return found.x[:-1] / scale, float(found.x[-1])
 
 
+def _held_out_sums(
+    values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64], direction: Values
+) -> Values:
+    """The sum (n,) of each landmark by weights that were learned without its drive."""
+    held_out = np.empty(len(values))
+    folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
+    for fold in np.unique(folds):
+        own = folds == fold
+        weight, constant = _logistic_regression(values[~own], sign[~own], direction)
+        held_out[own] = values[own] @ weight + constant
+    return held_out
+
+
 def _calibration(
-    values: Values,
-    sign: NDArray[np.bool_],
-    drive: NDArray[np.int64],
-    direction: Values,
-    false_alarm: float,
+    held_out: Values, sign: NDArray[np.bool_], false_alarm: float
 ) -> tuple[float, float]:
     """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999).
 
@@ -215,15 +236,10 @@ def _calibration(
     Neyman and Pearson do (report chapter 9): how much looks like a sign differs from road to road, what it looks like
     much less. As in the report a normal density is fitted to what is no sign: its largest values are too few to count.
     """
-    held_out = np.empty(len(values))
-    folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
-    for fold in np.unique(folds):
-        own = folds == fold
-        weight, constant = _logistic_regression(values[~own], sign[~own], direction)
-        held_out[own] = values[own] @ weight + constant
     (slope,), _ = platt(held_out[:, None], sign)
     others = held_out[~sign]
-    return float(slope), -float(slope * norm.ppf(1 - false_alarm, others.mean(), others.std()))
+    (limit,) = normal_tail(others, np.ones(len(others)), np.array([false_alarm]))
+    return float(slope), -float(slope * limit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learn import LEARN_READ, learning_logs, write_model
+from wayside.pipeline.learn import learning_logs, write_model
 from wayside.pipeline.learning.cross_validation import platt
 from wayside.pipeline.learning.detector import FALSE_PER_IMAGE
 from wayside.pipeline.learning.samples import (
+    LEARN_READ,
     NEAR_FACE,
     NEITHER,
     ON,

@@ -18,7 +18,7 @@ from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, 
 from wayside.schemas.detections import Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Image
-from wayside.schemas.settings import Settings
+from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.detection import (
     SIDE,
     box_feature_names,
@@ -45,6 +45,12 @@ UNKNOWN = 0.5
 """Fraction of a box in a place where nothing is known from which it counts as neither."""
 
 OFF, ON, NEITHER = 0, 1, -1
+
+ANY_SPACING_M = 8.0
+"""Distance between the images of logs without poses, where no position is learned from it: about that of the report."""
+
+LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=ANY_SPACING_M)
+"""Every image."""
 
 THREADS = 2
 """How many drives are read at a time."""

@@ -95,6 +95,13 @@ def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
     return stamp if stamp and abs(stamp) < LATEST_NS else None
 
 
+OTHER_LENSES = (
+    "positions follow from pinhole rays; for a fisheye fit --model rational to images of a board, or remap the images "
+    "to a pinhole first (cv2.fisheye.undistortImage)"
+)
+"""What to do where a lens has another model."""
+
+
 def check_video_format(name: str) -> None:
     """Refuse a video that is not of H.264 by the name of its format; raises ContentError."""
     if name.lower() != H264:
@@ -130,7 +137,7 @@ def make_camera(
         d = ()
     if d and model.lower() not in _SUPPORTED_LENSES:
         raise ContentError(
-            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are"
+            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are: {OTHER_LENSES}"
         )
     if len(d) not in _COEFFICIENTS:
         raise ContentError(f"its lens has {len(d)} coefficients; 0, 4, 5 or 8 are understood")

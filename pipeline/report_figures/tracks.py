@@ -20,7 +20,7 @@ from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings.calibration import BoardSettings
+from wayside.schemas.settings import BoardSettings
 from wayside.stages.report import mean_log_density
 
 FEET = 0.3048

@@ -126,9 +126,11 @@ def format_characteristics(measured: Characteristics) -> str:
             continue
         words += [
             f"{row['area']:.3f}{_ends(row['area_low'], row['area_high'], 1, '.3f')}",
-            f"{question.threshold:.4g}",
+            "-" if row["threshold"] is None else f"{question.threshold:.4g}",
             *(
-                f"{100 * row[rate]:.3g} %{_ends(row[f'{rate}_low'], row[f'{rate}_high'], 100, '.3g')}"
+                "-"
+                if row[rate] is None
+                else f"{100 * row[rate]:.3g} %{_ends(row[f'{rate}_low'], row[f'{rate}_high'], 100, '.3g')}"
                 for rate in ("tpr", "fpr")
             ),
             f"{row['knee']:.4g}",
@@ -205,19 +207,17 @@ def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
     }
     if curve is None:
         return row
-    at = curve.at(question.threshold, accept_below=scores.accept_below)
     full = int((curve.tp < curve.positives).sum())
     row |= {
         "area": curve.area,
         "knee": float(curve.threshold[curve.knee]),
         "knee_tpr": float(curve.tpr[curve.knee]),
         "knee_fpr": float(curve.fpr[curve.knee]),
-        "tpr": float(curve.tpr[at]),
-        "fpr": float(curve.fpr[at]),
-        **_band(curve, at),
         "full_tpr_fpr": float(curve.fpr[full]) if full < len(curve.tp) else None,
         "groups": curve.groups,
     }
+    if (at := question.used_row(curve)) is not None:
+        row |= {"tpr": float(curve.tpr[at]), "fpr": float(curve.fpr[at]), **_band(curve, at)}
     for name, interval in (("area", curve.area_interval), ("knee", curve.knee_interval)):
         if interval is not None:
             row |= {f"{name}_low": interval.low, f"{name}_high": interval.high}

@@ -1,16 +1,18 @@
 """Thresholds of a model of Gaussian classes by a rule, and its operating points: what it does at other thresholds.
 
 Classes that the labels tell apart (colours, shapes) are each a test of their own: its signs against what is no sign, as
-in chapter 10; an operating point gives all of them one false positive rate. Components of one class (signs right of the
-road, left of it, above it) are one test. A sample belongs to the component that it is nearest to; the slope of the
-upper convex hull of a component's curve is the likelihood ratio of the samples there, and the lemma of Neyman and
-Pearson asks for one ratio everywhere. Taking the steps of all curves in the order of the slope of their hull gives, for
-every false positive rate, the radii with the largest true positive rate.
+in chapter 10; an operating point gives all of them one false positive rate. Knees that are chosen class by class accept
+together far more than any of them: where there are many, one knee is chosen for the gate.
+
+Components of one class (signs right of the road, left of it, above it) are one test. A sample belongs to the component
+that it is nearest to; the slope of the upper convex hull of a component's curve is the likelihood ratio of the samples
+there, and the lemma of Neyman and Pearson asks for one ratio everywhere. Taking the steps of all curves in the order of
+the slope of their hull gives, for every false positive rate, the radii with the largest true positive rate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -20,33 +22,45 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.roc.curves import KNEE_RULE, Scores, resampled_groups, roc_curve
 from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
+from wayside.pipeline.roc.score_points import counted_tail, rates_of, score_points
 from wayside.pipeline.statistics import CONFIDENCE
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import GaussianModel, OperatingPoint
+from wayside.schemas.models import GaussianModel, MixtureModel, OperatingPoint
 
 MOST_POINTS = 40
 """Operating points that a model file holds."""
 
 DRAWS = 100
-"""Resamplings of the radii of components."""
+"""Resamplings of the thresholds of all classes together."""
 
 JOINT_RULE = "knee of the ROC of all components together: " + KNEE_RULE.partition(": ")[2]
 
+GATE_RULE = (
+    "knee of the ROC of the gate, its classes of one false positive rate: "
+    + KNEE_RULE.partition(": ")[2]
+)
+
+Points = tuple[OperatingPoint, ...]
+
 
 def with_learned_thresholds(
-    model: GaussianModel, samples: ClassifierSamples, seed: int = 1
+    model: GaussianModel, samples: ClassifierSamples, seed: int = 1, *, one_knee: bool = False
 ) -> GaussianModel:
     """The model with the thresholds of its knees, their 95 % intervals, and its operating points.
 
     Parameters
     ----------
     model
-        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule.
+        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule; with one knee it
+        gets the false positive rate of the others.
     samples
         What the classifier was asked about on labelled drives; the intervals resample the drives, or the stretches of a
         single one.
     seed
         Of the resampling.
+    one_knee
+        Of classes that the labels tell apart: the thresholds of the operating point with the largest true minus false
+        positive rate of the gate as a whole, not the knee of each class.
 
     Raises
     ------
@@ -61,23 +75,73 @@ def with_learned_thresholds(
             f"thresholds of {samples.classifier}: wanted signs and other things, found {int(on.sum())} signs among "
             f"{len(on)} samples; label more images"
         )
-    if (own.kind != NO_CLASS).any():
+    of_class = on[:, None] & (own.kind[:, None] == np.array([one.name for one in model.classes]))
+    labelled = bool((own.kind != NO_CLASS).any())
+    if labelled and not one_knee:
         return _with_class_knees(model, own, distance, on, group, seed)
-    points = component_points(distance, on, own.count)
+
+    def points_of(rows: NDArray[np.bool_], count: NDArray[np.int64]) -> Points:
+        if labelled:
+            return class_points(distance[rows], of_class[rows], on[rows], count[rows])
+        return component_points(distance[rows], on[rows], count[rows])
+
+    points = points_of(np.ones(len(on), np.bool_), own.count)
     chosen = _knee(points)
-    draws = _resampled(distance, on, own.count, group, seed)
+    draws = _resampled(points_of, on, own.count, group, seed)
     tails = [100 * (1 - CONFIDENCE) / 2, 100 * (1 + CONFIDENCE) / 2]
     ends = np.percentile(draws, tails, axis=0) if len(draws) else None
     classes = tuple(
         replace(
             one,
             threshold=chosen.thresholds[j],
-            threshold_rule=JOINT_RULE if len(model.classes) > 1 else KNEE_RULE,
+            threshold_rule=(JOINT_RULE, GATE_RULE)[labelled]
+            if len(model.classes) > 1
+            else KNEE_RULE,
             threshold_interval=None if ends is None else (float(ends[0, j]), float(ends[1, j])),
         )
         for j, one in enumerate(model.classes)
     )
     return replace(model, classes=classes, curve=points)
+
+
+def with_score_threshold(model: MixtureModel, samples: ClassifierSamples) -> MixtureModel:
+    """The density with the threshold at the knee of its ROC, the interval of that, and its operating points.
+
+    Parameters
+    ----------
+    model
+        Density of what is typical.
+    samples
+        What the gate was asked about on labelled drives that it was not learned from, with the mean log density under
+        this model as value; what has none (-inf) is never accepted.
+
+    Raises
+    ------
+    InputError
+        There is no sign among the samples, or nothing else.
+    """
+    own = samples.known()
+    value, on = own.values[:, 0], own.label == ON
+    group = resampled_groups(own.drive, own.frame)[0]
+    curve = roc_curve(Scores(value, on, own.count, group, accept_below=False))
+    if curve is None:
+        raise InputError(
+            f"thresholds of {samples.classifier}: wanted signs and other things, found {int(on.sum())} signs among "
+            f"{len(on)} samples; label more images"
+        )
+    known = np.isfinite(value)
+    return replace(
+        model,
+        threshold=float(curve.threshold[curve.knee]),
+        threshold_rule=(
+            f"{KNEE_RULE}; {curve.tpr[curve.knee]:.3f} of {curve.positives} tracks of signs and "
+            f"{curve.fpr[curve.knee]:.3f} of {curve.negatives} others"
+        ),
+        threshold_interval=curve.knee_interval,
+        curve=score_points(
+            value[known], on[known], group[known], counted_tail, rates_of(curve.negatives)
+        ),
+    )
 
 
 def component_points(
@@ -117,6 +181,8 @@ def class_points(
 ) -> tuple[OperatingPoint, ...]:
     """Operating points of classes that labels tell apart: at each, all have one false positive rate.
 
+    A class without a sign gets the distance within which that share of the others is.
+
     Parameters
     ----------
     distance
@@ -135,6 +201,9 @@ def class_points(
         signs = np.sort(distance[own[:, j], j])
         signs = signs[np.isfinite(signs)]
         if len(signs) == 0:
+            thresholds[:, j] = np.append(0.0, reach)[
+                np.searchsorted(accepted, levels, side="right")
+            ]
             continue
         # the farthest sign before more others than the level come in
         rows = np.searchsorted(accepted, levels, side="right")
@@ -194,13 +263,13 @@ def _knee(points: Sequence[OperatingPoint]) -> OperatingPoint:
 
 
 def _resampled(
-    distance: NDArray[np.float64],
+    points_of: Callable[[NDArray[np.bool_], NDArray[np.int64]], Points],
     on: NDArray[np.bool_],
     count: NDArray[np.int64],
     group: NDArray[np.int64],
     seed: int,
 ) -> NDArray[np.float64]:
-    """Radii (draws, components) at the knee of resampled groups; none of a single group."""
+    """Thresholds (draws, classes) at the knee of resampled groups; none of a single group."""
     groups, member = np.unique(group, return_inverse=True)
     chosen = []
     if len(groups) > 1:
@@ -209,9 +278,8 @@ def _resampled(
             weight = draw.multinomial(len(groups), np.full(len(groups), 1 / len(groups)))[member]
             kept = weight > 0
             if (on & kept).any() and (~on & kept).any():
-                points = component_points(distance[kept], on[kept], (count * weight)[kept])
-                chosen.append(_knee(points).thresholds)
-    return np.array(chosen, np.float64).reshape(-1, distance.shape[1])
+                chosen.append(_knee(points_of(kept, count * weight)).thresholds)
+    return np.array(chosen, np.float64)
 
 
 def _points(

@@ -55,15 +55,19 @@ def draw_curves(classifier: str, drawn: Sequence[tuple[Question, RocCurve]]) -> 
         ink = ink_of(question.name, row)
         points = _points(np.append(curve.fpr, 1.0), np.append(curve.tpr, 1.0))
         page.line(points, ink, 3 if question.name == ALL else 2)
-        at = curve.at(question.threshold, accept_below=question.scores.accept_below)
+        used = question.used_row(curve)
+        at = curve.knee if used is None else used
         page.dot(points[curve.knee], 6, (255, 255, 255), ink)
-        page.dot(points[at], 5, ink)
+        if used is not None:
+            page.dot(points[at], 5, ink)
         y = TOP + 14 + 46 * row
         page.line([(LEFT + SIDE + 30, y - 5), (LEFT + SIDE + 58, y - 5)], ink, 3)
         page.text((LEFT + SIDE + 68, y), f"{question.name}   area {_area(curve)}", SMALL, TEXT)
-        used = f"threshold {_short(question.threshold)}: {100 * curve.tpr[at]:.1f} % of {curve.positives} signs, "
-        used += f"{100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
-        page.text((LEFT + SIDE + 68, y + 19), used, SMALL - 2, FAINT)
+        shown = float(curve.threshold[at]) if used is None else question.threshold
+        words = f"{'knee' if used is None else 'threshold'} {_short(shown)}: "
+        words += f"{100 * curve.tpr[at]:.1f} % of {curve.positives} signs, "
+        words += f"{100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
+        page.text((LEFT + SIDE + 68, y + 19), words, SMALL - 2, FAINT)
     key = "dot: threshold of the run; ring: knee; grey: 95 % band of the first curve"
     page.text((LEFT + SIDE + 30, height - 24), key, SMALL - 2, FAINT)
     return page.rgb

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models
-from wayside.pipeline.roc.curves import Scores, resampled_groups
+from wayside.pipeline.roc.curves import RocCurve, Scores, resampled_groups
 from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
-from wayside.schemas.models import GaussianModel
+from wayside.schemas.models import EvidenceModel, GaussianModel
 from wayside.schemas.settings import Settings
 
 ALL = "all"
@@ -24,7 +24,8 @@ ALL = "all"
 class Question:
     """A classifier's test for one class.
 
-    threshold: that of the run; unit: of its values; resampled: what the groups of the scores are.
+    threshold: that of the run, nan where it has none; unit: of its values; resampled: what the groups of the scores
+    are.
     """
 
     classifier: str
@@ -34,6 +35,12 @@ class Question:
     unit: str
     resampled: str
 
+    def used_row(self, curve: RocCurve) -> int | None:
+        """Row of its curve at the threshold of the run."""
+        if np.isnan(self.threshold):
+            return None
+        return curve.at(self.threshold, accept_below=self.scores.accept_below)
+
 
 def questions(
     samples: Mapping[str, ClassifierSamples], settings: Settings, models: Models
@@ -41,8 +48,9 @@ def questions(
     """Every test of the classifiers that were asked, in the order of the chain.
 
     A class of colour or shape is tested with its own signs against what is no sign; signs of other classes count in the
-    confusion. A place has no class: a sign belongs to the component of the model that it is nearest to. `all` is a
-    classifier of several classes as a whole: the least distance over threshold, which it accepts up to 1.
+    confusion. A landmark is tested by the sum of its evidence (`all`) and by each term alone. A place has no class: a
+    sign belongs to the component of the model that it is nearest to. `all` is a classifier of several classes as a
+    whole: the least distance over threshold, which it accepts up to 1.
     """
     for classifier, every in samples.items():
         yield from _questions_of(classifier, every.known(), settings, models)
@@ -82,7 +90,8 @@ def _questions_of(
             unit = "Mahalanobis distance"
             yield question(one.name, distance[:, j], one.threshold, unit, rows, below=True)
     elif classifier == "confidence":
-        yield question(ALL, own.values[:, 0], settings.locate.confidence, "probability")
+        least = models.sign_confidence(settings.locate.confidence)
+        yield question(ALL, own.values[:, 0], least, "probability")
     else:
         learned, unit = {
             "detector": (models.box_classifier, "log odds"),
@@ -92,6 +101,10 @@ def _questions_of(
         yield question(
             ALL, own.values[:, 0], np.nan if learned is None else learned.threshold, unit
         )
+        # no term decides by itself
+        terms = learned.term_names if isinstance(learned, EvidenceModel) else ()
+        for column, term in enumerate(terms, 1):
+            yield question(term, own.values[:, column], np.nan, "log-likelihood ratio")
 
 
 def gaussian_model(classifier: str, models: Models) -> GaussianModel | None:

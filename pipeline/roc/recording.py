@@ -47,15 +47,16 @@ def record_curves(
         for row, (question, curve) in enumerate(curves):
             ink = ink_of(question.name, row)
             line = np.stack([np.append(curve.fpr, 1.0), -np.append(curve.tpr, 1.0)], axis=1)
-            at = curve.at(question.threshold, accept_below=question.scores.accept_below)
+            at = question.used_row(curve)
+            shown = {"knee": curve.knee} if at is None else {"knee": curve.knee, "threshold": at}
             entity = f"/roc/{name}/{question.name}"
             strips = rr.LineStrips2D([line], colors=[ink], radii=0.003, labels=[question.name])
             stream.log(f"{entity}/curve", strips, static=True)
             marks = rr.Points2D(
-                line[[curve.knee, at]],
+                line[list(shown.values())],
                 colors=[ink],
-                radii=[0.008, 0.012],
-                labels=["knee", "threshold"],
+                radii=[0.008, 0.012][: len(shown)],
+                labels=list(shown),
                 show_labels=False,
             )
             stream.log(f"{entity}/points", marks, static=True)

@@ -218,7 +218,7 @@ class _Collector:
 
     def _size(self, item: Segmentation) -> Iterable[tuple[str, _Asked]]:
         """Areas of all connected regions, equal ones of a frame counted in one row."""
-        if item.image.rgb is None or self._models.color_classes is None:
+        if item.image.rgb is None:
             return
         regions = regions_before_gate(item)
         label, _ = self._faces.label_regions(item.frame.index, regions.box)
@@ -299,7 +299,7 @@ class _Collector:
         return _Asked(space, np.full(len(box), frame), values, label, kind, accepted, named, box)
 
     def _tracked(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
-        """Landmarks of faces that the landmark classifier scores."""
+        """Landmarks of faces that the landmark classifier scores: the sum of its evidence, and each term."""
         asked = [
             one
             for one in frame.landmarks
@@ -307,10 +307,8 @@ class _Collector:
         ]
         if asked and self._models.color_classes is None:
             accepted = [one.verdict == "sign" for one in asked]
-            yield (
-                "landmark",
-                self._landmarks(asked, "log_odds", [(o.score,) for o in asked], accepted),
-            )
+            values = [(one.score, *(ratio for _, ratio in one.evidence)) for one in asked]
+            yield "landmark", self._landmarks(asked, "log_odds", values, accepted)
 
     def _moved(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
         """Landmarks that were signs but for their trajectory."""

@@ -6,6 +6,7 @@ and `REPORT_SHAPE`.
 """
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
@@ -45,6 +46,7 @@ __all__ = [
     "AdjustmentSettings",
     "AssemblySettings",
     "AssociationSettings",
+    "BoardSettings",
     "CandidateSettings",
     "CodeSettings",
     "FeatureSettings",
@@ -65,6 +67,7 @@ __all__ = [
     "RouteSettings",
     "RunSettings",
     "SegmentSettings",
+    "SelfCalibrationSettings",
     "Settings",
     "SiftSettings",
     "TieSettings",

@@ -1,6 +1,6 @@
 """Settings of `wayside calibrate`, and of the check of the calibration in a run.
 
-No table of a run depends on them, only a note does, so they are no part of the settings of a run.
+No table of a run depends on them, only a note does.
 """
 
 from __future__ import annotations

@@ -140,7 +140,12 @@ class LocateSettings:
         True, "", "refuse landmarks where no sign stands, and of no sign's size; false: keep all"
     )
     confidence: float = setting(
-        0.5, "", "signs below this confidence get status uncertain", low=0, high=1
+        0.5,
+        "",
+        "signs below this confidence get status uncertain; with a false-alarm rate (models.alpha), 0.5 stands for the "
+        "confidence that it asks for",
+        low=0,
+        high=1,
     )
     smallest_side_m: float = setting(
         0.12, "m", "panels with a smaller side are refused", low=0, high=10

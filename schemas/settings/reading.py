@@ -135,8 +135,8 @@ class ModelSettings:
     alpha: float = setting(
         0.0,
         "",
-        "false-alarm rate of every gate of the report's chain: the thresholds with the most true positives of at most "
-        "this rate, by the curves in the model files; 0: the thresholds of the files",
+        "false-alarm rate of every gate of the preset: the thresholds with the most true positives of at most this "
+        "rate, by the curves in the model files; 0: the thresholds of the files",
         low=0,
         high=1,
     )

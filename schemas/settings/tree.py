@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.georeference import GeoreferenceSettings
@@ -67,6 +68,8 @@ class Settings:
     codes: CodeSettings = field(default_factory=CodeSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
+    boards: BoardSettings = field(default_factory=BoardSettings)
+    calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
 
     @property
     def mapping(self) -> MappingSettings:

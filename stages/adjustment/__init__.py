@@ -11,7 +11,7 @@ from wayside.stages.adjustment.residuals import (
     StepConstraints,
     constraint_residuals,
 )
-from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks
+from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, translation_px
 
 __all__ = [
     "QUADRATIC",
@@ -24,4 +24,5 @@ __all__ = [
     "correlated_sigma_px",
     "link_tracks",
     "select_tracks",
+    "translation_px",
 ]

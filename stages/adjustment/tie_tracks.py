@@ -1,13 +1,33 @@
-"""Ties of consecutive steps linked to tracks, and a selection of these spread evenly over the image."""
+"""Ties of consecutive steps: their displacement, tracks of them, and a selection spread evenly over the image."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled
+from wayside.stages.kernels import Array, compiled
 
 Numbers = NDArray[np.int64]
+
+NEAREST_DEPTH = 1e-6
+"""Smallest third coordinate of a turned ray: what would lie beside or behind the camera has no place in its image."""
+
+
+def translation_px(rotation: Array, before: Array, after: Array, focal_px: float) -> Array:
+    """How far ties move in the image by the translation of the camera alone, (n,) px.
+
+    Parameters
+    ----------
+    rotation
+        Of the later camera in the earlier one, (3, 3).
+    before, after
+        Rays in the earlier and in the later camera, (n, 2).
+    focal_px
+        Focal length.
+    """
+    far = before @ rotation[:2] + rotation[2]
+    moved = after - far[:, :2] / np.maximum(far[:, 2:], NEAREST_DEPTH)
+    return np.asarray(np.linalg.norm(moved, axis=1) * focal_px)
 
 
 def link_tracks(step: Numbers, corners: Numbers) -> Numbers:

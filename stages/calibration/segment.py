@@ -13,7 +13,7 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, Ties
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
 from wayside.schemas.settings.calibration import SelfCalibrationSettings
-from wayside.stages.adjustment import correlated_sigma_px, link_tracks
+from wayside.stages.adjustment import correlated_sigma_px, link_tracks, translation_px
 from wayside.stages.geometry import (
     distort_points,
     ideal_points,
@@ -174,17 +174,14 @@ def _ties_of(step: int, motion: Motion, ties: Ties, camera: Camera, sliding_px: 
         )
     kept = (ties.sigma_px < sliding_px) & (ties.rows[:, 0] >= 0) & (ties.rows[:, 1] >= 0)
     previous, current = ties.previous[kept], ties.current[kept]
-    rays = rays_of_ideal(camera, previous)
-    turned = np.column_stack([rays, np.ones(len(rays))]) @ motion.step.rotation
-    far = turned[:, :2] / np.maximum(turned[:, 2:], 1e-6)
-    travel = np.linalg.norm(far - rays_of_ideal(camera, current), axis=1)
+    rays = (rays_of_ideal(camera, previous), rays_of_ideal(camera, current))
     return _Ties(
         np.full(len(previous), step, np.int64),
         ties.rows[kept],
         distort_points(camera, previous),
         distort_points(camera, current),
         ties.warp[kept],
-        0.5 * (camera.fx + camera.fy) * travel,
+        translation_px(motion.step.rotation, *rays, 0.5 * (camera.fx + camera.fy)),
         ties.point[kept],
     )
 

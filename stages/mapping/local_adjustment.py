@@ -30,6 +30,7 @@ from wayside.stages.adjustment import (
     correlated_sigma_px,
     link_tracks,
     select_tracks,
+    translation_px,
 )
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
@@ -200,8 +201,6 @@ def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> _WindowTies:
         good = ties.inlier & (ties.sigma_px < sliding_px)
         source = rays_of_ideal(before, ties.previous[good])
         target = rays_of_ideal(now, ties.current[good])
-        infinity = source @ pose.rotation[:2] + pose.rotation[2]
-        displacement = target - infinity[:, :2] / infinity[:, 2:]
         parts.append(
             _WindowTies(
                 np.full(len(source), k - 1),
@@ -211,7 +210,7 @@ def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> _WindowTies:
                 ties.warp[good],
                 pose.to_world(ties.point[good])[:, 2],
                 ties.current[good],
-                np.linalg.norm(displacement, axis=1) * window[k].focal,
+                translation_px(pose.rotation, source, target, window[k].focal),
             )
         )
     return _WindowTies(*(np.concatenate(column) for column in zip(*parts, strict=True)))

@@ -162,13 +162,44 @@ def test_a_false_alarm_rate_trades_every_gate_of_the_report():
 
 
 def test_a_false_alarm_rate_is_refused_where_no_curve_is_stored(tmp_path):
-    with pytest.raises(InputError, match=r"locate\.confidence"):
-        load_models(settings("default", alpha=0.05))
     data = json.loads((shipped_models() / "color_rgb.json").read_text())
     del data["curve"]
     (tmp_path / "color_rgb.json").write_text(json.dumps(data))
-    with pytest.raises(InputError, match="found none for color;"):
+    with pytest.raises(InputError, match=r"color: .* found none;"):
         load_models(settings("report", tmp_path, alpha=0.05))
+
+
+def with_curve(folder, *names):
+    """Model files that ship, with operating points, in a folder."""
+    for name in names:
+        data = json.loads((shipped_models() / name).read_text())
+        data["curve"] = [[0.01, 0.5, 1.5, 1.0, 2.0], [0.1, 0.9, -0.5, -1.0, 0.0]]
+        (folder / name).write_text(json.dumps(data))
+    return folder
+
+
+def test_a_false_alarm_rate_moves_the_decision_of_the_default_preset_not_the_confidence(tmp_path):
+    folder = with_curve(tmp_path, "place.json", "back_place.json")
+    shipped, read = load_models(settings()), load_models(settings(folder=folder))
+    for alpha, decision in ((0.05, 1.5), (0.2, -0.5)):
+        traded = load_models(settings(folder=folder, alpha=alpha))
+        front, back = traded.landmark_classifier, traded.back_landmark_classifier
+        assert (front.decision, back.decision) == (decision, decision)
+        assert front.threshold == pytest.approx(shipped.landmark_classifier.threshold + decision)
+        assert front.shift == shipped.landmark_classifier.shift
+        assert traded.sign_confidence(0.5) == pytest.approx(1 / (1 + math.exp(-decision)))
+        assert model_to_json(model_from_json(model_to_json(front))) == model_to_json(front)
+        assert traded.digests()["place"] != read.digests()["place"]
+    assert read.sign_confidence(0.7) == 0.7
+    with pytest.raises(InputError, match=r"place: .* at most 0\.005, found 0\.01, 0\.1"):
+        load_models(settings(folder=folder, alpha=0.005))
+
+
+def test_a_false_alarm_rate_trades_the_trajectory_gate(tmp_path):
+    folder = with_curve(tmp_path, "trajectory.json")
+    density = load_models(settings("report-2d", folder, alpha=0.05)).trajectory_density
+    assert (density.threshold, density.threshold_interval) == (1.5, (1.0, 2.0))
+    assert density.threshold_rule.startswith("alpha 0.05")
 
 
 def test_digests_are_those_of_the_files_and_the_same_each_time():

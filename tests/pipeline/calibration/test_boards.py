@@ -1,5 +1,6 @@
 """`wayside calibrate` with images of a chessboard."""
 
+import re
 from pathlib import Path
 
 import cv2
@@ -102,6 +103,20 @@ def test_too_few_boards_are_refused_with_every_reason(boards):
         calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
 
 
+def test_a_fisheye_is_refused_with_what_to_do(tmp_path):
+    command = ["calibrate", str(tmp_path), "--board", "9x6", "--model", "fisheye"]
+    result = CliRunner().invoke(app, command)
+    assert isinstance(result.exception, UsageError)
+    assert re.search(r"found fisheye; .* --model rational .* remap", str(result.exception))
+
+
+def test_a_setting_of_the_command_line_decides_which_boards_count(boards):
+    command = ["calibrate", str(boards), "--board", "9x6", "--set", "boards.fewest_views=99"]
+    result = CliRunner().invoke(app, command)
+    assert isinstance(result.exception, InputError)
+    assert "99" in str(result.exception)
+
+
 def test_images_of_two_cameras_are_refused_with_their_names(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640), np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), np.zeros((240, 320), np.uint8))
@@ -133,7 +148,14 @@ def test_existing_files_and_missing_folders_are_refused_before_any_work(tmp_path
 
     def call(path):
         calibrate_by_boards(
-            [], BOARD, model="plumb_bob", name="a", out=path, coverage=None, overwrite=False
+            [],
+            BOARD,
+            settings=BoardSettings(),
+            model="plumb_bob",
+            name="a",
+            out=path,
+            coverage=None,
+            overwrite=False,
         )
 
     with pytest.raises(OutputError, match=r"camera.yaml.*--overwrite"):

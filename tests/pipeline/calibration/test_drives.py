@@ -57,7 +57,7 @@ def test_images_without_common_points_are_refused(tmp_path):
     log = tmp_path / "drive.mcap"
     import_images([tmp_path / f"{i}.png" for i in range(4)], tmp_path / "camera.yaml", 8.0, log)
     with pytest.raises(InputError, match=r"common points.*4 images"):
-        calibrate_log(log, Settings(), SelfCalibrationSettings())
+        calibrate_log(log, Settings())
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_the_demo_drive_corrects_a_focal_length_that_is_off_by_a_tenth(
         from wayside.pipeline.calibration import drives
 
         monkeypatch.setattr(drives, "_given", lambda *_: (None, ""))
-        found = calibrate_log(DEMO, Settings(), SelfCalibrationSettings()).calibration
+        found = calibrate_log(DEMO, Settings()).calibration
         assert abs(np.log(found.camera.fx / TRUE.fx)) < 2 * found.focal_sigma < 0.1
         return
     start, out = tmp_path / "wrong.yaml", tmp_path / "camera.yaml"

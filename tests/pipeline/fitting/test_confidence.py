@@ -78,6 +78,19 @@ def test_the_model_gives_the_calibrated_log_odds(shipped):
     assert found.model.threshold == shipped.threshold
 
 
+def test_the_fitted_model_holds_operating_points_of_the_user_s_own_road(shipped):
+    samples = landmarks(1000, 0.7, -1.0)
+    found = fit_confidence(samples, shipped, SETTINGS, "labels", alpha=0.05)
+    score = found.slope * samples.values[:, 0] + found.shift
+    others = score[samples.kind == ""]
+    assert (others >= found.model.decision).mean() == pytest.approx(0.05, abs=0.03)
+    low, high = found.model.threshold_interval
+    assert low < found.model.decision < high
+    assert found.model.threshold == pytest.approx(shipped.threshold + found.model.decision)
+    with pytest.raises(InputError, match=r"landmarks that are no sign tell no smaller one"):
+        fit_confidence(landmarks(60), shipped, SETTINGS, "labels", alpha=0.01)
+
+
 def test_few_landmarks_are_refused_with_the_number_needed(shipped):
     samples = landmarks(200)
     few = samples.select((samples.kind == "") | (samples.sign < 10))

@@ -18,6 +18,7 @@ from wayside.pipeline.learning.landmarks import (
 )
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Observation
+from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.stages.mapping import FEATURES
 
 
@@ -108,6 +109,29 @@ def test_as_many_others_as_stated_are_reported_as_signs():
     fresh, _ = examples(4000, seed=5)
     others = sums(model, fresh.values)[fresh.label == NOTHING]
     assert (others >= 0).mean() == pytest.approx(module.FALSE_ALARM, abs=0.035)
+
+
+def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_log_odds_alone():
+    learned, _ = examples(4000)
+    model = model_from_json(model_to_json(learn_landmark_classifier(learned, "test", -1.4)))
+    assert model.at_alpha(module.FALSE_ALARM).decision == pytest.approx(0, abs=1e-3)
+    low, high = model.threshold_interval
+    assert low < 0 < high
+    assert model.threshold_rule.startswith("alpha 0.03: ")
+    fresh, _ = examples(4000, seed=5)
+    others = sums(model, fresh.values)[fresh.label == NOTHING]
+    power = []
+    for alpha in (0.01, 0.1, 0.3):
+        traded = model.at_alpha(alpha)
+        assert (others >= traded.decision).mean() == pytest.approx(alpha, abs=0.03)
+        assert traded.threshold == pytest.approx(traded.decision - 1.4)
+        assert (traded.shift, *traded.weight) == (model.shift, *model.weight)
+        power.append((sums(traded, fresh.values)[fresh.label == SIGN] >= traded.decision).mean())
+        stated = max(p.power for p in model.curve if p.false_alarm <= alpha)
+        assert power[-1] == pytest.approx(stated, abs=0.05)
+    assert power == sorted(power)
+    with pytest.raises(ValueError, match="wanted operating points"):
+        model.at_alpha(1e-6)
 
 
 def test_no_feature_counts_against_its_nature():

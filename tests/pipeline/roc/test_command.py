@@ -13,12 +13,18 @@ from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.gates import learn_gates
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.model_files import load_models
-from wayside.pipeline.roc.command import _write, characteristics, measure_roc
-from wayside.pipeline.roc.questions import confusion
+from wayside.pipeline.roc.command import (
+    _write,
+    characteristics,
+    format_characteristics,
+    measure_roc,
+)
+from wayside.pipeline.roc.questions import confusion, questions
 from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
+from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
@@ -99,6 +105,31 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
     assert (tmp_path / "roc" / "roc.rrd").stat().st_size > 1000
 
 
+def test_the_sum_of_evidence_and_each_term_have_a_curve_but_no_term_a_threshold(tmp_path):
+    used = load_models(load_settings()[0])
+    draw = np.random.default_rng(2)
+    ratios = np.concatenate(
+        [
+            draw.normal(1, 1, (60, len(EVIDENCE_TERMS))),
+            draw.normal(-1, 1, (60, len(EVIDENCE_TERMS))),
+        ]
+    )
+    values = np.column_stack([ratios.sum(axis=1), ratios])
+    asked = {
+        "landmark": samples("landmark", "log_odds", values, [ON] * 60 + [OFF] * 60, [""] * 120)
+    }
+    measured = characteristics(asked, load_settings()[0], used)
+    _write(tmp_path / "roc", measured)
+    rows = {
+        row["class"]: row for row in pq.read_table(tmp_path / "roc" / CLASSIFIERS.file).to_pylist()
+    }
+    assert rows.keys() == {"all", *EVIDENCE_TERMS}
+    assert rows["all"]["tpr"] == np.mean(values[:60, 0] >= used.landmark_classifier.threshold)
+    assert all(rows["all"]["area"] > rows[term]["area"] for term in EVIDENCE_TERMS)
+    assert all(rows[term]["threshold"] is rows[term]["tpr"] is None for term in EVIDENCE_TERMS)
+    assert "| landmark | size | 60 | 60 |" in format_characteristics(measured)
+
+
 def test_the_same_samples_give_the_same_tables(tmp_path, asked, models):
     for name in ("a", "b"):
         _write(tmp_path / name, characteristics(asked, REPORT, models))
@@ -162,7 +193,7 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     wanted = {
         "report-2d": {"size", "color", "trajectory"},
         "report": {"size", "color", "location"},
-        "default": {"detector", "landmark", "confidence"},
+        "default": {"size", "detector", "landmark", "confidence"},
     }
     assert wanted[preset] == found.keys()
     for own in found.values():
@@ -176,3 +207,10 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
         truth = json.loads(DEMO.with_suffix(".truth.json").read_text())
         assert (found["confidence"].label == ON).sum() <= len(truth["signs"])
         assert (found["confidence"].label == ON).any()
+        tested = {
+            one.name for one in questions(found, settings, used) if one.classifier == "landmark"
+        }
+        assert tested == {"all", *EVIDENCE_TERMS}
+        sums, *ratios = found["landmark"].values.T
+        shift = used.landmark_classifier.shift
+        assert sums == pytest.approx(shift + np.sum(ratios, axis=0), abs=1e-6)

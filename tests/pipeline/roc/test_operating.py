@@ -13,11 +13,12 @@ from wayside.pipeline.roc.operating import (
     component_points,
     gate_rates,
     with_learned_thresholds,
+    with_score_threshold,
 )
 from wayside.pipeline.roc.samples import ClassifierSamples
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json, model_to_json
-from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 
 
 def samples(values, on, kind=None, drives=5):
@@ -107,6 +108,46 @@ def test_each_colour_has_the_knee_of_its_own_signs_and_one_without_signs_keeps_i
     )
     assert [1.5 < one.threshold < 3.5 for one in found.classes] == [True, True, False]
     assert found.classes[2].threshold_rule == "typed"
+
+
+def test_one_knee_for_the_gate_is_the_point_of_its_curve_with_the_largest_gain():
+    draw = np.random.default_rng(5)
+    values = np.concatenate(
+        [draw.normal(0, 1, 300), draw.normal(20, 1, 300), draw.uniform(-40, 60, 1500)]
+    )
+    kind = ["c0"] * 300 + ["c1"] * 300 + [""] * 1500
+    data = samples(values, np.arange(2100) < 600, kind)
+    found = with_learned_thresholds(model((0,), (20,), (99,)), data, one_knee=True)
+    reach = np.array([one.threshold for one in found.classes])
+    distance, on = found.distances(data.values), data.label == ON
+    false_alarm, power = gate_rates(distance, on, data.count, reach)
+    assert power - false_alarm == max(one.power - one.false_alarm for one in found.curve)
+    shares = [(distance[~on, j] <= reach[j]).mean() for j in range(3)]
+    assert shares == pytest.approx([shares[0]] * 3, abs=0.02)  # one rate, without signs too
+    for one in found.classes:
+        assert one.threshold_rule.startswith("knee of the ROC of the gate")
+        low, high = one.threshold_interval
+        assert low <= high
+
+
+def test_a_density_gets_the_knee_of_its_tracks_with_points_that_hold_their_rates():
+    draw = np.random.default_rng(7)
+    values = np.concatenate([draw.normal(2, 1, 300), draw.normal(-2, 2, 3000), [-np.inf]])
+    on = np.arange(3301) < 300
+    eye = np.eye(4)[None]
+    before = MixtureModel("image", np.ones(1), np.zeros((1, 4)), eye, 9.0, "typed", 1, "drives")
+    found = with_score_threshold(before, samples(values, on))
+    gain = [(values[on] >= t).mean() - (values[~on] >= t).mean() for t in values]
+    assert gain[int(np.argmin(abs(values - found.threshold)))] == pytest.approx(max(gain), abs=0.02)
+    low, high = found.threshold_interval
+    assert low <= found.threshold <= high
+    read = model_from_json(model_to_json(found))
+    for one in read.curve:
+        assert (values[~on] >= one.thresholds[0]).mean() <= one.false_alarm + 1e-3
+        traded = read.at_alpha(one.false_alarm).threshold
+        assert (values[on] >= traded).mean() == pytest.approx(one.power, abs=0.005)
+    with pytest.raises(InputError, match="wanted signs and other things"):
+        with_score_threshold(before, samples(values[:300], on[:300]))
 
 
 def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_points():

@@ -3,7 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks
+from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, translation_px
+from wayside.stages.geometry import rotation_from_vector
 
 
 def test_ties_that_end_and_start_at_the_same_corner_are_one_track():
@@ -23,6 +24,21 @@ def test_of_two_ties_at_one_corner_one_goes_on():
     step = np.array([0, 0, 1, 1])
     corners = np.array([[1, 8], [2, 8], [8, 3], [8, 4]])
     assert link_tracks(step, corners).tolist() == [0, 1, 1, 2]
+
+
+def test_a_turn_moves_nothing_by_translation_and_a_step_aside_moves_by_focal_length_over_depth():
+    turn = rotation_from_vector(np.array([0.02, -0.1, 0.05]))
+    points = np.random.default_rng(1).uniform((-9, -3, 20), (9, 3, 60), (40, 3))
+
+    def rays(camera):
+        return camera[:, :2] / camera[:, 2:]
+
+    still = translation_px(turn, rays(points), rays(points @ turn), 800.0)
+    np.testing.assert_allclose(still, 0, atol=1e-9)
+    aside = rays(points - [0.5, 0, 0])
+    np.testing.assert_allclose(
+        translation_px(np.eye(3), rays(points), aside, 800.0), 800 * 0.5 / points[:, 2]
+    )
 
 
 def test_nothing_makes_no_track():
