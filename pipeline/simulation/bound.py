@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cross_matrix, rotation_from_vector, tangent_basis
+from wayside.stages.geometry import cross_matrices, rotation_from_vector, tangent_basis
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.odometry import sampson_px
 
@@ -99,7 +99,7 @@ def point_bound(
         rows = np.zeros((6, 6 * n + 3))
         rows[:3, 6 * k - 6 : 6 * k - 3], rows[:3, 6 * k : 6 * k + 3] = -back, back
         rows[3:, 6 * k - 3 : 6 * k], rows[3:, 6 * k + 3 : 6 * k + 6] = -back, back
-        rows[3:, 6 * k - 6 : 6 * k - 3] = back @ cross_matrix(centres[k] - centres[k - 1])
+        rows[3:, 6 * k - 6 : 6 * k - 3] = back @ cross_matrices(centres[k] - centres[k - 1])
         information += rows.T @ np.linalg.solve(steps[k], rows)
     for view, spread in zip(views, sigma, strict=True):
         rows = _local_rows(rotations[view], centres[view], point, int(view), n)
@@ -140,7 +140,7 @@ def _whiten(covariance: Array, rows: Array) -> None:
 def _local_rows(rotation: Array, centre: Array, point: Array, frame: int, n: int) -> Array:
     """Derivative (3, 6 n + 3) of a point in a camera's frame by all unknowns."""
     rows = np.zeros((3, 6 * n + 3))
-    rows[:, 6 * frame : 6 * frame + 3] = rotation.T @ cross_matrix(point - centre)
+    rows[:, 6 * frame : 6 * frame + 3] = rotation.T @ cross_matrices(point - centre)
     rows[:, 6 * frame + 3 : 6 * frame + 6] = -rotation.T
     rows[:, -3:] = rotation.T
     return rows

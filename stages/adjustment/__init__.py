@@ -9,7 +9,6 @@ from wayside.stages.adjustment.residuals import (
     QUADRATIC,
     ResidualBlocks,
     StepConstraints,
-    constraint_jacobian,
     constraint_residuals,
 )
 from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks
@@ -20,7 +19,6 @@ __all__ = [
     "StepConstraints",
     "WindowAdjustment",
     "adjust_window",
-    "constraint_jacobian",
     "constraint_residuals",
     "correlated_covariance",
     "correlated_sigma_px",

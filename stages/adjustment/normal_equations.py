@@ -112,8 +112,7 @@ def linearise(problem: WindowProblem, estimate: WindowEstimate, iteration: int) 
     normal.mixed[:] = 0.0
     normal.own[:] = 0.0
     normal.own_right[:] = 0.0
-    jacobian, point_jacobian, step_jacobian = np.empty((2, 12)), np.empty((2, 3)), np.empty((6, 12))
-    work = np.empty((2, 2, 9))
+    jacobian, point_jacobian, work = np.empty((2, 12)), np.empty((2, 3)), np.empty((2, 2, 9))
     for i in range(blocks.point.shape[0]):
         n = blocks.point[i]
         square = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
@@ -134,6 +133,7 @@ def linearise(problem: WindowProblem, estimate: WindowEstimate, iteration: int) 
                         normal.mixed[n, frame, j, k] += (
                             a * jacobian[0, 6 * x + j] + b * jacobian[1, 6 * x + j]
                         )
+    step_jacobian = np.empty((6, 12))
     for i in range(constraints.frames.shape[0]):
         constraint_jacobian(rotations, centres, constraints, i, step_jacobian)
         _add_pair(normal, constraints.frames[i], held, step_jacobian, known[i], 1.0)

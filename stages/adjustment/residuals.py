@@ -16,11 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.geometry import cross_matrix, halfway_direction, vector_from_rotation
+from wayside.stages.geometry import (
+    halfway_direction,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 from wayside.stages.kernels import Array, compiled, require_array
 
 QUADRATIC = 1e6
 """Scale of a cost that stays quadratic."""
+DIFFERENCE = 1e-5
+"""Step of central differences, radians and metres: what they leave out and the digits they lose are both below 1e-9."""
 BEHIND, NEAREST = 1e12, 1e-3
 """Residual of a point behind a camera, and the smallest depth that counts as ahead, in units of the point's depth."""
 
@@ -262,108 +268,49 @@ def constraint_residuals(
     rotations: Array, centres: Array, constraints: StepConstraints, residuals: Array
 ) -> None:
     """Residuals (l, 6) of step constraints, in sigmas: rotation, direction sideways and up, length."""
-    travel = np.empty(3)
     for i in range(constraints.frames.shape[0]):
-        first, second = constraints.frames[i, 0], constraints.frames[i, 1]
-        rotation = _product(rotations[first].T, rotations[second])
-        _travel(rotations[first], centres[first], centres[second], travel)
-        vector = vector_from_rotation(_product(rotation, constraints.rotation[i].T))
-        expected = constraints.direction[i]
-        if constraints.halfway[i]:
-            expected = halfway_direction(rotation, expected)
-        for k in range(3):
-            residuals[i, k] = vector[k] / constraints.sigma_rotation[i]
-        for k in range(2):
-            slope = travel[k] / travel[2] - expected[k] / expected[2]
-            residuals[i, 3 + k] = slope / constraints.sigma_direction[i, k]
-        length = np.sqrt(travel[0] ** 2 + travel[1] ** 2 + travel[2] ** 2)
-        residuals[i, 5] = (length - constraints.length[i]) / constraints.sigma_length[i]
+        _step_residuals(rotations, centres, constraints, i, residuals[i])
+
+
+@compiled
+def _step_residuals(
+    rotations: Array, centres: Array, constraints: StepConstraints, i: int, residuals: Array
+) -> None:
+    first, second = constraints.frames[i, 0], constraints.frames[i, 1]
+    back = rotations[first].T
+    rotation = np.dot(back, rotations[second])
+    travel = np.dot(back, centres[second] - centres[first])
+    vector = vector_from_rotation(np.dot(rotation, constraints.rotation[i].T))
+    expected = constraints.direction[i]
+    if constraints.halfway[i]:
+        expected = halfway_direction(rotation, expected)
+    for k in range(3):
+        residuals[k] = vector[k] / constraints.sigma_rotation[i]
+    for k in range(2):
+        slope = travel[k] / travel[2] - expected[k] / expected[2]
+        residuals[3 + k] = slope / constraints.sigma_direction[i, k]
+    length = np.sqrt(travel[0] ** 2 + travel[1] ** 2 + travel[2] ** 2)
+    residuals[5] = (length - constraints.length[i]) / constraints.sigma_length[i]
 
 
 @compiled
 def constraint_jacobian(
     rotations: Array, centres: Array, constraints: StepConstraints, i: int, jacobian: Array
 ) -> None:
-    """Derivatives (6, 12) of the residuals of constraint i by both poses, first one first.
+    """Central differences (6, 12) of the residuals of constraint i by both poses, first one first.
 
-    A rotation d of the later camera against the earlier one changes the logarithm e of their rotation by Jl(e)^-1 d,
-    Jl being the left Jacobian, and the rotation half way, H, by (1 + H)^-1 d, which is (1 - [c]x) / 2 with c the axis
-    times the tangent of a quarter of the angle (Cayley).
+    A window has few steps, so theirs cost little; derivatives of the blocks, which are hundreds, are in closed form.
     """
-    first, second = constraints.frames[i, 0], constraints.frames[i, 1]
-    back = rotations[first].T.copy()
-    rotation = _product(back, rotations[second])
-    travel, shift = np.empty(3), np.empty(3)
-    expected_by_rotation = np.zeros((3, 3))
-    _travel(rotations[first], centres[first], centres[second], travel)
-    for k in range(3):
-        shift[k] = centres[second, k] - centres[first, k]
-    travel_by_rotation = _product(back, cross_matrix(shift))
-    error = vector_from_rotation(_product(rotation, constraints.rotation[i].T))
-    turning = _product(_inverse_left(error), back)
-    expected = constraints.direction[i]
-    if constraints.halfway[i]:
-        whole = vector_from_rotation(rotation)
-        angle = np.sqrt(whole[0] ** 2 + whole[1] ** 2 + whole[2] ** 2)
-        quarter = np.tan(angle / 4) / angle if angle > 1e-8 else 0.25
-        expected = halfway_direction(rotation, expected)
-        halved = cross_matrix(quarter * whole)
-        for k in range(3):
-            for j in range(3):
-                halved[k, j] = 0.5 * ((1.0 if k == j else 0.0) - halved[k, j])
-        expected_by_rotation = _product(_product(cross_matrix(expected), halved), back)
-    length = np.sqrt(travel[0] ** 2 + travel[1] ** 2 + travel[2] ** 2)
-    jacobian[:] = 0.0
-    for k in range(3):
-        for j in range(3):
-            jacobian[j, 6 + k] = turning[j, k] / constraints.sigma_rotation[i]
-            jacobian[j, k] = -jacobian[j, 6 + k]
-        for j in range(2):
-            weight = 1.0 / constraints.sigma_direction[i, j]
-            slope, mean = travel[j] / travel[2], expected[j] / expected[2]
-            # a rotation changes the expected direction by -expected_by_rotation
-            by_expected = (
-                -(expected_by_rotation[j, k] - mean * expected_by_rotation[2, k]) / expected[2]
-            )
-            by_travel = (travel_by_rotation[j, k] - slope * travel_by_rotation[2, k]) / travel[2]
-            by_centre = (back[j, k] - slope * back[2, k]) / travel[2]
-            jacobian[3 + j, k] = weight * (by_travel + by_expected)
-            jacobian[3 + j, 6 + k] = -weight * by_expected
-            jacobian[3 + j, 9 + k] = weight * by_centre
-            jacobian[3 + j, 3 + k] = -weight * by_centre
-        along = travel[0] * back[0, k] + travel[1] * back[1, k] + travel[2] * back[2, k]
-        jacobian[5, 9 + k] = along / length / constraints.sigma_length[i]
-        jacobian[5, 3 + k] = -jacobian[5, 9 + k]
-
-
-@compiled
-def _travel(rotation: Array, start: Array, end: Array, travel: Array) -> None:
-    for k in range(3):
-        travel[k] = 0.0
-        for j in range(3):
-            travel[k] += rotation[j, k] * (end[j] - start[j])
-
-
-@compiled
-def _product(a: Array, b: Array) -> Array:
-    result = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            result[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-    return result
-
-
-@compiled
-def _inverse_left(vector: Array) -> Array:
-    # Inverse of the left Jacobian (3, 3) of a rotation vector.
-    angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    if angle < 1e-4:
-        factor = 1.0 / 12.0
-    else:
-        factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
-    cross = cross_matrix(vector)
-    result = _product(cross, cross)
-    for i in range(3):
-        for j in range(3):
-            result[i, j] = factor * result[i, j] - 0.5 * cross[i, j] + (1.0 if i == j else 0.0)
-    return result
+    after, before, step = np.empty(6), np.empty(6), np.empty(6)
+    for x in range(2):
+        frame = constraints.frames[i, x]
+        rotation, centre = rotations[frame].copy(), centres[frame].copy()
+        for k in range(6):
+            for residuals, size in ((after, DIFFERENCE), (before, -DIFFERENCE)):
+                step[:] = 0.0
+                step[k] = size
+                rotations[frame] = np.dot(rotation_from_vector(step[:3]), rotation)
+                centres[frame] = centre + step[3:]
+                _step_residuals(rotations, centres, constraints, i, residuals)
+            jacobian[:, 6 * x + k] = (after - before) / (2 * DIFFERENCE)
+        rotations[frame], centres[frame] = rotation, centre

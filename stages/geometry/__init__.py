@@ -11,7 +11,6 @@ from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
 from wayside.stages.geometry.linear_algebra import (
     cholesky_solve,
     cross_matrices,
-    cross_matrix,
     invert_symmetric,
 )
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
@@ -37,7 +36,6 @@ __all__ = [
     "cholesky_solve",
     "covered_fractions",
     "cross_matrices",
-    "cross_matrix",
     "distort_points",
     "frenet_offset",
     "halfway_direction",

@@ -1,4 +1,4 @@
-"""Small dense linear algebra for kernels: Cholesky solution, inverse of a symmetric 3 x 3 matrix, cross products."""
+"""Small dense linear algebra for kernels: Cholesky solution, inverse of a symmetric 3 x 3 matrix; cross products."""
 
 from __future__ import annotations
 
@@ -61,16 +61,6 @@ def invert_symmetric(matrix: Array, damping: float, floor: float, result: Array)
     return float(determinant / scale)
 
 
-@compiled
-def cross_matrix(vector: Array) -> Array:
-    """Matrix (3, 3) that multiplies by `vector` (3,) in the cross product, from the left."""
-    result = np.zeros((3, 3))
-    result[0, 1], result[0, 2] = -vector[2], vector[1]
-    result[1, 0], result[1, 2] = vector[2], -vector[0]
-    result[2, 0], result[2, 1] = -vector[1], vector[0]
-    return result
-
-
 def cross_matrices(vectors: Array) -> Array:
-    """`cross_matrix` of each of the vectors (n, 3): (n, 3, 3)."""
-    return np.asarray(np.cross(vectors[:, None], np.eye(3)).transpose(0, 2, 1))
+    """Matrices (..., 3, 3) that multiply by `vectors` (..., 3) in the cross product, from the left."""
+    return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2))

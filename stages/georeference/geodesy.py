@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from wayside.schemas.frame import Fix, Pose
-from wayside.stages.geometry import cross_matrix
+from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
@@ -68,7 +68,7 @@ class Globe:
         """
         row = self.rows[frame]
         rotation = self.trajectory.rotation[row]
-        jacobian = np.hstack([np.eye(3), -cross_matrix(rotation @ position)])
+        jacobian = np.hstack([np.eye(3), -cross_matrices(rotation @ position)])
         camera = self.trajectory.covariance[row, :6, :6]
         return np.asarray(jacobian @ camera @ jacobian.T + rotation @ covariance @ rotation.T)
 

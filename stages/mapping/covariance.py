@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cross_matrix
+from wayside.stages.geometry import cross_matrices
 
 
 def point_covariance(
@@ -57,7 +57,7 @@ def point_covariance(
             continue
         before = rotations[step - 1]
         lever_arm = (point - centres[step]) @ before
-        by_step = before @ np.concatenate([-cross_matrix(lever_arm), np.eye(3)], axis=1)
+        by_step = before @ np.concatenate([-cross_matrices(lever_arm), np.eye(3)], axis=1)
         effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ by_step
         covariance += effect @ steps[step] @ effect.T
     return (covariance + covariance.T) / 2

@@ -65,65 +65,20 @@ def fit_coarse_motion(
     settings: TieSettings,
 ) -> tuple[EpipolarFit, int]:
     """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
-    fit = _released(previous, current, predicted, prior, focal_px, settings)
-    return fit, _inliers(previous, current, fit, focal_px, settings)
-
-
-def _inliers(
-    previous: Array, current: Array, fit: EpipolarFit, focal_px: float, settings: TieSettings
-) -> int:
-    distances = sampson_px(previous, current, fit.rotation, fit.direction, focal_px)
-    return int((np.abs(distances) < settings.coarse_inlier_px).sum())
-
-
-def _released(
-    previous: Array,
-    current: Array,
-    rotation: Array,
-    prior: StepPrior,
-    focal_px: float,
-    settings: TieSettings,
-) -> EpipolarFit:
     # In forward motion, direction and yaw have similar effects: the direction is held first.
-    scales = (
-        settings.coarse_first_scale_px,
-        settings.coarse_second_scale_px,
-        settings.coarse_last_scale_px,
-    )
-    fit = _held(previous, current, rotation, prior, focal_px, scales, settings)
-    return fit_epipolar(
-        previous,
-        current,
-        (fit.rotation, fit.direction),
-        prior,
-        focal_px=focal_px,
-        sigma_px=settings.coarse_sigma_px,
-        scale_px=settings.coarse_last_scale_px,
-    )
-
-
-def _held(
-    previous: Array,
-    current: Array,
-    rotation: Array,
-    prior: StepPrior,
-    focal_px: float,
-    scales_px: tuple[float, ...],
-    settings: TieSettings,
-) -> EpipolarFit:
-    """Fits with the direction of travel held, one after the other with decreasing scales."""
-    sigma = np.minimum(prior.sigma_direction, radians(settings.held_direction_deg))
-    held = prior._replace(sigma_direction=sigma)
-    start = (rotation, prior.direction)
-    for scale in scales_px:
+    s = settings
+    sigma = np.minimum(prior.sigma_direction, radians(s.held_direction_deg))
+    scales = (s.coarse_first_scale_px, s.coarse_second_scale_px, s.coarse_last_scale_px)
+    fit: tuple[Array, Array] = predicted, prior.direction
+    for known, scales_px in ((prior._replace(sigma_direction=sigma), scales), (prior, scales[-1:])):
         fit = fit_epipolar(
             previous,
             current,
-            start,
-            held,
+            fit,
+            known,
             focal_px=focal_px,
-            sigma_px=settings.coarse_sigma_px,
-            scale_px=scale,
+            sigma_px=s.coarse_sigma_px,
+            scales_px=scales_px,
         )
-        start = (fit.rotation, fit.direction)
-    return fit
+    distances = sampson_px(previous, current, *fit, focal_px)
+    return EpipolarFit(*fit), int((np.abs(distances) < s.coarse_inlier_px).sum())

@@ -7,12 +7,13 @@ Together they are the relative pose up to its length.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.adjustment import StepConstraints, constraint_jacobian, constraint_residuals
+from wayside.stages.adjustment import StepConstraints, constraint_residuals
 from wayside.stages.geometry import (
     Schedule,
     cholesky_solve,
@@ -21,6 +22,9 @@ from wayside.stages.geometry import (
     tangent_basis,
 )
 from wayside.stages.kernels import Array, compiled, require_array
+
+ITERATIONS = 15
+"""Of a fit, at most."""
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
@@ -44,7 +48,6 @@ class _Problem(NamedTuple):
     scale_px: float
     basis: Array
     jacobian: Array
-    prior_jacobian: Array
     normal: Array
     right: Array
     damped: Array
@@ -68,10 +71,11 @@ def fit_epipolar(
     *,
     focal_px: float,
     sigma_px: float,
-    scale_px: float,
-    iterations: int = 15,
+    scales_px: Sequence[float],
 ) -> EpipolarFit:
     """Relative pose that minimises the Sampson distances of rays (Hartley and Zisserman, section 11.4.3).
+
+    One fit for each scale, from the result of the one before: a wide cost finds the minimum that a narrow one refines.
 
     Parameters
     ----------
@@ -85,10 +89,8 @@ def fit_epipolar(
         Pixels of one unit of the rays.
     sigma_px
         Standard deviation of the distance of a correct pair, px: the weight of the rays against the prior.
-    scale_px
-        Distance where the Cauchy cost starts to flatten.
-    iterations
-        At most this many.
+    scales_px
+        Distance where the Cauchy cost starts to flatten, of each fit.
 
     Raises
     ------
@@ -100,17 +102,10 @@ def fit_epipolar(
     require_array(current, "current", np.float64, (n, 2))
     rotation = np.array(start[0], np.float64).reshape(3, 3)
     direction = np.array(start[1], np.float64).reshape(3)
-    _fit(
-        previous,
-        current,
-        rotation,
-        direction,
-        StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)]),
-        focal_px,
-        sigma_px,
-        scale_px,
-        Schedule(iterations),
-    )
+    known = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)])
+    schedule = Schedule(ITERATIONS)
+    for scale in scales_px:
+        _fit(previous, current, rotation, direction, known, focal_px, sigma_px, scale, schedule)
     return EpipolarFit(rotation, direction)
 
 
@@ -197,36 +192,45 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
 
 @compiled
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    rotation, direction, basis = estimate.rotations[1], estimate.centres[1], problem.basis
     jacobian, normal, right = problem.jacobian, problem.normal, problem.right
-    basis[:] = tangent_basis(direction)
+    problem.basis[:] = tangent_basis(estimate.centres[1])
     n = problem.previous.shape[0]
-    unit, turned, moved = np.empty(5), np.empty((3, 3)), np.empty(3)
+    rotations, centres = estimate.rotations.copy(), estimate.centres.copy()
+    known, unit = np.empty((1, 6)), np.empty(5)
     for k in range(5):
         unit[:] = 0.0
         unit[k] = DIFFERENCE_STEP
-        _updated_pose(rotation, direction, basis, unit, turned, moved)
-        _sampson(problem.previous, problem.current, turned, moved, problem.focal_px, jacobian[k])
+        _updated_pose(
+            estimate.rotations[1],
+            estimate.centres[1],
+            problem.basis,
+            unit,
+            rotations[1],
+            centres[1],
+        )
+        _sampson(
+            problem.previous,
+            problem.current,
+            rotations[1],
+            centres[1],
+            problem.focal_px,
+            jacobian[k],
+        )
+        constraint_residuals(rotations, centres, problem.prior, known)
         for i in range(n):
             jacobian[k, i] = (jacobian[k, i] - estimate.distances[i]) / DIFFERENCE_STEP
+        for i in range(6):
+            jacobian[k, n + i] = (known[0, i] - estimate.known[0, i]) / DIFFERENCE_STEP
     normal[:] = 0.0
     right[:] = 0.0
-    constraint_jacobian(
-        estimate.rotations, estimate.centres, problem.prior, 0, problem.prior_jacobian
-    )
-    row = np.empty(5)
-    for i in range(6):
-        row[:3] = problem.prior_jacobian[i, 6:9]
-        row[3:] = np.dot(basis, problem.prior_jacobian[i, 9:])
+    for i in range(n + 6):
+        if i < n:
+            residual = estimate.distances[i]
+            weight = 1.0 / ((1.0 + (residual / problem.scale_px) ** 2) * problem.sigma_px**2)
+        else:
+            residual, weight = estimate.known[0, i - n], 1.0
         for k in range(5):
-            right[k] -= row[k] * estimate.known[0, i]
-            for m in range(k + 1):
-                normal[k, m] += row[k] * row[m]
-    for i in range(n):
-        distance = estimate.distances[i]
-        weight = 1.0 / ((1.0 + (distance / problem.scale_px) ** 2) * problem.sigma_px**2)
-        for k in range(5):
-            right[k] -= weight * jacobian[k, i] * distance
+            right[k] -= weight * jacobian[k, i] * residual
             for m in range(k + 1):
                 normal[k, m] += weight * jacobian[k, i] * jacobian[m, i]
 
@@ -268,8 +272,8 @@ def _fit(
     # Rotation and direction are the start and become the result.
     n = previous.shape[0]
     problem = _Problem(
-        previous, current, prior, focal_px, sigma_px, scale_px, np.empty((2, 3)), np.empty((5, n)),
-        np.empty((6, 12)), np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
+        previous, current, prior, focal_px, sigma_px, scale_px, np.empty((2, 3)), np.empty((5, n + 6)),
+        np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
     )  # fmt: skip
     start = _Estimate(np.zeros((2, 3, 3)), np.zeros((2, 3)), np.empty(n), np.empty((1, 6)))
     for k in range(3):

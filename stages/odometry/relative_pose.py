@@ -13,11 +13,7 @@ from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
-from wayside.stages.odometry.epipolar import (
-    EpipolarFit,
-    fit_epipolar,
-    sampson_px,
-)
+from wayside.stages.odometry.epipolar import fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.tie_points import (
@@ -155,30 +151,16 @@ def fit_relative_pose(
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
     focal_px = now.focal_px
-    rotation, direction = _fine_fit(previous, current, start, prior, focal_px, settings)
+    rotation, direction = fit_epipolar(
+        previous,
+        current,
+        start,
+        prior,
+        focal_px=focal_px,
+        sigma_px=settings.sigma_px,
+        scales_px=(settings.fine_first_scale_px, settings.fine_last_scale_px),
+    )
     inlier = (
         np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px
     )
     return RelativePose(rotation, direction, tied, previous, current, inlier)
-
-
-def _fine_fit(
-    previous: Array,
-    current: Array,
-    start: tuple[Array, Array],
-    prior: StepPrior,
-    focal_px: float,
-    settings: TieSettings,
-) -> EpipolarFit:
-    for scale in (settings.fine_first_scale_px, settings.fine_last_scale_px):
-        fit = fit_epipolar(
-            previous,
-            current,
-            start,
-            prior,
-            focal_px=focal_px,
-            sigma_px=settings.sigma_px,
-            scale_px=scale,
-        )
-        start = (fit.rotation, fit.direction)
-    return fit

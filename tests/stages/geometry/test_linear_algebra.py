@@ -4,7 +4,6 @@ import pytest
 from wayside.stages.geometry.linear_algebra import (
     cholesky_solve,
     cross_matrices,
-    cross_matrix,
     invert_symmetric,
 )
 
@@ -38,7 +37,7 @@ def test_a_singular_matrix_is_told():
 
 def test_the_cross_matrix_multiplies_as_the_cross_product():
     first, second = np.random.default_rng(3).normal(size=(2, 6, 3))
-    np.testing.assert_allclose(cross_matrix(first[0]) @ second[0], np.cross(first[0], second[0]))
+    np.testing.assert_allclose(cross_matrices(first[0]) @ second[0], np.cross(first[0], second[0]))
     many = np.einsum("nij,nj->ni", cross_matrices(first), second)
     np.testing.assert_allclose(many, np.cross(first, second))
 

@@ -36,7 +36,7 @@ def pair(noise_px=0.1, count=150, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.0
 
 def fit(previous, current, start=START, prior=VAGUE, scale_px=20.0, sigma_px=0.1):
     return fit_epipolar(
-        previous, current, start, prior, focal_px=FOCAL, sigma_px=sigma_px, scale_px=scale_px
+        previous, current, start, prior, focal_px=FOCAL, sigma_px=sigma_px, scales_px=[scale_px]
     )
 
 
