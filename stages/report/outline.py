@@ -42,9 +42,7 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | N
     x, y = max(left - 1, 0), max(top - 1, 0)
     around = labels[y : bottom + 1, x : right + 1]  # what leaves the box does not fill it
     wanted = (left - x, top - y, right - left, bottom - top)
-    inside = labels[top:bottom, left:right]
-    sides = (inside[0], inside[-1], inside[:, 0], inside[:, -1])
-    for label in sorted(set.intersection(*(set(side.tolist()) for side in sides))):
+    for label in np.unique(labels[top, left:right]):
         _, parts, found, _ = cv2.connectedComponentsWithStats(
             (around == label).astype(np.uint8), connectivity=4
         )
