@@ -180,11 +180,13 @@ def learn_landmark_classifier(
     points = score_points(slope * held_out + shift, sign, drive, normal_tail, rates)
     (decision,) = (one for one in points if one.false_alarm == false_alarm)
     weight, constant = _logistic_regression(bounded - middle, sign, direction)
-    numbers = {"low": low, "high": high, "middle": middle, "weight": slope * weight}
     return EvidenceModel(
         names,
         terms,
-        **{key: np.array([float(f"{v:.6g}") for v in column]) for key, column in numbers.items()},
+        _rounded(low),
+        _rounded(high),
+        _rounded(middle),
+        _rounded(slope * weight),
         shift=round(slope * constant + shift, 5),
         threshold=accept,
         provenance=provenance,
@@ -192,6 +194,11 @@ def learn_landmark_classifier(
         threshold_interval=decision.intervals[0] if decision.intervals else None,
         curve=points,
     )
+
+
+def _rounded(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """To the six digits that the file has."""
+    return np.array([float(f"{value:.6g}") for value in values])
 
 
 def _logistic_regression(

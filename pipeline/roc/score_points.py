@@ -49,7 +49,8 @@ def counted_tail(values: Values, weight: Values, rates: Values) -> Values:
     falling, share = values[order], np.cumsum(weight[order]) / weight.sum()
     excess = falling[np.searchsorted(share, rates, side="right").clip(max=len(falling) - 1)]
     above = np.searchsorted(-falling, -excess, side="left")  # how many are larger
-    return np.where(above > 0, (excess + falling[above - 1]) / 2, np.nextafter(excess, np.inf))
+    halfway = (excess + falling[above - 1]) / 2
+    return np.asarray(np.where(above > 0, halfway, np.nextafter(excess, np.inf)), np.float64)
 
 
 def rates_of(others: int) -> list[float]:
