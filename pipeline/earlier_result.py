@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.result import RUN_FILE
@@ -40,14 +40,18 @@ def log_fingerprint(log: Path) -> str | None:
     try:
         if not log.is_file():
             return None
-        size = log.stat().st_size
-        digest = hashlib.sha256(str(size).encode())
         with log.open("rb") as stream:
-            digest.update(stream.read(_END_BYTES))
-            stream.seek(max(size - _END_BYTES, 0))
-            digest.update(stream.read(_END_BYTES))
+            return stream_fingerprint(stream, log.stat().st_size)
     except OSError:
         return None
+
+
+def stream_fingerprint(stream: BinaryIO, size: int) -> str:
+    """The same of an open file of so many bytes, wherever it is stored; raises OSError where it cannot be read."""
+    digest = hashlib.sha256(str(size).encode())
+    digest.update(stream.read(_END_BYTES))
+    stream.seek(max(size - _END_BYTES, 0))
+    digest.update(stream.read(_END_BYTES))
     return digest.hexdigest()
 
 
