@@ -14,6 +14,7 @@ from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_exporting as exporting
 from wayside.pipeline import cli_fitting as fitting
+from wayside.pipeline import cli_fleet as fleets
 from wayside.pipeline import cli_importing as importing
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
@@ -283,6 +284,8 @@ app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
 app.command(epilog=figures.REPORT_FIGURES_EPILOG)(figures.report_figures)
 app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
+app.add_typer(fleets.fleet_app, name="fleet")
+app.command(epilog=fleets.QUERY_EPILOG)(fleets.query)
 
 
 def main() -> None:

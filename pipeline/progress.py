@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from types import TracebackType
 from typing import Self
 
@@ -16,11 +18,14 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from wayside.pipeline.fleet.manifest import ENDED, Manifest
+from wayside.pipeline.fleet.status import figures_of
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.landmarks import TrackedFrame
 
 COMPILING = "compiling, once after installation"
+_TOLD_S = 60.0
 
 
 class _Shown:
@@ -92,3 +97,22 @@ class SheetProgress(_Shown):
     def watch(self, done: int, total: int) -> None:
         """So many are done."""
         self._bar.update(self._task, completed=done, total=total)
+
+
+class FleetProgress(_Shown):
+    """Shows how far a fleet is; where nobody looks, as a line every minute."""
+
+    def __init__(self) -> None:
+        super().__init__(TextColumn("{task.fields[words]}"), TimeElapsedColumn())
+        self._task = self._bar.add_task("fleet", total=None, words="")
+        self._told = time.monotonic()
+
+    def watch(self, manifest: Manifest) -> None:
+        """The logs are so far."""
+        figures = figures_of(manifest, time.time())
+        done = sum(entry.bytes for entry in manifest.logs.values() if entry.state in ENDED)
+        total = sum(entry.bytes for entry in manifest.logs.values())
+        self._bar.update(self._task, completed=done, total=max(total, 1), words=str(figures))
+        if self._bar.disable and time.monotonic() > self._told + _TOLD_S:
+            self._told = time.monotonic()
+            print(figures, file=sys.stderr, flush=True)
