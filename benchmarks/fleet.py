@@ -1,11 +1,11 @@
 """A fleet of many short logs, one worker killed midway: whether every log is done, and what the engine costs.
 
-    .venv/bin/python benchmarks/fleet.py --work .cache/fleet [--passes 50] [--images 6] [--jobs 2] [--set NAME=VALUE]
+    .venv/bin/python -m benchmarks.fleet --work .cache/fleet [--passes 50] [--images 6] [--shrink 2] [--jobs 2]
 
-The demo drive is cut into pieces of a few images, at half its resolution (800 x 600). Each pass writes the pieces as
-logs again with its own noise of poses and satellite fixes, half of the passes two years later. The same images in
-every pass make this a test of the engine, not of recall. Then `wayside fleet` runs all logs; when half of them are
-done, the process that runs one of the others gets SIGKILL. The same command is given once more. Prints the table of
+The demo drive is cut into pieces of a few images, made smaller (800 x 600). Each pass writes the pieces as logs again
+with its own noise of poses and satellite fixes, half of the passes two years later. The same images in every pass make
+this a test of the engine, not of recall. Then `wayside fleet` runs all logs; when half of them are done,
+the process that runs one of the others gets SIGKILL. The same command is given once more. Prints the table of
 benchmarks/fleet.md and ends with status 1 where a log is not done.
 
 Overhead a log: jobs times wall time, less the sum of what the runs state as their own wall time (`run.json`), by the
@@ -51,13 +51,14 @@ def main() -> int:
     parser.add_argument("--work", type=Path, required=True, help="folder for logs and inventory")
     parser.add_argument("--passes", type=int, default=50)
     parser.add_argument("--images", type=int, default=6, help="of each log")
+    parser.add_argument("--shrink", type=int, default=2, help="by so much smaller images")
     parser.add_argument("--set", action="append", default=[], help="as of wayside fleet")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--command", default=str(Path(sys.executable).with_name("wayside")))
     args = parser.parse_args()
     logs, inventory = args.work / "logs", args.work / "inventory"
     if not logs.exists():
-        make_logs(logs, args.passes, args.images)
+        make_logs(logs, args.passes, args.images, args.shrink)
     count = len(list(logs.rglob("*.mcap")))
     shutil.rmtree(inventory, ignore_errors=True)
     line = [args.command, "fleet", str(logs), "-o", str(inventory)]
@@ -92,24 +93,24 @@ def main() -> int:
     return 0 if done == count and status in (0, 4) and killed in twice else 1
 
 
-def make_logs(folder: Path, passes: int, count: int) -> None:
+def make_logs(folder: Path, passes: int, count: int, shrink: int) -> None:
     """Write the demo drive as so many passes of logs of `count` images."""
     spec = load_spec(find_spec("demo"))
     full = spec.camera
-    half = replace(
+    camera = replace(
         full,
-        width=full.width // 2,
-        height=full.height // 2,
-        fx=full.fx / 2,
-        fy=full.fy / 2,
-        cx=(full.cx + 0.5) / 2 - 0.5,  # pixel centres at integers
-        cy=(full.cy + 0.5) / 2 - 0.5,
+        width=full.width // shrink,
+        height=full.height // shrink,
+        fx=full.fx / shrink,
+        fy=full.fy / shrink,
+        cx=(full.cx + 0.5) / shrink - 0.5,  # pixel centres at integers
+        cy=(full.cy + 0.5) / shrink - 0.5,
     )
-    spec = replace(spec, camera=half)
+    spec = replace(spec, camera=camera)
     images = []
     for frame in read_frames(DEMO, ReadSettings(), ReadReport()):
         pixels = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR)
-        small = cv2.resize(pixels, (half.width, half.height), interpolation=cv2.INTER_AREA)
+        small = cv2.resize(pixels, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         images.append(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
     poses = drive_poses(spec, build_alignment(spec.road, spec.path.heading_deg))
     for number in range(passes):

@@ -123,6 +123,10 @@ def fleet(
     from wayside.pipeline.fleet.sources import expand_sources
     from wayside.pipeline.progress import FleetProgress
 
+    calibration, detector, classes, models = (  # workers may have other working folders
+        None if path is None else path.absolute()
+        for path in (calibration, detector, classes, models)
+    )
     options = run_options.read_options(spacing, camera, calibration, None, None, every, workers)
     options |= boxes.options(detector, None, classes) | fitting.model_options(models)
     chosen = run_options.chosen_settings(preset, settings, assignments, options)

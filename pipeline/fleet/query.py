@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ except ImportError as error:
         f"wayside query: wanted DuckDB, found: {error}; `pip install 'wayside[query]'`"
     ) from error
 
-MERGED_VIEWS = ("panels", "supports", "sightings")
+MERGED_VIEWS = ("panels", "supports", "sightings", "changes")
 DRIVE_VIEWS = {table.name: table.file for table in TABLES}
 LOGS_VIEW = "logs"
 VIEWS = (*MERGED_VIEWS, *DRIVE_VIEWS, LOGS_VIEW)
@@ -44,9 +45,9 @@ def first_rows(inventory: Path, sql: str, count: int) -> tuple[list[str], list[l
 def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None:
     """Write the answer to one question.
 
-    Views: `panels`, `supports` and `sightings` of the merged inventory; `signs`, `frames` and `observations` of its
-    drives, with the name of the drive in the column `drive`; `logs`: what `fleet.json` says of each log. Nothing is
-    changed, and nothing is fetched from elsewhere.
+    Views: `panels`, `supports`, `sightings` and `changes` of the merged inventory; `signs`, `frames` and `observations`
+    of its drives, with the name of the drive in the column `drive`; `logs`: what `fleet.json` says of each log. Nothing
+    is changed, and nothing is fetched from elsewhere.
 
     Parameters
     ----------
@@ -76,6 +77,7 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
     """A connection with the views that a statement asks for, and the bare statement."""
     manifest = read_manifest(inventory)
     offline = {"autoinstall_known_extensions": False, "python_enable_replacements": False}
+    lacking: list[str] = []
     with duckdb.connect(":memory:", config=offline) as connection:
         try:
             statements = connection.extract_statements(sql)
@@ -83,43 +85,53 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
                 raise UsageError(
                     f"wanted one statement that reads (SELECT, FROM, DESCRIBE, SUMMARIZE), found {sql!r}"
                 )
-            asked = {name.lower() for name in connection.get_table_names(sql)}
+            asked = set(re.findall(r"\w+", sql.lower()))  # words that may be views
             for view in (name for name in VIEWS if name in asked):
-                _create_view(connection, view, inventory, manifest)
+                if not _create_view(connection, view, inventory, manifest):
+                    lacking.append(view)
             yield connection, statements[0].query.strip().rstrip(";")
+        except duckdb.CatalogException as error:
+            if lacking:
+                raise InputError(
+                    f"{inventory}: wanted {', '.join(lacking)}, found none: nothing is merged yet, or no drive has "
+                    "satellite fixes"
+                ) from error
+            raise _unanswered(error) from error
         except duckdb.Error as error:
-            raise UsageError(
-                f"the question cannot be answered: {error}\n"
-                f'views: {", ".join(VIEWS)}; "DESCRIBE panels" lists the columns of one'
-            ) from error
+            raise _unanswered(error) from error
+
+
+def _unanswered(error: duckdb.Error) -> UsageError:
+    return UsageError(
+        f"the question cannot be answered: {error}\n"
+        f'views: {", ".join(VIEWS)}; "DESCRIBE panels" lists the columns of one'
+    )
 
 
 def _create_view(
     connection: duckdb.DuckDBPyConnection, view: str, inventory: Path, manifest: Manifest
-) -> None:
-    """Make one view; opening the files of views that nobody asks for would take long in a large inventory."""
+) -> bool:
+    """Make one view; whether there are files of it. To open those of all views takes long in a large inventory."""
     if view == LOGS_VIEW:
         rows = [asdict(entry) for _, entry in sorted(manifest.logs.items())]
         connection.register(view, pa.Table.from_pylist(rows))
-        return
+        return True
     if view in DRIVE_VIEWS:
         files = [inventory / DRIVES / entry.name / DRIVE_VIEWS[view] for entry in manifest.done()]
-        columns, options = (
-            "parse_path(filename)[-2] AS drive, * EXCLUDE filename",
-            "filename = true",
-        )
+        columns = "parse_path(filename)[-2] AS drive, * EXCLUDE filename"
+        options = "filename = true"
     else:
         files = sorted((inventory / view).rglob("*.parquet"))
+        files = files or [file for file in [inventory / f"{view}.parquet"] if file.exists()]
         columns, options = "*", "hive_partitioning = true, hive_types_autocast = false"
     if not files:
-        raise InputError(
-            f"{inventory}: wanted {view}, found none: no log is done, or none has satellite fixes to merge by"
-        )
+        return False
     listed = ", ".join(_quoted(file) for file in files)
     connection.execute(
         f"CREATE VIEW {view} AS SELECT {columns} "
         f"FROM read_parquet([{listed}], union_by_name = true, {options})"
     )
+    return True
 
 
 def _quoted(path: Path) -> str:
