@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -88,9 +88,15 @@ class Models:
     detection_network: OnnxFile | None = None
     external: DetectorFile | BoxFile | None = None
     trajectory_density: MixtureModel | None = None
+    _digests: dict[str, str] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def digests(self) -> dict[str, str]:
-        """SHA-256 of each model's text, by the name of its file."""
+        """SHA-256 of each model's text, by the name of its file; computed once, as it takes longer than a short log."""
+        if not self._digests:
+            self._digests.update(self._computed_digests())
+        return dict(self._digests)
+
+    def _computed_digests(self) -> dict[str, str]:
         digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
         if self.detection_network is not None:
             digests["network"] = self.detection_network.sha256

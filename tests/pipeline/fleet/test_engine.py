@@ -52,6 +52,7 @@ def test_on_dask_a_task_that_kills_its_workers_is_told_and_the_others_are_done(t
     assert "died" in found[signal.SIGKILL]
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("wayside.pipeline.fleet.dask_engine._CONNECT_S", 0.2)
