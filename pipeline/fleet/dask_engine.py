@@ -43,7 +43,7 @@ class DaskEngine(Generic[T, R]):
         self, run: Callable[[T], R], scheduler: str, jobs: int | None, shared: Path
     ) -> None:
         try:
-            from distributed import Client, LocalCluster
+            import distributed
         except ImportError as error:
             raise UsageError(
                 f"--scheduler: wanted Dask distributed, found: {error}; `pip install 'wayside[fleet]'`, "
@@ -53,16 +53,17 @@ class DaskEngine(Generic[T, R]):
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._under_way: dict[str, tuple[Any, T]] = {}
         self._number = 0
+        dask: Any = distributed  # it has no types
         self._cluster = None
         if scheduler == LOCAL:
-            self._cluster = LocalCluster(
+            self._cluster = dask.LocalCluster(
                 n_workers=jobs or 1,
                 threads_per_worker=1,
                 host="127.0.0.1",
                 dashboard_address=None,
             )
         try:
-            self._client: Any = Client(self._cluster or scheduler, timeout=_CONNECT_S)
+            self._client: Any = dask.Client(self._cluster or scheduler, timeout=_CONNECT_S)
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise UsageError(
@@ -79,7 +80,7 @@ class DaskEngine(Generic[T, R]):
 
     def places(self) -> int:
         """As of `Engine`; workers may come and go."""
-        threads = sum(self._client.nthreads().values())
+        threads: int = sum(self._client.nthreads().values())
         return threads if self._jobs is None else min(threads, self._jobs)
 
     def submit(self, task: T) -> None:

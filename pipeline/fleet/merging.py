@@ -42,7 +42,9 @@ def merge_inventory(results: Sequence[Path], out: Path) -> MergeReport:
         signs = read_table(folder, SIGNS)
         drive: pa.StringArray = pa.array([folder.name] * len(signs), pa.string())
         accepted = signs.append_column("drive", drive)
-        tables.append(accepted.filter(pc.equal(pc.cast(signs["status"], pa.string()), "sign")))
+        tables.append(
+            accepted.filter(pc.equal(pc.cast(signs["status"], pa.string()), pa.scalar("sign")))
+        )
     part, target = out / ".wayside-merge-part", out / "panels"
     try:
         shutil.rmtree(part, ignore_errors=True)

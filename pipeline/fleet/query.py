@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 
@@ -76,7 +76,7 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
 def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
     """A connection with the views that a statement asks for, and the bare statement."""
     manifest = read_manifest(inventory)
-    offline = {"autoinstall_known_extensions": False, "python_enable_replacements": False}
+    offline: Any = {"autoinstall_known_extensions": False, "python_enable_replacements": False}
     lacking: list[str] = []
     with duckdb.connect(":memory:", config=offline) as connection:
         try:
