@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -18,8 +18,6 @@ from wayside.pipeline.visible_text import visible, visible_lines
 from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
-    import click
-
     from wayside.pipeline.fleet.manifest import Entry
     from wayside.pipeline.fleet.running import FleetReport
 
@@ -41,8 +39,8 @@ FLEET_EPILOG = (
 class LogsFirst(TyperGroup):
     """Commands of `wayside fleet`; logs in the place of a command are those of `run`."""
 
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put `run` before arguments that begin with no command."""
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put `run` before arguments that begin with no command; the type of `ctx` is private to typer."""
         if args and args[0] not in (*self.commands, *ctx.help_option_names):
             args = [_LOGS_FIRST, *args]
         return super().parse_args(ctx, args)
