@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,6 +14,7 @@ from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_exporting as exporting
 from wayside.pipeline import cli_fitting as fitting
+from wayside.pipeline import cli_fleet as fleets
 from wayside.pipeline import cli_importing as importing
 from wayside.pipeline import cli_labelling as labelling
 from wayside.pipeline import cli_planning as planning
@@ -21,6 +22,21 @@ from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_routing as routing
 from wayside.pipeline import cli_viewing as viewer
+from wayside.pipeline.cli_options import (
+    Assignments,
+    Calibration,
+    CameraTopic,
+    Every,
+    From,
+    Preset,
+    PresetOption,
+    SettingsFile,
+    Spacing,
+    Until,
+    Workers,
+    chosen_settings,
+    read_options,
+)
 from wayside.pipeline.cli_running import (
     EXIT_STATUSES,
     exit_with,
@@ -44,9 +60,6 @@ from wayside.schemas.errors import (
     WaysideError,
 )
 
-if TYPE_CHECKING:
-    from wayside.schemas.settings import Settings
-
 app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -58,47 +71,11 @@ app = typer.Typer(
 )
 
 
-class Preset(StrEnum):
-    """Which chain of stages."""
-
-    default = "default"
-    report_shape = "report-shape"
-    report_2d = "report-2d"
-    report = "report"
-
-
 class Listed(StrEnum):
     """Which regions become rows of observations.parquet."""
 
     passed = "passed"
     all = "all"
-
-
-SettingsFile = Annotated[
-    Path | None, typer.Option("--settings", help="TOML file as `wayside settings` prints it.")
-]
-Assignments = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change one setting; may be repeated."),
-]
-PresetOption = Annotated[
-    Preset, typer.Option(help="`default` finds the most, `report` is the chain of KS-09-9.")
-]
-
-
-Spacing = Annotated[
-    str | None,
-    typer.Option(help="Distance between images, where the log has no poses: 26.4ft, 8m."),
-]
-CameraTopic = Annotated[str | None, typer.Option(help="Image topic, where the log has several.")]
-Calibration = Annotated[
-    Path | None,
-    typer.Option(help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration."),
-]
-From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")]
-Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
-Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
-Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -183,14 +160,14 @@ def run(
         raise UsageError(
             "wanted --resume or a viewer, which would miss images, found both; leave one out"
         )
-    options = _read_options(spacing, camera, calibration, start, until, every, workers)
+    options = read_options(spacing, camera, calibration, start, until, every, workers)
     options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     options |= routing.options(route, milepost, decreasing, routes, logs)
     if alpha is not None:
         options["models.alpha"] = alpha
     if detections is not None:
         boxes.require_one_log(logs)
-    chosen = _load_settings(preset, settings, assignments, options)
+    chosen = chosen_settings(preset, settings, assignments, options)
     viewing = viewer.viewing_of(view, connect, view_images, view_detail)
     every_region = observations is Listed.all
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
@@ -237,9 +214,9 @@ def replay(
     """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
     import tempfile
 
-    options = _read_options(spacing, camera, calibration, start, until, None, workers)
+    options = read_options(spacing, camera, calibration, start, until, None, workers)
     options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
-    chosen = _load_settings(preset, settings, assignments, options)
+    chosen = chosen_settings(preset, settings, assignments, options)
     times = viewer.parse_rate(rate)
     shown = viewer.ViewMode.serve if serve else viewer.ViewMode.live
     viewing = viewer.viewing_of(
@@ -266,38 +243,6 @@ app.command(
     epilog="Examples: `wayside picture out --sign drive-0007 -o sign.png` · "
     "`wayside picture out --frame 12 -o frame.png`"
 )(viewer.picture)
-
-
-def _read_options(
-    spacing: str | None,
-    camera: str | None,
-    calibration: Path | None,
-    start: str | None,
-    until: str | None,
-    every: int | None,
-    workers: int | None,
-) -> dict[str, Any]:
-    """Options that are settings by another name, those given only."""
-    from wayside.pipeline.lengths import parse_spacing, parse_time
-
-    options: dict[str, Any] = {
-        "read.spacing_m": None if spacing is None else parse_spacing(spacing),
-        "read.camera": camera,
-        "read.calibration": None if calibration is None else str(calibration),
-        "read.from_s": None if start is None else parse_time(start),
-        "read.until_s": None if until is None else parse_time(until),
-        "read.every": every,
-        "run.workers": workers,
-    }
-    return {name: value for name, value in options.items() if value is not None}
-
-
-def _load_settings(
-    preset: Preset, file: Path | None, assignments: list[str] | None, options: dict[str, Any]
-) -> Settings:
-    from wayside.pipeline.settings_file import load_settings
-
-    return load_settings(preset.value, file, assignments or [], options)[0]
 
 
 @app.command(epilog="Example: `wayside info drive.mcap`")
@@ -368,6 +313,8 @@ app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
 app.command(epilog=figures.REPORT_FIGURES_EPILOG)(figures.report_figures)
 app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
+app.add_typer(fleets.fleet_app, name="fleet")
+app.command(epilog=fleets.QUERY_EPILOG)(fleets.query)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import fields
 from importlib.metadata import version
@@ -75,8 +75,21 @@ def result_key(
     fingerprint = log_fingerprint(log)
     if fingerprint is None:
         return None
-    key = _key(fingerprint, settings, digests) | {"every_region": every_region}
-    return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+    return result_keys(settings, digests, every_region=every_region)(fingerprint)
+
+
+def result_keys(
+    settings: Settings, digests: dict[str, str], *, every_region: bool
+) -> Callable[[str], str]:
+    """The same for many logs: a function of the fingerprint of each."""
+    rest = _key("", settings, digests) | {"every_region": every_region}
+
+    def of(fingerprint: str) -> str:
+        return hashlib.sha256(
+            json.dumps(rest | {"log": fingerprint}, sort_keys=True).encode()
+        ).hexdigest()
+
+    return of
 
 
 def _key(fingerprint: str, settings: Settings, digests: dict[str, str]) -> dict[str, Any]:

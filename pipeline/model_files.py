@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -98,6 +98,7 @@ class Models:
     external: DetectorFile | BoxFile | None = None
     trajectory_density: MixtureModel | None = None
     face_classes: ConvolutionModel | None = None
+    _digests: dict[str, str] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sign_confidence(self, setting: float) -> float:
         """Confidence from which a face counts as a sign: `setting`, its log odds counted from the model's decision."""
@@ -105,7 +106,12 @@ class Models:
         return float(expit(logit(setting) + decision)) if decision else setting
 
     def digests(self) -> dict[str, str]:
-        """SHA-256 of each model's text, by the name of its file."""
+        """SHA-256 of each model's text, by the name of its file; computed once, as it takes longer than a short log."""
+        if not self._digests:
+            self._digests.update(self._computed_digests())
+        return dict(self._digests)
+
+    def _computed_digests(self) -> dict[str, str]:
         digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
         if self.detection_network is not None:
             digests["network"] = self.detection_network.sha256
@@ -264,10 +270,10 @@ def _retraded(models: Models, settings: Settings) -> Models:
     """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
     lacking: list[str] = []
     traded: dict[str, Any] = {}
-    for name, field in _gates(models, settings).items():
-        gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, field)
+    for name, column in _gates(models, settings).items():
+        gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, column)
         try:
-            traded[field] = gate.at_alpha(settings.models.alpha)
+            traded[column] = gate.at_alpha(settings.models.alpha)
         except ValueError as error:
             lacking.append(f"{name}: {error}")
     if lacking or not traded:

@@ -63,7 +63,7 @@ class OutputFolder:
         try:
             self._made = not self.folder.exists()
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = _take_lock(self.folder)
+            self._lock = take_lock(self.folder / LOCK)
             if self._lock is None:
                 raise OutputError(
                     f"{self.folder}: wanted to write the result here, found another wayside that does so now; "
@@ -155,7 +155,7 @@ def finish_replacement(folder: Path) -> None:
     late = time.monotonic() + _PATIENCE_S
     while _is_folder(folder / DONE):
         try:
-            opened = _take_lock(folder)
+            opened = take_lock(folder / LOCK)
             if opened is not None:
                 try:
                     _move_into_place(folder)
@@ -176,12 +176,11 @@ def finish_replacement(folder: Path) -> None:
             time.sleep(_POLL_S)
 
 
-def _take_lock(folder: Path) -> int | None:
-    """Lock a folder by a file in it; None where another process holds it.
+def take_lock(path: Path) -> int | None:
+    """Make and lock a file; None where another process holds it.
 
     The holder removes the file in the end, so a lock counts only while the file still has its name.
     """
-    path = folder / LOCK
     while True:
         opened = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:

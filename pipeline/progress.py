@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable
 from datetime import timedelta
 from types import TracebackType
@@ -21,6 +22,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from wayside.pipeline.fleet.manifest import ENDED, Manifest
+from wayside.pipeline.fleet.status import figures_of
 from wayside.pipeline.visible_text import visible
 
 if TYPE_CHECKING:
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 
 COMPILING = "compiling, once after installation"
 _LONGEST_LABEL = 16
+_TOLD_S = 60.0
 
 
 class _Shown:
@@ -138,3 +142,22 @@ class SheetProgress(_Shown):
 def _shortened(name: str) -> str:
     """A name that leaves room for the counts on a line of 80 columns."""
     return name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
+
+
+class FleetProgress(_Shown):
+    """Shows how far a fleet is; where nobody looks, as a line every minute."""
+
+    def __init__(self) -> None:
+        super().__init__(TextColumn("{task.fields[words]}"), TimeElapsedColumn())
+        self._task = self._bar.add_task("fleet", total=None, words="")
+        self._told_at = time.monotonic()
+
+    def watch(self, manifest: Manifest) -> None:
+        """The logs are so far."""
+        figures = figures_of(manifest, time.time())
+        done = sum(entry.bytes for entry in manifest.logs.values() if entry.state in ENDED)
+        total = sum(entry.bytes for entry in manifest.logs.values())
+        self._bar.update(self._task, completed=done, total=max(total, 1), words=str(figures))
+        if self._bar.disable and time.monotonic() > self._told_at + _TOLD_S:
+            self._told_at = time.monotonic()
+            print(figures, file=sys.stderr, flush=True)

@@ -1,0 +1,231 @@
+"""The commands `wayside fleet` and `wayside query`. Heavy imports stand inside."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from wayside.pipeline import cli_boxes as boxes
+from wayside.pipeline import cli_fitting as fitting
+from wayside.pipeline import cli_options as run_options
+from wayside.pipeline.cli_running import exit_with
+from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.schemas.errors import UsageError
+
+if TYPE_CHECKING:
+    from wayside.pipeline.fleet.manifest import Entry
+    from wayside.pipeline.fleet.running import FleetReport
+
+_MOST_LISTED = 40
+_LOGS_FIRST = "run"
+
+QUERY_EPILOG = (
+    'Examples: `wayside query inventory "SELECT color, count(*) FROM panels GROUP BY color"` · '
+    '`wayside query inventory "FROM signs WHERE confidence < 0.6" -o weak.csv` · '
+    '`wayside query inventory "DESCRIBE panels"`'
+)
+FLEET_EPILOG = (
+    "Examples: `wayside fleet archive/2026/ -o inventory --jobs 4` · "
+    '`wayside fleet "s3://survey/2026/**/*.mcap" -o inventory --scheduler tcp://10.0.0.5:8786` · '
+    "`wayside fleet @logs.txt -o inventory` · `wayside fleet status inventory`"
+)
+
+
+class LogsFirst(TyperGroup):
+    """Commands of `wayside fleet`; logs in the place of a command are those of `run`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put `run` before arguments that begin with no command; the type of `ctx` is private to typer."""
+        if args and args[0] not in (*self.commands, *ctx.help_option_names):
+            args = [_LOGS_FIRST, *args]
+        return super().parse_args(ctx, args)
+
+
+fleet_app = typer.Typer(
+    cls=LogsFirst,
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    help="Many logs to one inventory: `wayside fleet LOGS... -o INVENTORY`; `wayside fleet run --help` lists options.",
+    epilog=FLEET_EPILOG,
+)
+
+Inventory = Annotated[
+    Path, typer.Argument(metavar="INVENTORY", help="Folder written by `wayside fleet`.")
+]
+
+
+@fleet_app.command(_LOGS_FIRST, epilog=FLEET_EPILOG)
+def fleet(
+    logs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LOGS...",
+            help="MCAP files, folders, patterns, URLs of object storage, or @list.txt with one a line.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="INVENTORY", help="Folder of the inventory; logs may be added."
+        ),
+    ],
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "-j",
+            "--jobs",
+            min=1,
+            help="Logs side by side.  [default: 1; of a scheduler: its threads]",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT|local",
+            help="Run on Dask distributed: on a cluster, or on workers of this machine.",
+        ),
+    ] = None,
+    attempts: Annotated[
+        int, typer.Option(min=1, help="Times a log is begun before it goes into quarantine.")
+    ] = 3,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Try the logs in quarantine again.")
+    ] = False,
+    preset: run_options.PresetOption = run_options.Preset.default,
+    settings: run_options.SettingsFile = None,
+    assignments: run_options.Assignments = None,
+    spacing: run_options.Spacing = None,
+    camera: run_options.CameraTopic = None,
+    calibration: run_options.Calibration = None,
+    every: run_options.Every = None,
+    workers: run_options.Workers = None,
+    detector: boxes.Detector = None,
+    classes: boxes.Classes = None,
+    models: fitting.Models = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="Replace results of logs whose content has changed."),
+    ] = False,
+) -> None:
+    """Run many logs into one inventory, each once, and merge their signs.
+
+    A log whose result stands, made of the same log, settings and models, is not run again: the same command goes on
+    where it was ended. A log that ends its worker is tried again, and put aside with its own log after three attempts.
+    """
+    from wayside.pipeline.fleet.running import FleetOptions, run_fleet
+    from wayside.pipeline.fleet.sources import expand_sources
+    from wayside.pipeline.progress import FleetProgress
+
+    calibration, detector, classes, models = (  # workers may have other working folders
+        None if path is None else path.absolute()
+        for path in (calibration, detector, classes, models)
+    )
+    options = run_options.read_options(spacing, camera, calibration, None, None, every, workers)
+    options |= boxes.options(detector, None, classes) | fitting.model_options(models)
+    chosen = run_options.chosen_settings(preset, settings, assignments, options)
+    uris = expand_sources(logs)
+    how = FleetOptions(jobs, scheduler, attempts, retry, overwrite, tuple(sys.argv[1:]))
+    with FleetProgress() as progress:
+        report = run_fleet(uris, out, chosen, how, progress.watch)
+    typer.echo(visible_lines(_summary(report, out)))
+    exit_with([entry.status for entry in report.entries])
+
+
+@fleet_app.command(epilog="Example: `wayside fleet status inventory`")
+def status(inventory: Inventory) -> None:
+    """Say how far a fleet is: logs done, running and in quarantine, rate and time left."""
+    from wayside.pipeline.fleet.status import format_status
+
+    typer.echo(visible_lines(format_status(inventory)))
+
+
+class AnswerFormat(StrEnum):
+    """What an answer is written as."""
+
+    table = "table"
+    csv = "csv"
+    json = "json"
+    parquet = "parquet"
+
+
+def query(
+    inventory: Inventory,
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="One question in DuckDB's SQL.")],
+    file: Annotated[Path | None, typer.Option("-o", "--out", help="Write the answer here.")] = None,
+    kind: Annotated[
+        AnswerFormat | None,
+        typer.Option(
+            "-f", "--format", help="Default: by the end of the name; a table on the terminal."
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that stands there.")
+    ] = False,
+) -> None:
+    """Ask an inventory in SQL: views panels, supports, sightings, signs, frames, observations, logs."""
+    from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
+    from wayside.pipeline.writing import whole_file
+
+    suffix = "table" if file is None else file.suffix.lower().removeprefix(".")
+    chosen = suffix if kind is None else kind.value
+    if chosen in FORMATS:
+        if file is None:
+            write_answer(inventory, sql, sys.stdout.buffer, chosen)
+        else:
+            with whole_file(file, overwrite=overwrite) as stream:
+                write_answer(inventory, sql, stream, chosen)
+            typer.echo(visible(f"{file}: written"))
+        return
+    if file is not None:
+        raise UsageError(
+            f"{file}: wanted a name that ends with {', '.join(f'.{f}' for f in FORMATS)}, or -f with one of these"
+        )
+    names, rows = first_rows(inventory, sql, _MOST_LISTED + 1)
+    _print_table(names, rows)
+
+
+def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from wayside.pipeline.summary import plain
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in names:
+        table.add_column(plain(name), overflow="fold")
+    for row in rows[:_MOST_LISTED]:
+        table.add_row(*("" if value is None else plain(value) for value in row))
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 400)
+    console.print(table)
+    if len(rows) > _MOST_LISTED:
+        console.print(f"... and more; -f csv writes all rows, or ask with LIMIT {_MOST_LISTED}")
+
+
+def _summary(report: FleetReport, out: Path) -> str:
+    """What became of the logs: each of a few, of many those that are not simply done."""
+    from wayside.pipeline.fleet.manifest import DONE, DRIVES, QUARANTINE
+
+    def describe(entry: Entry) -> str:
+        if entry.state != DONE:
+            where = f"; see {out / QUARANTINE / entry.name}" if entry.attempts else ""
+            return f"not done, exit status {entry.status}: {entry.words}{where}"
+        words = "unchanged, result" if entry.name in report.kept else "done, result"
+        more = f", exit status {entry.status}" if entry.status else ""
+        return f"{words} in {out / DRIVES / entry.name}{more}"
+
+    listed = [
+        entry for entry in report.entries if len(report.entries) <= _MOST_LISTED or entry.status
+    ]
+    lines = [f"{entry.source}: {describe(entry)}" for entry in listed[:_MOST_LISTED]]
+    if len(listed) > _MOST_LISTED:
+        lines.append(f"... and {len(listed) - _MOST_LISTED} more: wayside fleet status {out}")
+    lines += [f"{uri}: the same recording as {name}, counted once" for uri, name in report.copies]
+    done = sum(entry.state == DONE for entry in report.entries)
+    lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
+    lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")
+    return "\n".join(lines)

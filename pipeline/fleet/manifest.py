@@ -1,0 +1,153 @@
+"""`fleet.json`: every log of an inventory, what it is, what became of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from importlib.metadata import version
+from itertools import chain, count
+from pathlib import Path
+from typing import Any
+
+from wayside.pipeline.fleet.sources import source_name
+from wayside.pipeline.visible_text import visible
+from wayside.pipeline.writing import write_file
+from wayside.schemas.errors import InputError
+
+MANIFEST, DRIVES, LOGS, QUARANTINE = "fleet.json", "drives", "logs", "quarantine"
+WAITING, RUNNING, DONE, QUARANTINED = "waiting", "running", "done", "quarantined"
+ENDED = (DONE, QUARANTINED)
+STATES = (WAITING, RUNNING, *ENDED)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A log of the inventory.
+
+    Attributes
+    ----------
+    name
+        Of its folders and files in the inventory; it stays.
+    source
+        Absolute path or URL.
+    fingerprint, bytes
+        Which recording it is (`log_fingerprint`), and its length.
+    key
+        Digest of log, settings, models and code that the result is made of, or is to be; None: the log could not be
+        read.
+    state
+        One of `STATES`.
+    status
+        Exit status of the log by itself, once it is done or in quarantine.
+    attempts, seconds
+        How often it was begun for this key, and what the last attempt took.
+    images, rows
+        Images read and rows of `signs.parquet`, where it is done.
+    since
+        When the state began, seconds since 1970.
+    words
+        Why it is in quarantine.
+    """
+
+    name: str
+    source: str
+    fingerprint: str
+    bytes: int
+    key: str | None
+    state: str = WAITING
+    status: int = 0
+    attempts: int = 0
+    seconds: float = 0.0
+    images: int = 0
+    rows: int = 0
+    since: float = 0.0
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """All logs of an inventory by name, and the fleet that worked on it last.
+
+    Attributes
+    ----------
+    started, updated
+        When that fleet began, and when this was written; seconds since 1970.
+    where
+        Host and process of that fleet.
+    merged
+        Digest of the results that the merged tables were made of; empty: they are of other results, or not made.
+    """
+
+    logs: Mapping[str, Entry] = field(default_factory=dict)
+    started: float = 0.0
+    updated: float = 0.0
+    where: str = ""
+    merged: str = ""
+
+    def with_entries(self, entries: Iterable[Entry]) -> Manifest:
+        """The same with these entries in the place of those of their names."""
+        return replace(self, logs={**self.logs, **{entry.name: entry for entry in entries}})
+
+    def done(self) -> list[Entry]:
+        """Logs whose results are part of the inventory, by name."""
+        return sorted(
+            (entry for entry in self.logs.values() if entry.state == DONE),
+            key=lambda entry: entry.name,
+        )
+
+
+def read_manifest(inventory: Path) -> Manifest:
+    """What stands in `fleet.json`.
+
+    Raises
+    ------
+    InputError
+        There is none, or it is damaged.
+    """
+    file = inventory / MANIFEST
+    try:
+        content = json.loads(file.read_text("utf-8"))
+        known = {each.name for each in fields(Entry)}
+        logs = {
+            name: Entry(**{k: v for k, v in entry.items() if k in known})
+            for name, entry in content["logs"].items()
+        }
+        if any(e.state not in STATES or name != e.name for name, e in logs.items()):
+            raise ValueError("a log of an unknown state or another name")
+        told = {k: content[k] for k in ("started", "updated", "where", "merged")}
+        return Manifest(logs, **told)
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
+        ) from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{file} cannot be read: {error}; it was not written by wayside"
+        ) from error
+
+
+def write_manifest(inventory: Path, manifest: Manifest) -> None:
+    """Write `fleet.json`, whole or not at all; raises OutputError."""
+    content: dict[str, Any] = {
+        "wayside": version("wayside"),
+        "started": manifest.started,
+        "updated": manifest.updated,
+        "where": manifest.where,
+        "merged": manifest.merged,
+        "logs": {name: asdict(entry) for name, entry in sorted(manifest.logs.items())},
+    }
+    text = json.dumps(content, indent=1) + "\n"
+    write_file(inventory / MANIFEST, text.encode(), overwrite=True)
+
+
+def free_name(uri: str, taken: Collection[str]) -> str:
+    """A name for a new log: its stem, else with that of its folder before it, else with a number behind it.
+
+    taken: names that are in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
+    """
+    stem, parent = (visible(text).replace("/", "_").lstrip(".") for text in source_name(uri))
+    stem = stem or "log"
+    first = [stem, f"{parent}_{stem}"] if parent else [stem]
+    names = chain(first, (f"{stem}_{number}" for number in count(2)))
+    return next(name for name in names if name.casefold() not in taken)

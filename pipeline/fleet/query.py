@@ -1,0 +1,138 @@
+"""Questions in SQL about an inventory, answered by DuckDB."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, BinaryIO
+
+import pyarrow as pa
+
+from wayside.pipeline.fleet.manifest import DRIVES, Manifest, read_manifest
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.tables import TABLES
+
+try:
+    import duckdb
+except ImportError as error:
+    raise UsageError(
+        f"wayside query: wanted DuckDB, found: {error}; `pip install 'wayside[query]'`"
+    ) from error
+
+MERGED_VIEWS = ("panels", "supports", "sightings", "changes")
+DRIVE_VIEWS = {table.name: table.file for table in TABLES}
+LOGS_VIEW = "logs"
+VIEWS = (*MERGED_VIEWS, *DRIVE_VIEWS, LOGS_VIEW)
+FORMATS = {"csv": "csv, header", "json": "json, array true", "parquet": "parquet"}
+"""What an answer is written as, and how DuckDB calls it."""
+
+
+def first_rows(inventory: Path, sql: str, count: int) -> tuple[list[str], list[list[str | None]]]:
+    """Names of the columns of an answer and its first rows as text; parameters and errors as of `write_answer`."""
+    with _prepared(inventory, sql) as (connection, question):
+        names = [column[0] for column in connection.sql(question).description]
+        text = connection.sql(
+            f"SELECT CAST(COLUMNS(*) AS VARCHAR) FROM ({question}\n) LIMIT {count}"
+        )
+        return names, [list(row) for row in text.fetchall()]
+
+
+def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None:
+    """Write the answer to one question.
+
+    Views: `panels`, `supports`, `sightings` and `changes` of the merged inventory; `signs`, `frames` and `observations`
+    of its drives, with the name of the drive in the column `drive`; `logs`: what `fleet.json` says of each log. Nothing
+    is changed, and nothing is fetched from elsewhere.
+
+    Parameters
+    ----------
+    inventory
+        Folder that `wayside fleet` wrote.
+    sql
+        One statement that reads.
+    stream, kind
+        Where it goes, and as which of `FORMATS`.
+
+    Raises
+    ------
+    UsageError
+        The statement is none that can be answered.
+    InputError
+        The folder is no inventory, or lacks what is asked for.
+    """
+    with _prepared(inventory, sql) as (connection, question), TemporaryDirectory() as scratch:
+        file = Path(scratch) / "answer"
+        connection.execute(f"COPY ({question}\n) TO {_quoted(file)} (FORMAT {FORMATS[kind]})")
+        with file.open("rb") as answer:
+            shutil.copyfileobj(answer, stream)
+
+
+@contextmanager
+def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
+    """A connection with the views that a statement asks for, and the bare statement."""
+    manifest = read_manifest(inventory)
+    offline: Any = {"autoinstall_known_extensions": False, "python_enable_replacements": False}
+    lacking: list[str] = []
+    with duckdb.connect(":memory:", config=offline) as connection:
+        try:
+            statements = connection.extract_statements(sql)
+            if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
+                raise UsageError(
+                    f"wanted one statement that reads (SELECT, FROM, DESCRIBE, SUMMARIZE), found {sql!r}"
+                )
+            asked = set(re.findall(r"\w+", sql.lower()))  # words that may be views
+            for view in (name for name in VIEWS if name in asked):
+                if not _create_view(connection, view, inventory, manifest):
+                    lacking.append(view)
+            yield connection, statements[0].query.strip().rstrip(";")
+        except duckdb.CatalogException as error:
+            if lacking:
+                raise InputError(
+                    f"{inventory}: wanted {', '.join(lacking)}, found none: nothing is merged yet, or no drive has "
+                    "satellite fixes"
+                ) from error
+            raise _unanswered(error) from error
+        except duckdb.Error as error:
+            raise _unanswered(error) from error
+
+
+def _unanswered(error: duckdb.Error) -> UsageError:
+    return UsageError(
+        f"the question cannot be answered: {error}\n"
+        f'views: {", ".join(VIEWS)}; "DESCRIBE panels" lists the columns of one'
+    )
+
+
+def _create_view(
+    connection: duckdb.DuckDBPyConnection, view: str, inventory: Path, manifest: Manifest
+) -> bool:
+    """Make one view; whether there are files of it. To open those of all views takes long in a large inventory."""
+    if view == LOGS_VIEW:
+        rows = [asdict(entry) for _, entry in sorted(manifest.logs.items())]
+        connection.register(view, pa.Table.from_pylist(rows))
+        return True
+    if view in DRIVE_VIEWS:
+        files = [inventory / DRIVES / entry.name / DRIVE_VIEWS[view] for entry in manifest.done()]
+        columns = "parse_path(filename)[-2] AS drive, * EXCLUDE filename"
+        options = "filename = true"
+    else:
+        files = sorted((inventory / view).rglob("*.parquet"))
+        files = files or [file for file in [inventory / f"{view}.parquet"] if file.exists()]
+        columns, options = "*", "hive_partitioning = true, hive_types_autocast = false"
+    if not files:
+        return False
+    listed = ", ".join(_quoted(file) for file in files)
+    connection.execute(
+        f"CREATE VIEW {view} AS SELECT {columns} "
+        f"FROM read_parquet([{listed}], union_by_name = true, {options})"
+    )
+    return True
+
+
+def _quoted(path: Path) -> str:
+    return "'" + str(path).replace("'", "''") + "'"

@@ -1,0 +1,399 @@
+"""A fleet from its logs to the merged inventory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from wayside.pipeline.earlier_result import is_finished
+from wayside.pipeline.fleet.dask_engine import DaskEngine
+from wayside.pipeline.fleet.engine import Engine, ProcessEngine
+from wayside.pipeline.fleet.manifest import (
+    DONE,
+    DRIVES,
+    MANIFEST,
+    QUARANTINED,
+    RUNNING,
+    WAITING,
+    Entry,
+    Manifest,
+    free_name,
+    read_manifest,
+    write_manifest,
+)
+from wayside.pipeline.fleet.merging import merge_inventory
+from wayside.pipeline.fleet.sources import UnreachableError, fingerprint_source
+from wayside.pipeline.fleet.status import locked_inventory
+from wayside.pipeline.fleet.task import (
+    Outcome,
+    Task,
+    begun_attempts,
+    finished_outcome,
+    note_death,
+    note_uncounted,
+    run_task,
+)
+from wayside.pipeline.journal import result_keys
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.output_folder import finish_replacement
+from wayside.schemas.errors import (
+    InputError,
+    InterruptionError,
+    OutputError,
+    StageError,
+    WaysideError,
+)
+from wayside.schemas.settings import Settings
+
+_POLL_S, _SAVE_S = 0.5, 2.0
+_READERS = 8
+"""Logs and results that are looked at side by side: it is waiting for disks and networks, not computing."""
+
+OpenEngine = Callable[[], Engine[Task, Outcome]]
+Watch = Callable[[Manifest], None]
+
+
+@dataclass(frozen=True, slots=True)
+class FleetOptions:
+    """How a fleet is carried out; nothing here changes a result.
+
+    Attributes
+    ----------
+    jobs
+        Logs side by side; None: one, or the threads of the scheduler.
+    scheduler
+        Address of a Dask scheduler, or `local`; None: processes without Dask.
+    attempts
+        How often a log is begun before it goes into quarantine.
+    retry
+        Try the logs in quarantine again.
+    overwrite
+        Replace results of logs whose content has changed since.
+    arguments
+        The command line, for `run.json`.
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    attempts: int = 3
+    retry: bool = False
+    overwrite: bool = False
+    arguments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FleetReport:
+    """What a fleet did.
+
+    Attributes
+    ----------
+    entries
+        The given logs as they are now, in order.
+    kept
+        Names of those whose results stood before.
+    copies
+        Given logs that are the same recording as another one, with the name of that: counted once.
+    merged
+        What was merged, in words; None: nothing has changed since the last time, or no log is done.
+    """
+
+    entries: tuple[Entry, ...]
+    kept: frozenset[str]
+    copies: tuple[tuple[str, str], ...]
+    merged: str | None
+
+
+class _WorkersError(WaysideError):
+    """Workers end before they begin their tasks."""
+
+
+def run_fleet(
+    uris: Sequence[str],
+    inventory: Path,
+    settings: Settings,
+    options: FleetOptions,
+    watch: Watch = lambda manifest: None,
+    open_engine: OpenEngine | None = None,
+) -> FleetReport:
+    """Run logs into an inventory, those whose results stand excepted, and merge all results of the inventory.
+
+    Parameters
+    ----------
+    uris
+        As `expand_sources` gives them.
+    inventory
+        The folder; logs that it holds already stay in it.
+    settings, options
+        Of the runs; of the fleet.
+    watch
+        Called every few seconds with the given logs.
+    open_engine
+        Another engine than the options name.
+
+    Raises
+    ------
+    UsageError
+        The scheduler or a setting cannot be used.
+    InputError
+        A model file or the manifest of the inventory cannot be used.
+    OutputError
+        The inventory cannot be written, another fleet does so, or the content of logs has changed.
+    InterruptionError
+        Somebody ended the fleet; done is done.
+    """
+    inventory = inventory.absolute()
+    key_of = result_keys(settings, load_models(settings).digests(), every_region=False)
+    with locked_inventory(inventory):
+        earlier = read_manifest(inventory) if (inventory / MANIFEST).exists() else Manifest()
+        planned, copies = _plan(uris, earlier, key_of, options, inventory)
+        where = f"{socket.gethostname()}, process {os.getpid()}"
+        book = _Book(inventory, replace(earlier, started=time.time(), where=where), planned, watch)
+        tasks = [
+            Task(
+                entry.name,
+                entry.source,
+                entry.fingerprint,
+                entry.key,
+                str(inventory),
+                settings,
+                options.attempts,
+                options.arguments,
+                options.overwrite,
+            )
+            for entry in planned.values()
+            if entry.state == WAITING and entry.key is not None
+        ]
+        if tasks:
+            _carry_out(tasks, open_engine or _engine_of(options, inventory, len(tasks)), book)
+        merged = _merge(inventory, book)
+        kept = frozenset(name for name, entry in planned.items() if entry.state == DONE)
+        return FleetReport(tuple(book.given()), kept, tuple(copies), merged)
+
+
+class _Book:
+    """The manifest of a fleet under way, written every few seconds."""
+
+    def __init__(
+        self, inventory: Path, manifest: Manifest, planned: Mapping[str, Entry], watch: Watch
+    ) -> None:
+        self._inventory, self._watch, self._names = inventory, watch, tuple(planned)
+        begun = [
+            replace(e, since=manifest.started) if e.state == WAITING else e
+            for e in planned.values()
+        ]
+        self.manifest = manifest.with_entries(begun)
+        self.save()
+
+    def given(self) -> list[Entry]:
+        """The given logs, in order."""
+        return [self.manifest.logs[name] for name in self._names]
+
+    def note(self, name: str, outcome: Outcome | None) -> None:
+        """An attempt has begun (None), or this became of it."""
+        now = time.time()
+        entry = replace(self.manifest.logs[name], state=RUNNING, since=now)
+        if outcome is not None:
+            entry = replace(
+                entry,
+                state=outcome.state,
+                status=outcome.status,
+                attempts=outcome.attempts,
+                seconds=round(outcome.seconds, 3),
+                images=outcome.images,
+                rows=outcome.rows,
+                words=outcome.words,
+            )
+        self.manifest = self.manifest.with_entries([entry])
+        self._unsaved = True
+
+    def show(self) -> None:
+        """Write what is new, if it is time to, and tell who watches how far it is."""
+        if self._unsaved and time.time() > self.manifest.updated + _SAVE_S:
+            self.save()
+        logs = {entry.name: entry for entry in self.given()}
+        self._watch(replace(self.manifest, logs=logs))
+
+    def save(self, **changes: str) -> None:
+        """Write the manifest, with changes of its fields; raises OutputError."""
+        self.manifest = replace(self.manifest, updated=time.time(), **changes)  # type: ignore[arg-type]
+        write_manifest(self._inventory, self.manifest)
+        self._unsaved = False
+
+
+def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> None:
+    """Open an engine for tasks; what was under way where it ends early is none of their attempts."""
+    under_way: dict[str, tuple[Task, int]] = {}
+    try:
+        with open_engine() as engine:
+            _work(engine, tasks, under_way, book)
+    except BaseException as error:
+        for task, before in under_way.values():
+            if begun_attempts(task) > before:
+                note_uncounted(task)
+            book.note(task.name, Outcome(WAITING, 0, before))
+        if isinstance(error, KeyboardInterrupt):
+            done, total = sum(entry.state == DONE for entry in book.given()), len(book.given())
+            raise InterruptionError(
+                f"interrupted; {done} of {total} logs are done; the same command goes on from here"
+            ) from error
+        raise
+    finally:
+        book.save()
+
+
+def _work(
+    engine: Engine[Task, Outcome],
+    tasks: Sequence[Task],
+    under_way: dict[str, tuple[Task, int]],
+    book: _Book,
+) -> None:
+    """Carry tasks out until each is done or in quarantine.
+
+    under_way: kept up to date: tasks by name, each with its attempts before this one.
+    """
+    waiting, unbegun = deque(tasks), Counter[str]()
+    while waiting or under_way:
+        while waiting and len(under_way) < engine.places():
+            task = waiting.popleft()
+            under_way[task.name] = (task, begun_attempts(task))
+            engine.submit(task)
+            book.note(task.name, None)
+        for task, result in engine.wait(_POLL_S):
+            _, before = under_way.pop(task.name)
+            if isinstance(result, str):
+                unbegun[task.name] += begun_attempts(task) <= before
+                if unbegun[task.name] >= task.attempts:
+                    raise _WorkersError(
+                        f"{task.source}: wanted a worker to begin this log, found that each died before: {result}"
+                    )
+                note_death(task, result)
+                result = Outcome(WAITING, StageError.exit_status, before + 1, words=result)
+            book.note(task.name, result)
+            if result.state == WAITING:
+                waiting.append(task)
+        book.show()
+
+
+def _plan(
+    uris: Sequence[str],
+    earlier: Manifest,
+    key_of: Callable[[str], str],
+    options: FleetOptions,
+    inventory: Path,
+) -> tuple[dict[str, Entry], list[tuple[str, str]]]:
+    """The given logs by name with the states in which the fleet begins, and those that are copies of others.
+
+    A log is the one of before by its source, or by its content where it has moved.
+
+    Raises
+    ------
+    OutputError
+        The content of logs has changed, and their results are not to be replaced.
+    """
+    by_source = {entry.source: entry for entry in earlier.logs.values()}
+    by_content = {e.fingerprint: e for e in earlier.logs.values() if e.fingerprint}
+    taken = {name.casefold() for name in earlier.logs}
+    planned: dict[str, Entry] = {}
+    copies: list[tuple[str, str]] = []
+    changed: list[str] = []
+    with ThreadPoolExecutor(_READERS) as readers:
+        looked = list(zip(uris, readers.map(_looked_at, uris), strict=True))
+        for uri, found in sorted(looked, key=lambda pair: isinstance(pair[1], str)):
+            known = by_source.get(uri)
+            if not isinstance(found, str):
+                if known is not None and known.fingerprint not in ("", found[0]):
+                    changed.append(uri)
+                known = known or by_content.get(found[0])
+            name = free_name(uri, taken) if known is None else known.name
+            if name in planned:
+                copies.append((uri, name))
+                continue
+            taken.add(name.casefold())
+            planned[name] = _entry(name, uri, known, found, key_of, retry=options.retry)
+            by_content[planned[name].fingerprint] = planned[name]
+        if changed and not options.overwrite:
+            some = ", ".join(changed[:3]) + (", ..." if len(changed) > 3 else "")
+            raise OutputError(
+                f"wanted the logs that {inventory} holds, found {len(changed)} of other content in their places: "
+                f"{some}; give them other names to add them, or replace their results with --overwrite"
+            )
+        standing = readers.map(lambda entry: _standing(inventory, entry, earlier), planned.values())
+        return {entry.name: entry for entry in standing}, copies
+
+
+def _entry(
+    name: str,
+    uri: str,
+    known: Entry | None,
+    found: tuple[str, int] | str,
+    key_of: Callable[[str], str],
+    *,
+    retry: bool,
+) -> Entry:
+    """A log as the fleet begins with it: waiting, or in quarantine still, or because it cannot be read (`found`)."""
+    if isinstance(found, str):
+        content, size = ("", 0) if known is None else (known.fingerprint, known.bytes)
+        key = key_of(content) if content else None
+        status = InputError.exit_status
+        return Entry(name, uri, content, size, key, QUARANTINED, status, words=found)
+    entry = Entry(name, uri, *found, key_of(found[0]))
+    tried = known is not None and known.state == QUARANTINED and known.attempts > 0
+    if known is not None and tried and known.key == entry.key and not retry:
+        return replace(known, source=uri)
+    return entry
+
+
+def _looked_at(uri: str) -> tuple[str, int] | str:
+    try:
+        return fingerprint_source(uri)
+    except UnreachableError as error:
+        return str(error)
+
+
+def _standing(inventory: Path, entry: Entry, earlier: Manifest) -> Entry:
+    """The entry as done where its result stands, else as it is."""
+    folder = inventory / DRIVES / entry.name
+    finish_replacement(folder)
+    if not is_finished(folder, entry.key):
+        return entry
+    before = earlier.logs.get(entry.name)
+    if before is not None and before.state == DONE and before.key == entry.key:
+        return replace(before, source=entry.source)
+    found = finished_outcome(folder, 0)
+    return replace(
+        entry,
+        state=DONE,
+        status=found.status,
+        seconds=found.seconds,
+        images=found.images,
+        rows=found.rows,
+        words="",
+    )
+
+
+def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine:
+    if options.scheduler is None:
+        return lambda: ProcessEngine(run_task, min(options.jobs or 1, tasks))
+    scheduler, shared = options.scheduler, inventory / MANIFEST
+    return lambda: DaskEngine(run_task, scheduler, options.jobs, shared)
+
+
+def _merge(inventory: Path, book: _Book) -> str | None:
+    """Merge what is done, if it has changed since the last time; what came of it."""
+    done = book.manifest.done()
+    keys = json.dumps([(entry.name, entry.key) for entry in done])
+    digest = hashlib.sha256(keys.encode()).hexdigest()
+    if not done or book.manifest.merged == digest:
+        return None
+    book.save(merged="")
+    report = merge_inventory([inventory / DRIVES / entry.name for entry in done], inventory)
+    book.save(merged=digest)
+    return str(report)

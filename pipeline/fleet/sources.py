@@ -1,0 +1,180 @@
+"""The logs of a fleet: files, folders, patterns, lists, and URLs of any storage that fsspec reaches."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from wayside.pipeline.earlier_result import stream_fingerprint
+from wayside.pipeline.writing import UNWRITABLE, not_written
+from wayside.schemas.errors import InputError, UsageError
+
+_SUFFIX = ".mcap"
+_PATTERN = "*?["
+
+
+class UnreachableError(InputError):
+    """A log cannot be read now; another time it may be."""
+
+
+def expand_sources(given: Iterable[str]) -> list[str]:
+    """The logs that are meant, each once, in order: absolute paths and URLs.
+
+    Parameters
+    ----------
+    given
+        Files, folders (every `.mcap` below), patterns with `*`, `?`, `[...]` and `**`, URLs of these, or `@FILE`: a
+        list of all this, one a line; empty lines and those that begin with `#` are left out. Relative paths are
+        relative to the working folder, those in lists, too.
+
+    Raises
+    ------
+    UsageError
+        A list cannot be read, a folder or pattern holds no log, or a URL needs a package that is not installed.
+    """
+    return list(dict.fromkeys(uri for text in given for uri in _expanded(text)))
+
+
+def source_name(uri: str) -> tuple[str, str]:
+    """Stem of the log's file name and the name of the folder it lies in, which may be empty."""
+    first = uri.partition("::")[0]  # fsspec chains: the file in front, its container behind
+    path = PurePosixPath(unquote(urlsplit(first).path)) if _is_url(uri) else Path(uri)
+    return path.stem or "log", path.parent.name
+
+
+def fingerprint_source(uri: str) -> tuple[str, int]:
+    """Which recording a log is (`log_fingerprint`) and its length in bytes; of a URL, 2 MiB are read.
+
+    Raises
+    ------
+    UnreachableError
+        It cannot be read.
+    """
+    try:
+        if not _is_url(uri):
+            path = Path(uri)
+            if not path.is_file():
+                found = "a folder" if path.is_dir() else "no such file"
+                raise UnreachableError(f"{uri}: wanted a log, found {found}")
+            with path.open("rb") as stream:
+                size = path.stat().st_size
+                return stream_fingerprint(stream, size), size
+        system, inner = _file_system(uri)
+        size = int(system.size(inner))
+        with system.open(inner, "rb", cache_type="none") as stream:
+            return stream_fingerprint(stream, size), size
+    except (InputError, UsageError):
+        raise
+    except Exception as error:  # every storage raises errors of its own
+        raise _unreachable(uri, error) from error
+
+
+@contextmanager
+def fetched(uri: str) -> Iterator[Path]:
+    """A log as a local file; that of a URL is loaded into a scratch folder, which goes with the block.
+
+    Raises
+    ------
+    UnreachableError
+        It cannot be read.
+    OutputError
+        The scratch folder (`TMPDIR`) cannot take it.
+    """
+    if not _is_url(uri):
+        yield Path(uri)
+        return
+    with TemporaryDirectory(prefix="wayside-") as scratch:
+        path = Path(scratch) / f"{source_name(uri)[0]}{_SUFFIX}"
+        try:
+            system, inner = _file_system(uri)
+            system.get_file(inner, str(path))
+        except UsageError:
+            raise
+        except Exception as error:  # as above
+            if isinstance(error, OSError) and error.errno in UNWRITABLE:
+                wanted, instead = "to load a log here", "point TMPDIR to another folder"
+                raise not_written(path.parent, error, wanted, instead) from error
+            raise _unreachable(uri, error) from error
+        yield path
+
+
+def _expanded(text: str) -> list[str]:
+    if text.startswith("@"):
+        return _listed(Path(text[1:]))
+    if _is_url(text):
+        return _stored(text)
+    path = Path(text)
+    if path.is_dir():
+        found = (p for p in path.rglob("*") if p.suffix.lower() == _SUFFIX and p.is_file())
+    elif not path.exists() and any(c in text for c in _PATTERN):
+        found = (Path(name) for name in glob.glob(text, recursive=True) if Path(name).is_file())
+    else:
+        return [str(path.absolute())]
+    return _some(text, sorted(str(p.absolute()) for p in found))
+
+
+def _listed(file: Path) -> list[str]:
+    try:
+        lines = [line.strip() for line in file.read_text("utf-8").splitlines()]
+    except (OSError, ValueError) as error:
+        raise UsageError(f"@{file}: wanted a list of logs, one a line, found: {error}") from error
+    entries = [line for line in lines if line and not line.startswith("#")]
+    nested = next((line for line in entries if line.startswith("@")), None)
+    if nested is not None:
+        raise UsageError(f"@{file}: wanted logs, found another list in it: {nested}")
+    return _some(f"@{file}", [uri for line in entries for uri in _expanded(line)])
+
+
+def _stored(url: str) -> list[str]:
+    try:
+        system, inner = _file_system(url)
+        if any(c in inner for c in _PATTERN):
+            found = system.glob(inner)
+        elif system.isdir(inner):
+            found = [p for p in system.find(inner) if p.lower().endswith(_SUFFIX)]
+        else:
+            return [url]
+        chain = url.partition("::")[1:]  # what contains the files that were found
+        names = sorted(str(system.unstrip_protocol(p)) for p in found)
+    except UsageError:
+        raise
+    except Exception as error:  # every storage raises errors of its own
+        raise _unreachable(url, error) from error
+    return _some(url, [name + "".join(chain) for name in names])
+
+
+def _some(text: str, found: list[str]) -> list[str]:
+    if not found:
+        raise UsageError(f"{text}: wanted logs ({_SUFFIX}), found none")
+    return found
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """The storage of a URL and the name in it; fsspec has no types."""
+    try:
+        from fsspec.core import url_to_fs
+
+        system, inner = url_to_fs(url)
+    except ImportError as error:
+        raise UsageError(
+            f"{url}: wanted a package that reads this storage, found none: {error}; "
+            "URLs need `pip install 'wayside[fleet]'`, and s3fs, gcsfs or adlfs for S3, Google and Azure"
+        ) from error
+    except ValueError as error:
+        raise UsageError(f"{url}: wanted a URL that fsspec knows, found: {error}") from error
+    return system, str(inner)
+
+
+def _is_url(text: str) -> bool:
+    return "://" in text
+
+
+def _unreachable(uri: str, error: Exception) -> UnreachableError:
+    return UnreachableError(
+        f"{uri}: wanted a log, found: {type(error).__name__}: {error}; try again, or check address and access"
+    )

@@ -1,0 +1,127 @@
+"""Logs whose content says what becomes of them, and an engine in this process."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from types import SimpleNamespace
+
+import pytest
+
+from wayside.pipeline.earlier_result import file_digest
+from wayside.pipeline.fleet import running, task
+from wayside.pipeline.fleet.running import FleetOptions, run_fleet
+from wayside.pipeline.fleet.sources import expand_sources
+from wayside.pipeline.journal import result_key
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, OutputError, StageError
+
+SETTINGS, _ = load_settings()
+
+
+class NoModels:
+    """Stands for the models, whose digests take seconds."""
+
+    def digests(self):
+        return {"judge": "0"}
+
+
+class Died(BaseException):
+    """Stands for the death of a worker."""
+
+
+class InProcess:
+    """An engine of two places that carries a task out when it is waited for."""
+
+    def __init__(self):
+        self.queue = []
+
+    def places(self):
+        return 2
+
+    def submit(self, given):
+        assert len(self.queue) < 2
+        self.queue.append(given)
+
+    def wait(self, timeout_s):
+        given = self.queue.pop(0)
+        try:
+            return [(given, task.run_task(given))]
+        except Died as death:
+            return [(given, f"its worker was ended by {death}")]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.queue.clear()
+
+
+@pytest.fixture
+def fleet(tmp_path, monkeypatch):
+    """Runs logs, by name and content, as a fleet; what it began, merged and reports."""
+    seen = SimpleNamespace(began=[], merged=[], times=Counter(), inventory=tmp_path / "inventory")
+
+    def run_log(log, folder, settings, models, *, arguments, overwrite):
+        seen.began.append(log.stem)
+        seen.times[log.stem] += 1
+        first, _, then = log.read_text().strip().partition(" then ")
+        content = first if seen.times[log.stem] == 1 or not then else then
+        if content.startswith("die"):
+            raise Died("SIGKILL")
+        if content == "ctrl-c":
+            raise KeyboardInterrupt
+        errors = {"input": InputError("no images"), "full": OutputError("the disk is full")}
+        errors |= {"fault": StageError("track", 7, ValueError("nan"))}
+        if content in errors:
+            raise errors[content]
+        folder.mkdir(parents=True, exist_ok=True)
+        table = folder / "signs.parquet"
+        table.write_text(content)
+        about = {
+            "wayside": "1",
+            "result_key": result_key(log, settings, models.digests(), every_region=False),
+            "files": {table.name: {"rows": 3, "sha256": file_digest(table)}},
+            "accounting": {"frames_read": 8, "lost": ["2 images"] if content == "lost" else []},
+            "times": {"wall_s": 0.5},
+        }
+        (folder / "run.json").write_text(json.dumps(about))
+
+    def merge(folders, out):
+        seen.merged.append([folder.name for folder in folders])
+        return f"{len(folders)} drives"
+
+    task._equipment.cache_clear()
+    for module in (task, running):
+        monkeypatch.setattr(module, "load_models", lambda settings: NoModels())
+    monkeypatch.setattr(task, "run_log", run_log)
+    monkeypatch.setattr(running, "merge_inventory", merge)
+
+    def run(contents, settings=SETTINGS, engine=InProcess, given=None, **options):
+        seen.began.clear()
+        seen.merged.clear()
+        for name, content in contents.items():
+            log = tmp_path / "logs" / f"{name}.mcap"
+            log.parent.mkdir(parents=True, exist_ok=True)
+            log.write_text(content)
+        uris = expand_sources(given or [str(tmp_path / "logs")])
+        seen.report = run_fleet(
+            uris, seen.inventory, settings, FleetOptions(**options), open_engine=engine
+        )
+        seen.states = {entry.name: (entry.state, entry.status) for entry in seen.report.entries}
+        return seen
+
+    yield run
+    task._equipment.cache_clear()
+
+
+@pytest.fixture
+def seen_inventory(tmp_path):
+    """Where `fleet` puts its inventory."""
+    return tmp_path / "inventory"
+
+
+@pytest.fixture
+def in_process():
+    """The engine of `fleet`, to be changed."""
+    return InProcess

@@ -1,0 +1,60 @@
+"""Workers that die, with real processes: the tasks are numbers of signals, which `raise_signal` sends to its own."""
+
+import signal
+
+import pytest
+
+from wayside.pipeline.fleet.dask_engine import DaskEngine
+from wayside.pipeline.fleet.engine import ProcessEngine
+from wayside.schemas.errors import OutputError, UsageError
+
+
+def ended(engine, count):
+    found = []
+    while len(found) < count:
+        found += engine.wait(10.0)
+    return found
+
+
+def test_a_dead_worker_takes_only_its_own_task_along_and_is_replaced():
+    with ProcessEngine(signal.raise_signal, jobs=2) as engine:
+        assert engine.places() == 2
+        engine.submit(signal.SIGKILL)
+        engine.submit(0)
+        found = dict(ended(engine, 2))
+        assert found == {signal.SIGKILL: "its worker was ended by SIGKILL", 0: None}
+        engine.submit(0)
+        engine.submit(-1)
+        with pytest.raises((OSError, ValueError)):  # no such signal: what a task raises comes here
+            ended(engine, 2)
+
+
+def test_leaving_ends_what_is_under_way():
+    with ProcessEngine(signal.sigwait, jobs=1) as engine:
+        engine.submit({signal.SIGUSR1})  # it would wait for ever
+        workers = [worker for worker, _ in engine._busy.values()]
+    assert not any(worker.process.is_alive() for worker in workers)
+
+
+@pytest.mark.slow
+def test_on_dask_a_task_that_kills_its_workers_is_told_and_the_others_are_done(tmp_path):
+    pytest.importorskip("distributed")
+    shared = tmp_path / "fleet.json"
+    with pytest.raises(OutputError, match="all workers see"):
+        DaskEngine(signal.raise_signal, "local", 1, shared)
+    shared.touch()
+    with DaskEngine(signal.raise_signal, "local", 2, shared) as engine:
+        assert engine.places() == 2
+        engine.submit(0)
+        engine.submit(int(signal.SIGKILL))
+        found = dict(ended(engine, 2))
+    assert found[0] is None
+    assert "died" in found[signal.SIGKILL]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("wayside.pipeline.fleet.dask_engine._CONNECT_S", 0.2)
+    with pytest.raises(UsageError, match="wanted a Dask scheduler"):
+        DaskEngine(signal.raise_signal, "tcp://127.0.0.1:9", None, tmp_path)

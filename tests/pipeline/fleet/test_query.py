@@ -1,0 +1,126 @@
+"""Questions about an inventory of two drives, those of the documentation among them."""
+
+import csv
+import io
+import json
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.fleet.manifest import Entry, Manifest, write_manifest
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.tables import FRAMES, SIGNS
+
+pytest.importorskip("duckdb", reason="wayside[query] is not installed")
+from wayside.pipeline.fleet.query import first_rows, write_answer
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "fleet.md"
+
+
+def write(path, rows, schema=None):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)
+
+
+def table_rows(table, rows):
+    return [{column.name: None for column in table.columns} | row for row in rows]
+
+
+@pytest.fixture
+def inventory(tmp_path):
+    """Two drives that saw one panel each, a third without a result, and an older result that does not count."""
+    sign = dict.fromkeys(("sign_id", "assembly_id"), "d-0001") | {"log": "d", "status": "sign"}
+    sign |= dict.fromkeys(("x", "y", "z", "right_m", "down_m", "ahead_m"), 1.0)
+    sign |= dict.fromkeys(("best_frame", "best_time_ns", "first_frame", "last_frame", "views"), 3)
+    sign |= {"best_box": [0, 0, 9, 9], "color": "yellow", "geometry": b"\x01"}
+    for name, height in (("one", 0.7), ("two", 0.8), ("old", 9.0)):
+        folder = tmp_path / "drives" / name
+        rows = table_rows(SIGNS, [sign | {"panel_height_m": height}])
+        write(folder / SIGNS.file, rows, SIGNS.schema)
+        frames = [{"frame": 0, "log_time_ns": 5, "status": "undecodable"}]
+        write(folder / FRAMES.file, table_rows(FRAMES, frames), FRAMES.schema)
+    sightings = [
+        {"panel_id": "one/d-0001", "drive": d, "sign_id": "d-0001"} for d in ("one", "two")
+    ]
+    write(tmp_path / "sightings" / "cell=0231" / "part-0.parquet", sightings)
+    panel = {"panel_id": "one/d-0001", "status": "sign", "color": "yellow", "shape": "diamond"}
+    panel |= {"panel_height_m": 0.75, "times_seen": 2, "lon_deg": -98.5, "lat_deg": 38.5}
+    panel |= {"last_seen": datetime(2024, 5, 1, tzinfo=UTC), "sigma_east_m": 0.9}
+    write(tmp_path / "panels" / "cell=0231" / "part-0.parquet", [panel | {"sigma_north_m": 0.4}])
+    logs = [Entry(n, f"/{n}.mcap", n, 9, n, "done", seconds=2.5) for n in ("one", "two")]
+    logs.append(Entry("old", "/old.mcap", "old", 9, "old", "quarantined"))
+    write_manifest(tmp_path, Manifest().with_entries(logs))
+    return tmp_path
+
+
+def test_the_questions_of_the_documentation_are_answered(inventory):
+    questions = re.findall(r"```sql\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    assert len(questions) == 5
+    answers = [first_rows(inventory, question, 9) for question in questions]
+    assert [rows[0][0] for _, rows in answers] == ["yellow", *["one/d-0001"] * 3, "one"]
+    names, rows = answers[3]
+    assert dict(zip(names, rows[0], strict=True)) == {
+        "panel_id": "one/d-0001",
+        "drives": "2",
+        "height_m": "0.75",
+        "scatter_m": "0.071",
+        "seen_by": "one, two",
+    }
+
+
+def test_only_results_that_are_done_count_and_cells_keep_their_zeros(inventory):
+    assert first_rows(inventory, "SELECT drive FROM signs ORDER BY 1;", 9)[1] == [["one"], ["two"]]
+    assert first_rows(inventory, "SELECT cell FROM panels", 9)[1] == [["0231"]]
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "parquet"])
+def test_every_format_reads_back(inventory, kind):
+    stream = io.BytesIO()
+    write_answer(inventory, "FROM signs ORDER BY drive", stream, kind)
+    stream.seek(0)
+    if kind == "parquet":
+        rows = pq.read_table(stream).to_pylist()
+    elif kind == "json":
+        rows = json.load(stream)
+    else:
+        rows = list(csv.DictReader(io.TextIOWrapper(stream)))
+    assert [row["drive"] for row in rows] == ["one", "two"]
+    assert [float(row["panel_height_m"]) for row in rows] == pytest.approx([0.7, 0.8])
+
+
+def test_a_question_that_does_not_only_read_is_refused(inventory):
+    before = sorted(inventory.rglob("*"))
+    for sql in ("DROP VIEW panels", "SELECT 1; SELECT 2", f"COPY panels TO '{inventory}/x.csv'"):
+        with pytest.raises(UsageError, match="one statement that reads"):
+            first_rows(inventory, sql, 1)
+    assert sorted(inventory.rglob("*")) == before
+
+
+def test_what_is_not_there_is_told(inventory, tmp_path):
+    with pytest.raises(UsageError, match=r"views: panels.*DESCRIBE"):
+        first_rows(inventory, "FROM pannels", 1)
+    with pytest.raises(InputError, match="wanted changes, found none"):
+        first_rows(inventory, "FROM changes", 1)
+    with pytest.raises(InputError, match="no inventory"):
+        first_rows(tmp_path / "none", "FROM panels", 1)
+
+
+def test_the_command_prints_a_table_and_keeps_files_of_the_user(inventory):
+    def run(*arguments):
+        return CliRunner().invoke(app, ["query", str(inventory), *arguments])
+
+    many = run("SELECT range AS number FROM range(41)").stdout
+    assert "number" in many.splitlines()[0]
+    assert "... and more" in many
+    assert run("SELECT drive FROM signs ORDER BY 1", "-f", "csv").stdout == "drive\none\ntwo\n"
+    file = inventory / "answer.csv"
+    assert run("SELECT 1 AS a", "-o", str(file)).exit_code == 0
+    assert run("SELECT 2 AS a", "-o", str(file)).exit_code != 0
+    assert file.read_text() == "a\n1\n"
+    assert run("SELECT 2 AS a", "-o", str(file.with_suffix(".xls"))).exit_code != 0

@@ -1,0 +1,183 @@
+"""What becomes of the logs of a fleet, by what happens to their workers."""
+
+import json
+import shutil
+
+import pytest
+
+from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest
+from wayside.pipeline.fleet.status import (
+    describe_duration,
+    figures_of,
+    format_status,
+    locked_inventory,
+)
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError, InterruptionError, OutputError
+
+DONE = ("done", 0)
+
+
+def test_every_log_is_done_although_a_worker_dies(fleet):
+    seen = fleet({"a": "one", "b": "die then two", "c": "three"})
+    assert seen.states == {"a": DONE, "b": DONE, "c": DONE}
+    assert sorted(seen.began) == ["a", "b", "b", "c"]
+    assert seen.merged == [["a", "b", "c"]]
+    assert read_manifest(seen.inventory).logs["b"].attempts == 2
+    assert "SIGKILL" in (seen.inventory / "logs" / "b.txt").read_text()
+
+
+def test_a_log_that_always_kills_its_worker_is_put_aside_with_its_own_log(fleet):
+    seen = fleet({"a": "die", "b": "two"})
+    assert seen.states == {"a": ("quarantined", 1), "b": DONE}
+    assert seen.began.count("a") == 3
+    assert seen.merged == [["b"]]
+    folder = seen.inventory / "quarantine" / "a"
+    assert (folder / "log.txt").read_text().count(" begun ") == 3
+    assert "attempts: 3" in (folder / "error.txt").read_text()
+    assert not (seen.inventory / "logs" / "a.txt").exists()
+
+
+def test_what_is_in_quarantine_stays_there_until_a_retry(fleet):
+    seen = fleet({"a": "die"}, attempts=1)
+    assert seen.began == ["a"]
+    assert fleet({}).began == []  # still in quarantine
+    assert sorted(fleet({}, retry=True).began) == ["a", "a", "a"]
+
+
+def test_a_log_that_cannot_be_used_is_not_tried_again_until_it_changes(fleet):
+    seen = fleet({"a": "input", "b": "two"})
+    assert seen.states["a"] == ("quarantined", 3)
+    assert seen.began.count("a") == 1
+    assert fleet({}).states["a"] == ("quarantined", 3)
+    assert seen.began == []
+    assert fleet({"a": "one"}, overwrite=True).states["a"] == DONE
+    assert not (seen.inventory / "quarantine" / "a").exists()
+
+
+def test_deaths_are_counted_that_only_the_log_itself_tells_of(fleet, in_process):
+    class Rescheduling(in_process):
+        """Gives the task of a dead worker to the next one and says nothing, as Dask does."""
+
+        def wait(self, timeout_s):
+            while isinstance((ended := super().wait(timeout_s)[0])[1], str):
+                self.submit(ended[0])
+            return [ended]
+
+    seen = fleet({"a": "die"}, engine=Rescheduling)
+    assert seen.states == {"a": ("quarantined", 1)}
+    assert seen.began == ["a"] * 3
+
+
+def test_a_fault_of_a_stage_is_tried_three_times_and_its_traceback_kept(fleet):
+    seen = fleet({"a": "fault", "b": "fault then two"})
+    assert seen.states == {"a": ("quarantined", 1), "b": DONE}
+    assert (seen.inventory / "quarantine/a/log.txt").read_text().count("StageError") == 3
+
+
+def test_finished_logs_are_not_run_again_until_something_changes(fleet):
+    seen = fleet({"a": "one", "b": "lost"})
+    assert seen.states == {"a": DONE, "b": ("done", 4)}
+    seen = fleet({})
+    assert seen.began == seen.merged == []
+    assert seen.report.kept == {"a", "b"}
+    assert seen.states == {"a": DONE, "b": ("done", 4)}
+    other, _ = load_settings(options={"read.every": 2})
+    assert sorted(fleet({}, other).began) == ["a", "b"]
+    (seen.inventory / "drives" / "a" / "signs.parquet").unlink()
+    assert fleet({}, other).began == ["a"]
+
+
+def test_results_count_also_where_the_manifest_is_lost(fleet):
+    seen = fleet({"a": "one"})
+    (seen.inventory / "fleet.json").unlink()
+    assert fleet({}).began == []
+    assert read_manifest(seen.inventory).logs["a"].images == 8
+
+
+def test_logs_are_added_and_all_of_the_inventory_are_merged(fleet, tmp_path):
+    fleet({"a": "one"})
+    (tmp_path / "later").mkdir()
+    shutil.copy(tmp_path / "logs" / "a.mcap", tmp_path / "later" / "copy.mcap")
+    (tmp_path / "later" / "a.mcap").write_text("another of that name")
+    seen = fleet({}, given=[str(tmp_path / "later")])
+    assert seen.states == {"later_a": DONE, "a": DONE}
+    assert seen.began == ["a"]  # the copy is the recording of before
+    assert seen.merged == [["a", "later_a"]]
+
+
+def test_copies_of_one_recording_are_counted_once(fleet):
+    seen = fleet({"a": "one", "b": "one"})
+    assert list(seen.states) == ["a"]
+    assert [name for _, name in seen.report.copies] == ["a"]
+
+
+def test_changed_content_is_refused_before_anything_is_run(fleet):
+    fleet({"a": "one", "b": "two"})
+    with pytest.raises(OutputError, match="other content"):
+        fleet({"a": "changed", "c": "three"})
+    assert fleet({}, overwrite=True).began == ["a", "c"]
+
+
+def test_a_full_disk_ends_the_fleet_and_blames_no_log(fleet, seen_inventory):
+    with pytest.raises(OutputError, match="full"):
+        fleet({"a": "full then one", "b": "two"})
+    logs = read_manifest(seen_inventory).logs
+    assert {entry.state for entry in logs.values()} == {"waiting"}
+    assert fleet({}, attempts=1).states == {"a": DONE, "b": DONE}
+
+
+def test_an_interruption_is_no_attempt_and_the_same_command_goes_on(fleet, seen_inventory):
+    with pytest.raises(InterruptionError, match="1 of 2"):
+        fleet({"a": "one", "b": "ctrl-c then two"})
+    assert read_manifest(seen_inventory).logs["b"].attempts == 0
+    seen = fleet({}, attempts=1)
+    assert seen.states == {"a": DONE, "b": DONE}
+    assert seen.began == ["b"]
+
+
+def test_a_log_that_is_not_there_is_told_and_the_others_are_done(fleet, tmp_path):
+    seen = fleet({"a": "one"}, given=[str(tmp_path / "none.mcap"), str(tmp_path / "logs")])
+    assert seen.states == {"a": DONE, "none": ("quarantined", 3)}
+    (tmp_path / "none.mcap").write_text("now")
+    assert fleet({}, given=[str(tmp_path / "none.mcap")]).states == {"none": DONE}
+
+
+def test_one_fleet_at_a_time(fleet, seen_inventory):
+    with locked_inventory(seen_inventory), pytest.raises(OutputError, match="another fleet"):
+        fleet({"a": "one"})
+
+
+def test_status_lists_what_is_in_quarantine_and_reads_only_its_own_files(fleet, tmp_path):
+    seen = fleet({"a": "input", "b": "two"})
+    told = format_status(seen.inventory)
+    assert "1 of 2 logs done, 1 in quarantine" in told
+    assert "a: exit status 3, attempts 1: no images" in told
+    with locked_inventory(seen.inventory):
+        assert "a fleet is under way" in format_status(seen.inventory)
+    with pytest.raises(InputError, match="no inventory"):
+        format_status(tmp_path)
+    (seen.inventory / "fleet.json").write_text(json.dumps({"logs": {"a": 1}}))
+    with pytest.raises(InputError, match="cannot be read"):
+        format_status(seen.inventory)
+
+
+def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
+    def entry(name, size, state, since):
+        return Entry(name, name, name, size, "k", state, images=10, since=since)
+
+    logs = [entry("before", 900, "done", 5.0), entry("a", 100, "done", 150.0)]
+    logs += [entry("b", 300, "running", 150.0), entry("c", 100, "waiting", 100.0)]
+    manifest = Manifest({e.name: e for e in logs}, started=100.0)
+    figures = figures_of(manifest, now=150.0)
+    assert figures.left_s == pytest.approx(50 / 100 * 400)
+    assert figures.images_per_s == pytest.approx(10 / 50)
+    assert figures_of(manifest.with_entries([entry("a", 100, "waiting", 100)]), 150).left_s is None
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0.2, "1 s"), (89, "89 s"), (720, "12 min"), (12000, "3 h 20 min"), (187200, "2 days 4 h")],
+)
+def test_durations_are_told_in_two_units_at_most(seconds, words):
+    assert describe_duration(seconds) == words
