@@ -1,0 +1,1 @@
+"""Many logs, one inventory, with its history."""
