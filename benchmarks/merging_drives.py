@@ -1,4 +1,4 @@
-"""Renders the same road several times: other motion of the vehicle, other errors of the fixes, signs changed between the years.
+"""Renders one road several times: other motion of the vehicle, other errors of the fixes, signs changed between years.
 
     python benchmarks/merging_drives.py .cache/passes --frames 48
 
@@ -131,7 +131,9 @@ def main() -> None:
             break
         if not (given.folder / one.name / "run.json").exists():
             command = [str(Path(sys.executable).parent / "wayside"), "run", str(log)]
-            subprocess.run([*command, "-o", str(given.folder / one.name), "--workers", "1"], check=True)
+            subprocess.run(
+                [*command, "-o", str(given.folder / one.name), "--workers", "1"], check=True
+            )
 
 
 if __name__ == "__main__":

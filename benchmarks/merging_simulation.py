@@ -1,6 +1,6 @@
 """Results of drives as `wayside run` would write them, made from exact truth without images.
 
-Roads run beside each other, 1.1 km apart and straight, with supports on both sides that face either direction of travel.
+Roads run beside each other, 1.1 km apart and straight, with supports on both sides that face either direction.
 A drive sees the panels that face it, some from behind, misses some, reads some wrong, and adds some that are none.
 Its fixes err together: a Gauss-Markov process with a correlation time of a minute at 25 m/s, averaged over 100 m, since
 the motion between images holds the path together. None of this is taken from the merging that it tests.
@@ -31,7 +31,15 @@ DAY_NS = 86_400 * 10**9
 YEAR_NS = 365 * DAY_NS
 START_NS = 1_710_000_000 * 10**9
 SPACING_M, SPEED_MPS, CORRELATION_S, SMOOTHED_M = 8.0, 25.0, 60.0, 100.0
-CAMERA = {"width": 1600, "height": 1200, "fx": 1400.0, "fy": 1400.0, "cx": 799.5, "cy": 599.5, "distortion": []}
+CAMERA = {
+    "width": 1600,
+    "height": 1200,
+    "fx": 1400.0,
+    "fy": 1400.0,
+    "cx": 799.5,
+    "cy": 599.5,
+    "distortion": [],
+}
 RANGE_PX = 12.0
 """Height at which a face is first measured."""
 LATERAL_SIGMA_M, ALONG_SIGMA_M, UP_SIGMA_M = 0.03, 0.07, 0.02
@@ -65,8 +73,11 @@ class Road:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How a drive measures: fix_sigma_m level (1.6 times as much in height); share of panels found, of backs found, of
-    faces read wrong, of rows that are no panel; share of measurements four times as far off."""
+    """How a drive measures.
+
+    fix_sigma_m: level, 1.6 times as much in height; shares of panels found, of backs found, of faces read wrong, of
+    rows that are no panel, and of measurements four times as far off.
+    """
 
     fix_sigma_m: float = 1.0
     recall: float = 0.95
@@ -115,7 +126,9 @@ def change_road(
     """
     n = len(road.identity)
     kind = rng.choice(
-        ["unchanged", "gone", "moved", "changed_face"], n, p=[1 - share, share * 0.3, share * 0.2, share * 0.5]
+        ["unchanged", "gone", "moved", "changed_face"],
+        n,
+        p=[1 - share, share * 0.3, share * 0.2, share * 0.5],
     )
     after = replace(road, **{f: getattr(road, f).copy() for f in ("position", "color", "identity")})
     history: dict[int, tuple[str, int | None]] = {}
@@ -144,7 +157,16 @@ def change_road(
     history |= {int(one): ("new", int(one)) for one in identity}
     joined = {
         name: np.concatenate([getattr(kept, name), getattr(fresh, name)])
-        for name in ("position", "forward", "turn_rad", "color", "shape", "size", "support", "identity")
+        for name in (
+            "position",
+            "forward",
+            "turn_rad",
+            "color",
+            "shape",
+            "size",
+            "support",
+            "identity",
+        )
     }
     return replace(road, **joined), history
 
@@ -176,7 +198,9 @@ def write_drive(
     facing = road.forward == eastward
     first = np.minimum(CAMERA["fx"] * road.size[:, 1] / RANGE_PX, 150.0)
     within = (ahead > 20) & (ahead < count * SPACING_M)
-    found = within & (rng.random(len(ahead)) < np.where(facing, quality.recall, quality.back_recall))
+    found = within & (
+        rng.random(len(ahead)) < np.where(facing, quality.recall, quality.back_recall)
+    )
     rows = np.flatnonzero(found)
     rows = rows[np.argsort(ahead[rows], kind="stable")]
     truth = road.select(rows)
@@ -195,7 +219,9 @@ def write_drive(
     size = truth.size * (1 + rng.normal(0, 0.03, (n, 2)))
     side = place - camera[best] - error[best]
     identity = np.where(false, -1, truth.identity)
-    values: dict[str, Any] = {name: pa.nulls(n, SIGNS.schema.field(name).type) for name in SIGNS.schema.names}
+    values: dict[str, Any] = {
+        name: pa.nulls(n, SIGNS.schema.field(name).type) for name in SIGNS.schema.names
+    }
     total = np.sqrt(sigma**2 + (np.array([1, 1, 1.6]) * quality.fix_sigma_m) ** 2)
     geodetic = road.origin.geodetic(place)
     covariance = np.zeros((n, 6))
@@ -288,4 +314,6 @@ def _write_frames(
 
 def _write(folder: Path, table: Table, values: dict[str, Any]) -> None:
     batch = record_batch(table, values)
-    pq.write_table(pa.Table.from_batches([batch], table.schema), folder / table.file, compression="zstd")
+    pq.write_table(
+        pa.Table.from_batches([batch], table.schema), folder / table.file, compression="zstd"
+    )

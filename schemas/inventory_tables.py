@@ -43,7 +43,9 @@ _HISTORY = (
 )
 _ROUTE = (
     Column("route", _TEXT, "", "route, by the sighting of the largest view; null: not given"),
-    Column("measure", _DOUBLE, "", "measure along the route, in the unit of the drive; null: not given"),
+    Column(
+        "measure", _DOUBLE, "", "measure along the route, in the unit of the drive; null: not given"
+    ),
 )
 
 PANELS = Table(
@@ -60,7 +62,7 @@ PANELS = Table(
         Column("color", _CHOICE, "", "colour class that most drives saw", values=COLORS),
         Column("shape", _CHOICE, "", "shape class that most drives saw", values=SHAPES),
         *_place("the panel centre"),
-        Column("covariance", _COVARIANCE, "m^2", "EE, EN, EU, NN, NU, UU of the position, error common to each drive included",
+        Column("covariance", _COVARIANCE, "m^2", "EE, EN, EU, NN, NU, UU of the position, what a drive shares included",
                _SURE),
         Column("sigma_east_m", _SINGLE, "m", "standard deviation of the longitude", _SURE),
         Column("sigma_north_m", _SINGLE, "m", "standard deviation of the latitude", _SURE),
@@ -99,6 +101,8 @@ SIGHTINGS = Table(
         Column("drive", _TEXT, "", "folder of the drive's result", _SURE),
         Column("sign_id", _TEXT, "", "row in the `signs.parquet` of the drive", _SURE),
         Column("seen", _TIME, "", "capture time of its best image", _SURE),
+        Column("frame", _WHOLE, "", "the frame of that image", _SURE),
+        Column("box", _BOX, "px", "the panel in it: x0, y0, x1, y1, half open", _SURE),
         Column("status", _CHOICE, "", "as the drive has it", _SURE, tuple(SIGN_STATUSES)),
         Column("confidence", _SINGLE, "", "as the drive has it"),
         Column("color", _CHOICE, "", "as the drive has it", values=COLORS),
@@ -126,8 +130,8 @@ CHANGES = Table(
         Column("shape_before", _CHOICE, "", "shape class", values=SHAPES),
         Column("shape_after", _CHOICE, "", "shape class", values=SHAPES),
         Column("distance_m", _SINGLE, "m", "how far it moved; null: not moved"),
-        Column("drives_before", _WHOLE, "drives", "drives of the earlier survey that had its place in view, or saw it", _SURE),
-        Column("drives_after", _WHOLE, "drives", "drives of the later survey that had its place in view, or saw it", _SURE),
+        Column("drives_before", _WHOLE, "drives", "drives of the earlier survey that saw it or its place", _SURE),
+        Column("drives_after", _WHOLE, "drives", "drives of the later survey that saw it or its place", _SURE),
         Column("seen_before", _WHOLE, "drives", "drives of the earlier survey that saw it", _SURE),
         Column("seen_after", _WHOLE, "drives", "drives of the later survey that saw it", _SURE),
         Column("drive_before", _TEXT, "", "drive of the image that shows the place before; null: none does"),

@@ -44,8 +44,8 @@ class DriveFrames:
     """Cameras of a drive with a place on WGS 84, in order; k rows.
 
     frame (k,); time_ns (k,); geodetic (k, 3): longitude, latitude (deg), height (m); rotation (k, 3, 3): camera to
-    east, north, up; turn (k, 3, 3): world frame to east, north, up; station_m (k,); travel_rad (k,): compass direction of
-    travel.
+    east, north, up; turn (k, 3, 3): world frame to east, north, up; station_m (k,); travel_rad (k,): compass direction
+    of travel.
     """
 
     frame: Ints
@@ -84,7 +84,11 @@ def read_frames(folder: Path) -> DriveFrames:
     """
     table = read_table(folder, FRAMES, _FRAMES)
     table = table.filter(pc.is_valid(table["heading_deg"]))
-    columns = {name: _numbers(table, name) for name in _FRAMES if name not in ("frame", "log_time_ns", "header_time_ns")}
+    columns = {
+        name: _numbers(table, name)
+        for name in _FRAMES
+        if name not in ("frame", "log_time_ns", "header_time_ns")
+    }
     geodetic = np.column_stack([columns[n] for n in ("lon_deg", "lat_deg", "alt_m")])
     quaternions = np.column_stack([columns[n] for n in ("qx", "qy", "qz", "qw")])
     world = Rotation.from_quat(quaternions).as_matrix() if len(table) else np.zeros((0, 3, 3))
@@ -124,10 +128,15 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
     travel[placed] = frames.travel_rad[at[placed]]
     turn[placed] = frames.turn[at[placed]]
     facing = np.radians(_numbers(table, "facing_deg"))
-    six = np.array([c or [np.nan] * 6 for c in table["covariance"].to_pylist()], np.float64).reshape(-1, 6)
+    six = np.array(
+        [c or [np.nan] * 6 for c in table["covariance"].to_pylist()], np.float64
+    ).reshape(-1, 6)
     world = np.nan_to_num(six[:, _SYMMETRIC].reshape(-1, 3, 3), nan=0.0)
     covariance = turn @ world @ turn.transpose(0, 2, 1) + settings.position_floor_m**2 * np.eye(3)
-    total = np.column_stack([_numbers(table, f"sigma_{axis}_m") for axis in ("east", "north", "alt")]) ** 2
+    total = (
+        np.column_stack([_numbers(table, f"sigma_{axis}_m") for axis in ("east", "north", "alt")])
+        ** 2
+    )
     shared = np.maximum(total - covariance[:, [0, 1, 2], [0, 1, 2]], settings.common_floor_m**2)
     sightings = Sightings(
         drive=np.zeros(len(table), np.int64),
@@ -143,10 +152,17 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         # the visible side looks against the travel; of a back, the face looks along with it
         bearing_rad=travel + facing + np.where(back, 0.0, np.pi),
         size_m=np.column_stack([_numbers(table, f"panel_{n}_m") for n in ("width", "height")]),
-        size_sigma_m=np.column_stack([_numbers(table, f"sigma_{n}_m") for n in ("width", "height")]),
+        size_sigma_m=np.column_stack(
+            [_numbers(table, f"sigma_{n}_m") for n in ("width", "height")]
+        ),
     )
     return DriveSigns(
-        folder.name, table, geodetic, sightings, cells(geodetic, settings.cell_zoom), everything - len(table)
+        folder.name,
+        table,
+        geodetic,
+        sightings,
+        cells(geodetic, settings.cell_zoom),
+        everything - len(table),
     )
 
 
@@ -191,7 +207,7 @@ def _turns(world: Floats, heading_deg: Floats) -> Floats:
 
 
 def _travel(geodetic: Floats, heading_deg: Floats) -> Floats:
-    """Compass direction of travel (k,), rad: from the camera before to the one behind; where it stands, that it looks in."""
+    """Compass direction of travel (k,), rad: from the camera before to the next; where it stands, that it looks in."""
     if not len(geodetic):
         return np.zeros(0)
     ends = geodetic[np.minimum(np.arange(len(geodetic)) + 1, len(geodetic) - 1)]

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -63,10 +64,11 @@ class MergeReport:
             f"in {self.cells} cells"
         )
         if self.local_drives:
-            some = ", ".join(self.local_drives[:5]) + (", ..." if len(self.local_drives) > 5 else "")
-            words += (
-                f"\n{len(self.local_drives)} drives have no satellite fixes and are kept as they are, unmerged: {some}"
+            some = ", ".join(self.local_drives[:5]) + (
+                ", ..." if len(self.local_drives) > 5 else ""
             )
+            count = len(self.local_drives)
+            words += f"\n{count} drives have no satellite fixes and are kept as they are, unmerged: {some}"
         return words
 
 
@@ -103,7 +105,7 @@ def merge_inventory(
     """
     chosen = MergeSettings() if settings is None else settings
     folders = sorted(results, key=lambda folder: folder.name)
-    for one, other in zip(folders, folders[1:], strict=False):
+    for one, other in pairwise(folders):
         if one.name == other.name:
             raise UsageError(
                 f"wanted results with names of their own, found {one} and {other}; rename one of the folders"
@@ -147,7 +149,11 @@ class _Merging:
                 self.report.sightings += counts.sightings
                 self.report.cells += 1
                 level = np.square(merged.offset_m[own, :2]).sum(axis=1)
-                np.add.at(self._squares, block.sightings.drive[own], np.stack([level, np.ones(own.sum())], 1))
+                np.add.at(
+                    self._squares,
+                    block.sightings.drive[own],
+                    np.stack([level, np.ones(own.sum())], 1),
+                )
         watch(len(order), len(order))
         for folder, (total, count) in zip(self._folders, self._squares.tolist(), strict=True):
             if count:
@@ -179,7 +185,9 @@ class _Merging:
         block = Block(origin, tuple(drives), tuple(rows), placed, cells)
         return block, merge_sightings(placed, self.settings)
 
-    def _own_supports(self, block: Block, merged: MergedPanels, cell: tuple[int, int]) -> NDArray[np.bool_]:
+    def _own_supports(
+        self, block: Block, merged: MergedPanels, cell: tuple[int, int]
+    ) -> NDArray[np.bool_]:
         """Which sightings (n,) are written with this cell; those that lie in cells to come are noted as taken."""
         zoom, now = self.settings.cell_zoom, cell_name(*cell, self.settings.cell_zoom)
         key = block.sightings.drive * _ROWS + block.sightings.row

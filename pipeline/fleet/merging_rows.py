@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,14 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.inventory_data import DriveSigns
-from wayside.pipeline.parquet import ParquetFile, choice, geoparquet_metadata, known, record_batch
+from wayside.pipeline.parquet import (
+    ParquetFile,
+    choice,
+    fixed_list,
+    geoparquet_metadata,
+    known,
+    record_batch,
+)
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.schemas.tables import SIGN_STATUSES, Table
@@ -64,7 +72,9 @@ def write_cell(
     columns = _columns(block, rows)
     kept, panel = np.unique(merged.panel[rows], return_inverse=True)
     order = np.lexsort((seen.row, seen.drive, seen.time_ns))
-    ids = np.array([f"{d}/{s}" for d, s in zip(columns["drive"], columns["sign_id"], strict=True)], object)
+    ids = np.array(
+        [f"{d}/{s}" for d, s in zip(columns["drive"], columns["sign_id"], strict=True)], object
+    )
     panel_id = ids[_first(panel[order], order, len(kept))]
     support = np.unique(merged.support[kept], return_inverse=True)[1].ravel()
     by_id = np.argsort(panel_id, kind="stable")
@@ -73,8 +83,15 @@ def write_cell(
     sightings = _sightings(block, merged, rows, columns, panel_id[panel])
     history = _Histories(seen, columns["drive"])
     panels = _panels(block, merged, kept, panel, seen, columns, history)
-    before, after = _replaced(merged.place[kept], [history.first(r) for r in _members(panel)], panel_id)
-    panels |= {"panel_id": panel_id, "support_id": support_id[support], "replaces": before, "replaced_by": after}
+    before, after = _replaced(
+        merged.place[kept], [history.first(r) for r in _members(panel)], panel_id
+    )
+    panels |= {
+        "panel_id": panel_id,
+        "support_id": support_id[support],
+        "replaces": before,
+        "replaced_by": after,
+    }
     supports = _supports(block, merged.position[kept], support, panel, panel_id, history, panels)
     supports["support_id"] = support_id
     for table, values, sort in (
@@ -99,23 +116,42 @@ def _write(folder: Path, table: Table, values: dict[str, Any], order: Ints) -> N
 
 def _columns(block: Block, rows: Ints) -> dict[str, NDArray[Any]]:
     """What the drives' tables say of some sightings, by column name, and the name of the drive."""
-    names = ("sign_id", "status", "confidence", "up_m", "best_box", "route", "measure")
+    names = (
+        "sign_id",
+        "status",
+        "confidence",
+        "up_m",
+        "best_frame",
+        "best_box",
+        "route",
+        "measure",
+    )
     taken = [d.table.take(pa.array(r)) for d, r in zip(block.drives, block.rows, strict=True)]
-    table = pa.concat_tables([t.select(names).unify_dictionaries() for t in taken]).take(pa.array(rows))
+    table = pa.concat_tables([t.select(names).unify_dictionaries() for t in taken]).take(
+        pa.array(rows)
+    )
     columns: dict[str, NDArray[Any]] = {
-        name: np.asarray(table[name].cast(pa.string()).to_pylist(), object) for name in ("sign_id", "status", "route")
+        name: np.asarray(table[name].cast(pa.string()).to_pylist(), object)
+        for name in ("sign_id", "status", "route")
     }
     for name in ("confidence", "up_m", "measure"):
         columns[name] = np.asarray(table[name].cast(pa.float64()).to_numpy(), np.float64)
     box = np.array(table["best_box"].to_pylist(), np.float64).reshape(-1, 4)
+    columns["frame"], columns["box"] = table["best_frame"].to_numpy(), box
     columns["area_px"] = (box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])
-    names_of = [np.full(len(r), d.name, object) for d, r in zip(block.drives, block.rows, strict=True)]
+    names_of = [
+        np.full(len(r), d.name, object) for d, r in zip(block.drives, block.rows, strict=True)
+    ]
     columns["drive"] = np.concatenate(names_of)[rows]
     return columns
 
 
 def _sightings(
-    block: Block, merged: MergedPanels, rows: Ints, columns: dict[str, NDArray[Any]], panel_id: NDArray[Any]
+    block: Block,
+    merged: MergedPanels,
+    rows: Ints,
+    columns: dict[str, NDArray[Any]],
+    panel_id: NDArray[Any],
 ) -> dict[str, Any]:
     seen, offset = block.sightings.select(rows), merged.offset_m[rows]
     corrected = seen.position - offset
@@ -125,12 +161,17 @@ def _sightings(
         "drive": columns["drive"],
         "sign_id": columns["sign_id"],
         "seen": _times(seen.time_ns),
+        "frame": columns["frame"],
+        "box": fixed_list(columns["box"], 4),
         "status": columns["status"],
         "confidence": known(columns["confidence"].astype(np.float32)),
         "color": choice(SIGHTINGS, "color", seen.color),
         "shape": choice(SIGHTINGS, "shape", seen.shape),
         **_on_globe(block.origin, corrected),
-        **{f"offset_{a}_m": offset[:, i].astype(np.float32) for i, a in enumerate(("east", "north", "up"))},
+        **{
+            f"offset_{a}_m": offset[:, i].astype(np.float32)
+            for i, a in enumerate(("east", "north", "up"))
+        },
         "from_panel_m": away.astype(np.float32),
     }
 
@@ -209,7 +250,9 @@ class _Histories:
 
     def columns(self, groups: list[Ints]) -> dict[str, Any]:
         """The columns of history for groups of sightings."""
-        ordered = [rows[np.lexsort((self._drive[rows].astype(str), self._time[rows]))] for rows in groups]
+        ordered = [
+            rows[np.lexsort((self._drive[rows].astype(str), self._time[rows]))] for rows in groups
+        ]
         drives = [list(dict.fromkeys(self._drive[rows].tolist())) for rows in ordered]
         return {
             "first_seen": _times(np.array([self._time[rows[0]] for rows in ordered])),
@@ -226,7 +269,7 @@ def _replaced(
     order = np.lexsort((first_ns, place))
     before: list[str | None] = [None] * len(place)
     after = before.copy()
-    for one, other in zip(order[:-1], order[1:], strict=True):
+    for one, other in pairwise(order.tolist()):
         if place[one] == place[other]:
             before[other], after[one] = panel_id[one], panel_id[other]
     return before, after

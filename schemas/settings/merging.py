@@ -27,16 +27,15 @@ class MergeSettings:
         0.02, "m", "smallest standard deviation of the error common to neighbouring panels of a drive", low=1e-4,
         origin="carrier phase receivers",
     )  # fmt: skip
-    drift_m: float = setting(
-        0.02, "m", "change of a drive's common error over a metre; grows with the root of the distance", low=1e-5,
-        origin="as `georeference.poses_drift_m`",
+    correlation_s: float = setting(
+        60.0, "s", "correlation time of a drive's common error", low=0.1, origin="as `georeference.correlation_s`",
     )  # fmt: skip
     position_floor_m: float = setting(
         0.02, "m", "smallest standard deviation of a panel relative to the cameras nearby", low=1e-4,
         origin="thickness of a panel and its mount, seen from either side",
     )  # fmt: skip
     probability: float = setting(
-        0.9999, "", "a pair of sightings of one panel passes the gate of position with this probability (chi-square, 3)",
+        0.9999, "", "two sightings of one panel pass the gate of position with this probability (chi-square, 3)",
         low=0.5, high=0.9999999, origin="one panel in 1,000 seen ten times is lost to the gate",
     )  # fmt: skip
     reach_m: float = setting(
@@ -46,6 +45,10 @@ class MergeSettings:
     facing_deg: float = setting(
         45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
         origin="between the scatter of a facing and panels back to back or at a corner",
+    )  # fmt: skip
+    same_share: float = setting(
+        0.4, "sizes", "centres nearer than this, of panels that face the same way, are one panel's", low=0,
+        origin="as `assembly.same_share`: panels do not overlap",
     )  # fmt: skip
     density: float = setting(
         0.02, "1/m^3", "other panels around a panel", low=1e-9,
@@ -78,7 +81,7 @@ class ChangeSettings:
     """When a place was in view of a drive, and when a panel has moved."""
 
     seen_share: float = setting(
-        0.9, "", "share of a drive's panels that were first measured at a height of face that counts as visible, or less",
+        0.9, "", "share of a drive's panels that were first measured at the height that counts as visible, or less",
         low=0, high=1, origin="the drive's own detection range",
     )  # fmt: skip
     fewest_signs: int = setting(
@@ -96,11 +99,11 @@ class ChangeSettings:
         60.0, "deg", "a face seen at a larger angle from its normal is not in view", low=1, high=90,
         origin="as the truth of rendered drives",
     )  # fmt: skip
-    border: float = setting(
-        0.5, "", "a face that is nearer to the image's border than this part of its size is not in view", low=0,
-        origin="the whole face must show",
+    same_size: float = setting(
+        0.15, "", "a panel that was moved keeps its width and height to this fraction", low=0,
+        origin="three standard deviations of two sizes of 3.5 %",
     )  # fmt: skip
     moved_m: float = setting(
-        30.0, "m", "a panel that is gone and one of the same face that is new so far apart are one that was moved", low=0,
-        origin="shorter than the distance of equal signs along a road",
+        30.0, "m", "a panel that is gone and one of the same face that is new so far apart are one that was moved",
+        low=0, origin="shorter than the distance of equal signs along a road",
     )  # fmt: skip

@@ -86,13 +86,17 @@ def mahalanobis2(difference: Floats, covariance: Floats) -> Floats:
     return np.asarray(np.einsum("mi,mi->m", difference, solved))
 
 
-def mutual_best(sightings: Sightings, i: Ints, j: Ints, score: Floats) -> NDArray[np.bool_]:
-    """Which pairs (m,) are the best of both rows among the pairs of the same two drives: one to one per pair of drives."""
-    best = np.ones(len(i), bool)
-    order = np.lexsort((j, i, -score))
+def responsibilities(sightings: Sightings, i: Ints, j: Ints, score: Floats) -> Floats:
+    """Probability (m,) that each pair is right among the pairs of its rows with the same two drives: one to one.
+
+    The product of the shares of a pair among those of row i and among those of row j; a pair without a rival has 1.
+    """
+    drives = int(sightings.drive.max(initial=0)) + 1
+    result = np.ones(len(i))
     for one, other in ((i, j), (j, i)):
-        key = one[order] * (int(sightings.drive.max(initial=0)) + 1) + sightings.drive[other[order]]
-        first = np.zeros(len(i), bool)
-        first[order[np.unique(key, return_index=True)[1]]] = True
-        best &= first
-    return best
+        key = np.unique(one * drives + sightings.drive[other], return_inverse=True)[1].ravel()
+        highest = np.full(len(i), -np.inf)
+        np.maximum.at(highest, key, score)
+        likelihood = np.exp(score - highest[key])
+        result *= likelihood / np.bincount(key, likelihood)[key]
+    return result

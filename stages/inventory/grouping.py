@@ -83,13 +83,18 @@ def _places(
     distance2 = mahalanobis2(apart, spread)
     score = face_log_ratio(sightings, i, j, settings) + place_log_ratio(distance2, spread, settings)
     gate = float(chi2.ppf(settings.probability, 3))
-    kept = (score > 0) & (distance2 < gate)
-    pairs, score, relative = pairs[kept], score[kept], relative[kept]
+    # panels do not overlap: where the offset is known well, centres so near are of one panel whatever their errors
+    smallest = np.nan_to_num(sightings.size_m.min(axis=1))
+    near = settings.same_share * np.minimum(smallest[i], smallest[j])
+    near[relative.max(axis=1) > np.square(near)] = 0.0
+    kept = ((score > 0) & (distance2 < gate)) | (np.linalg.norm(apart, axis=1) < near)
+    pairs, score, relative, near = pairs[kept], score[kept], relative[kept], near[kept]
     order = np.lexsort((pairs[:, 1], pairs[:, 0], -score))
     information = np.linalg.inv(sightings.covariance)
     group = join_groups(
         pairs[order],
         relative[order],
+        near[order],
         sightings.drive,
         np.einsum("nij,nj->ni", information, corrected),
         information,
@@ -99,7 +104,13 @@ def _places(
 
 
 def join_groups(
-    pairs: Ints, relative: Floats, drive: Ints, weighted: Floats, information: Floats, gate: float
+    pairs: Ints,
+    relative: Floats,
+    near: Floats,
+    drive: Ints,
+    weighted: Floats,
+    information: Floats,
+    gate: float,
 ) -> Ints:
     """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
 
@@ -107,6 +118,8 @@ def join_groups(
     ----------
     pairs, relative
         Rows (m, 2) to join, best first, with the variance (m, 2), level and up, of the drives' relative offset.
+    near
+        Distance (m,) within which the means of two groups are joined whatever their covariances.
     drive
         (n,) of the rows.
     weighted, information
@@ -117,22 +130,31 @@ def join_groups(
     rows = len(drive)
     require_array(pairs, "pairs", np.int64, (None, 2))
     require_array(relative, "relative", np.float64, (len(pairs), 2))
+    require_array(near, "near", np.float64, (len(pairs),))
     require_array(drive, "drive", np.int64, (rows,))
     weighted, information = np.ascontiguousarray(weighted), np.ascontiguousarray(information)
     require_array(weighted, "weighted", np.float64, (rows, 3))
     require_array(information, "information", np.float64, (rows, 3, 3))
     if len(pairs) and (pairs.min() < 0 or pairs.max() >= rows):
         raise ValueError(f"pairs name rows 0 to {rows - 1}, found {pairs.min()} to {pairs.max()}")
-    return _join(pairs, relative, drive, weighted.copy(), information.copy(), gate)
+    return _join(pairs, relative, near, drive, weighted.copy(), information.copy(), gate)
 
 
 @compiled
 def _join(
-    pairs: Ints, relative: Floats, drive: Ints, weighted: Floats, information: Floats, gate: float
+    pairs: Ints,
+    relative: Floats,
+    near: Floats,
+    drive: Ints,
+    weighted: Floats,
+    information: Floats,
+    gate: float,
 ) -> Ints:
     rows = len(drive)
     group = np.arange(rows)
-    following = np.full(rows, -1, np.int64)  # the members of a group as a list that starts with its lowest row
+    following = np.full(
+        rows, -1, np.int64
+    )  # the members of a group as a list that starts with its lowest row
     for k in range(len(pairs)):
         a, b = group[pairs[k, 0]], group[pairs[k, 1]]
         if a == b:
@@ -156,7 +178,8 @@ def _join(
         apart = np.linalg.solve(information[a], weighted[a]) - np.linalg.solve(
             information[b], weighted[b]
         )
-        if np.dot(apart, np.linalg.solve(spread, apart)) > gate:
+        far = np.dot(apart, np.linalg.solve(spread, apart)) > gate
+        if far and np.dot(apart, apart) > near[k] ** 2:
             continue
         following[last] = b
         one = b
@@ -178,7 +201,7 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
     order = np.lexsort((sightings.drive, sightings.time_ns, place))
     run = np.zeros(len(place), np.int64)
     for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
-        if len(rows) > 1 and _differ(sightings, rows):
+        if len(rows) > 1 and _differ(sightings, rows, settings):
             run[rows] = _viterbi(sightings, rows, settings)
     new = np.ones(len(place), bool)
     new[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
@@ -187,14 +210,14 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
     return panel
 
 
-def _differ(sightings: Sightings, rows: Ints) -> bool:
+def _differ(sightings: Sightings, rows: Ints, settings: MergeSettings) -> bool:
     """Whether colours, shapes or sizes of some rows are not all alike."""
     for code in (sightings.color[rows], sightings.shape[rows]):
         known = code[code >= 0]
         if len(known) and (known != known[0]).any():
             return True
-    size = sightings.size_m[rows]
-    return bool((np.nanmax(size, axis=0) > 1.15 * np.nanmin(size, axis=0)).any())
+    first = np.full(len(rows), rows[0])
+    return bool((size_log_ratio(sightings, rows, first, settings) < -1).any())
 
 
 def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
@@ -211,7 +234,9 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
     best, back = fit[0], np.zeros((count, count), np.int64)
     for k in range(1, count):
         changed = min(max(settings.change_per_year * years[k - 1], 1e-9), 0.5)
-        move = np.where(np.eye(count, dtype=bool), log(1 - changed), log(changed / max(count - 1, 1)))
+        move = np.where(
+            np.eye(count, dtype=bool), log(1 - changed), log(changed / max(count - 1, 1))
+        )
         total = best[:, None] + move
         back[k] = total.argmax(axis=0)
         best = total.max(axis=0) + fit[k]

@@ -1,11 +1,11 @@
 """The error that all panels of a stretch of a drive share, from the panels that several drives have in common.
 
 Along a drive this error is a first-order Gauss-Markov process: it has the standard deviation that the drive states for
-its fixes, and over a metre it changes by `drift_m`. Its value at every sighting is an unknown of one sparse
+its fixes, and the correlation time of their errors. Its value at every sighting is an unknown of one sparse
 least-squares problem over all drives of an area. Pairs of sightings of one panel measure the difference of two of
-them. Pairs are chosen anew in every iteration while the kernel becomes narrower (graduated non-convexity, Geman and
-McClure weights; Blake and Zisserman 1987), so that false pairs lose their weight and the prior decides between
-arrangements that fit equally well.
+them. Which pairs are right is weighed anew in every iteration (expectation maximisation; Granger and Pennec 2002) while
+the kernel becomes narrower (graduated non-convexity with Geman and McClure weights; Blake and Zisserman 1987): signs
+without a like beside them decide first, and the prior decides between arrangements that fit equally well.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from wayside.stages.inventory.association import (
     candidate_pairs,
     face_log_ratio,
     mahalanobis2,
-    mutual_best,
+    responsibilities,
 )
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,10 @@ Ints = NDArray[np.int64]
 _KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
 """Width of the kernel, parts of the common error's standard deviation, in order of the iterations."""
 _SIGMAS = 4.0
+_LEAST = 1e-3
+"""Pairs of a smaller share are left out of an iteration."""
+_SHORTEST_S = 1e-3
+"""Panels of one image share the error; a shorter step would make the matrix singular."""
 _AXES = ((0, [0, 1]), (1, [2]))
 """Column of `common_sigma_m`, and the axes it holds for."""
 
@@ -61,11 +65,13 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
         apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
         distance2 = mahalanobis2(apart, spread)
-        kept = mutual_best(sightings, i, j, ratio - 0.5 * distance2) & (distance2 < gate)
+        right = responsibilities(sightings, i, j, ratio - 0.5 * distance2)
+        kept = (distance2 < gate) & (right > _LEAST)
         if not kept.any():
             return DriveOffsets(np.zeros_like(offset), pairs[kept])
-        weight = 1 / np.square(1 + distance2[kept] / gate)
-        offset = _adjust(sightings, pairs[kept], spread[kept], weight, settings.drift_m)
+        weight = right[kept] / np.square(1 + distance2[kept] / gate)
+        offset = _adjust(sightings, pairs[kept], spread[kept], weight, settings.correlation_s)
+    kept &= right > 0.5
     return DriveOffsets(offset, pairs[kept])
 
 
@@ -74,8 +80,8 @@ def relative_variance(
 ) -> Floats:
     """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
 
-    Of the other pairs of the same two drives only the nearest before and behind count, with the drift up to there, so
-    that a pair is not judged by itself; more pairs would only lower it.
+    Of the other pairs of the same two drives only the nearest before and behind count, with the change of both errors
+    up to there, so that a pair is not judged by itself; more pairs would only lower it.
 
     Parameters
     ----------
@@ -103,33 +109,37 @@ def relative_variance(
     for column, axes in _AXES:
         variance = np.square(sightings.common_sigma_m[:, column])
         own = sightings.covariance[:, axes, axes].mean(axis=1)
-        information = 1 / (variance[pairs[:, 0]] + variance[pairs[:, 1]])
+        prior = variance[pairs].sum(axis=1)
+        information = 1 / prior
         for neighbour in (at - 1, at + same):
             valid = (neighbour >= 0) & (neighbour < len(known))
             valid[valid] = of[neighbour[valid]] == asked[valid]
             rows, other = pairs[valid], known[neighbour[valid]]
-            away = np.abs(sightings.station_m[rows] - sightings.station_m[other]).sum(axis=1)
-            spread = own[other].sum(axis=1) + settings.drift_m**2 * away
-            information[valid] += 1 / spread
+            away_s = np.abs(sightings.time_ns[rows] - sightings.time_ns[other]) * 1e-9
+            keep = np.exp(-2 * away_s / settings.correlation_s)
+            change = (variance[rows] * (1 - keep)).sum(axis=1)
+            information[valid] += 1 / (own[other].sum(axis=1) + change)
         result[:, column] = 1 / information
     return result
 
 
 def _adjust(
-    sightings: Sightings, pairs: Ints, spread: Floats, weight: Floats, drift_m: float
+    sightings: Sightings, pairs: Ints, spread: Floats, weight: Floats, correlation_s: float
 ) -> Floats:
     """One solution of the least squares: offsets (n, 3), east and north with the same weights."""
     i, j = pairs.T
     count = len(sightings)
-    partners = 1.0 + np.bincount(pairs.ravel(), minlength=count)
-    shared = 4 / (partners[i] + partners[j])  # k rows of one panel are k - 1 measurements, not k (k - 1) / 2
+    partners = 1.0 + np.bincount(pairs.ravel(), np.repeat(weight, 2), minlength=count)
+    shared = 4 / (
+        partners[i] + partners[j]
+    )  # k rows of one panel are k - 1 measurements, not k (k - 1) / 2
     apart = sightings.position[i] - sightings.position[j]
     offset = np.zeros((count, 3))
     for column, axes in _AXES:
         precision = weight * shared / spread[:, axes, axes].mean(axis=1)
-        matrix = _process(sightings, sightings.common_sigma_m[:, column], drift_m) + _laplacian(
-            pairs, precision, count
-        )
+        matrix = _process(
+            sightings, sightings.common_sigma_m[:, column], correlation_s
+        ) + _laplacian(pairs, precision, count)
         right = np.zeros((count, len(axes)))
         np.add.at(right, i, precision[:, None] * apart[:, axes])
         np.subtract.at(right, j, precision[:, None] * apart[:, axes])
@@ -137,7 +147,7 @@ def _adjust(
     return offset
 
 
-def _process(sightings: Sightings, sigma: Floats, drift_m: float) -> csc_array:
+def _process(sightings: Sightings, sigma: Floats, correlation_s: float) -> csc_array:
     """Precision (n, n) of the Gauss-Markov processes of all drives, sampled at their sightings."""
     count = len(sightings)
     diagonal = 1 / np.square(sigma)
@@ -145,9 +155,8 @@ def _process(sightings: Sightings, sigma: Floats, drift_m: float) -> csc_array:
     same = sightings.drive[a] == sightings.drive[b]
     a, b = a[same], b[same]
     variance = sigma[a] * sigma[b]
-    length = 2 * variance / drift_m**2
-    step = np.maximum(sightings.station_m[b] - sightings.station_m[a], 0.01)
-    keep = np.exp(-step / length)
+    step_s = np.maximum((sightings.time_ns[b] - sightings.time_ns[a]) * 1e-9, _SHORTEST_S)
+    keep = np.exp(-step_s / correlation_s)
     lost = 1 - keep**2
     # precision of the bridge between neighbours; the ends keep the stationary precision
     np.add.at(diagonal, a, keep**2 / lost / variance)
