@@ -135,7 +135,9 @@ def _print_changes(
 ) -> None:
     of = panel_identities(root, identities)[0]
     told: dict[int, str] = {}
-    blank: set[int] = set()  # a face that one survey saw from behind only cannot be told from another
+    blank: set[int] = (
+        set()
+    )  # a face that one survey saw from behind only cannot be told from another
     rows = pq.read_table(root / "changes.parquet").to_pylist()
     for row in rows:
         before, after = (of.get(row[f"panel_{side}"], -1) for side in ("before", "after"))

@@ -73,7 +73,11 @@ def scene_of(scene: Scene, year: int) -> Scene:
             for part in group.parts:
                 if isinstance(part, Quad) and part.sign_id:
                     own = of_sign[part.sign_id].face
-                    other = next(s for s in scene.signs if s.face.color != own.color)
+                    other = next(
+                        sign
+                        for sign in scene.signs
+                        if sign.face.color != own.color and sign.face.shape == own.shape
+                    )
                     part = replace(part, texture=other.quad.texture)
                 parts.append(part)
             group = replace(group, parts=parts)

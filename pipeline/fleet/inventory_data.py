@@ -172,7 +172,8 @@ def cells(geodetic: Floats, zoom: int) -> Ints:
     sine = np.sin(np.radians(geodetic[:, 1]))
     x = geodetic[:, 0] / 360 + 0.5
     y = 0.5 - 0.25 * np.log((1 + sine) / (1 - sine)) / np.pi
-    return np.clip(np.floor(np.column_stack([x, y]) * count), 0, count - 1).astype(np.int64)
+    tile = np.clip(np.floor(np.column_stack([x, y]) * count), 0, count - 1)
+    return np.asarray(tile, np.int64)
 
 
 def cell_name(x: int, y: int, zoom: int) -> str:
@@ -225,8 +226,9 @@ def _numbers(table: pa.Table, name: str) -> Floats:
 
 def _class(table: pa.Table, name: str, known: tuple[str, ...]) -> Ints:
     """Codes of a class, -1 where null."""
-    found = pc.index_in(table[name].cast(pa.string()), pa.array(known))
-    return np.asarray(pc.fill_null(found, -1), np.int64)
+    codes = {text: code for code, text in enumerate(known)}
+    found = [codes.get(str(text), -1) for text in table[name].cast(pa.string()).to_pylist()]
+    return np.array(found, np.int64)
 
 
 def _codes(table: pa.Table, name: str) -> Ints:
@@ -240,5 +242,4 @@ def _optional(folder: Path, name: str, rows: int) -> pa.Array[Any]:
     kind = PANELS.schema.field(name).type
     if name not in pq.read_schema(folder / SIGNS.file).names:
         return pa.nulls(rows, kind)
-    column = pq.read_table(folder / SIGNS.file, columns=[name])[name]
-    return column.cast(kind).combine_chunks()
+    return pa.array(pq.read_table(folder / SIGNS.file, columns=[name])[name].to_pylist(), kind)

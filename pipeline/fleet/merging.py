@@ -136,7 +136,7 @@ class _Merging:
     def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:
         """Merge cell by cell into a folder."""
         zoom = self.settings.cell_zoom
-        order = sorted(self._by_cell, key=lambda cell: cell_name(*cell, zoom))
+        order = sorted(self._by_cell, key=lambda cell: cell_name(cell[0], cell[1], zoom))
         for done, cell in enumerate(order):
             watch(done, len(order))
             block, merged = self._merge(cell)

@@ -105,7 +105,7 @@ def write_cell(
 
 def _write(folder: Path, table: Table, values: dict[str, Any], order: Ints) -> None:
     folder.mkdir()
-    batch = record_batch(table, values).take(pa.array(order))
+    batch = record_batch(table, values).take(order)
     corners = [
         {axis: pc.min_max(batch[axis])[end].as_py() for axis in ("lon_deg", "lat_deg", "alt_m")}
         for end in ("min", "max")
@@ -126,10 +126,8 @@ def _columns(block: Block, rows: Ints) -> dict[str, NDArray[Any]]:
         "route",
         "measure",
     )
-    taken = [d.table.take(pa.array(r)) for d, r in zip(block.drives, block.rows, strict=True)]
-    table = pa.concat_tables([t.select(names).unify_dictionaries() for t in taken]).take(
-        pa.array(rows)
-    )
+    taken = [d.table.take(r) for d, r in zip(block.drives, block.rows, strict=True)]
+    table = pa.concat_tables([t.select(names).unify_dictionaries() for t in taken]).take(rows)
     columns: dict[str, NDArray[Any]] = {
         name: np.asarray(table[name].cast(pa.string()).to_pylist(), object)
         for name in ("sign_id", "status", "route")
@@ -266,7 +264,7 @@ def _replaced(
     place: Ints, first_ns: list[int], panel_id: NDArray[Any]
 ) -> tuple[list[str | None], list[str | None]]:
     """For each panel the one before and the one behind it in time at its place."""
-    order = np.lexsort((first_ns, place))
+    order = np.lexsort((np.array(first_ns), place))
     before: list[str | None] = [None] * len(place)
     after = before.copy()
     for one, other in pairwise(order.tolist()):

@@ -81,7 +81,7 @@ class ChangeSettings:
     """When a place was in view of a drive, and when a panel has moved."""
 
     seen_share: float = setting(
-        0.9, "", "share of a drive's panels that were first measured at the height that counts as visible, or less",
+        0.75, "", "share of a drive's panels that were first measured at the height that counts as visible, or less",
         low=0, high=1, origin="the drive's own detection range",
     )  # fmt: skip
     fewest_signs: int = setting(

@@ -41,7 +41,7 @@ def candidate_pairs(
     turn = np.abs(np.angle(np.exp(1j * (sightings.bearing_rad[i] - sightings.bearing_rad[j]))))
     apart = turn > radians(settings.facing_deg)  # false where a bearing is unknown
     pairs = pairs[near & (sightings.drive[i] != sightings.drive[j]) & ~apart]
-    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
 def face_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:

@@ -69,7 +69,8 @@ def combine(sightings: Sightings, corrected: Floats, panel: Ints) -> tuple[Float
     np.add.at(weighted, panel, np.einsum("nij,nj->ni", information, corrected))
     common = np.eye(3) * np.square(sightings.common_sigma_m)[:, None, [0, 0, 1]]
     np.add.at(honest, panel, np.linalg.inv(sightings.covariance + common))
-    return np.linalg.solve(total, weighted[..., None])[..., 0], np.linalg.inv(honest)
+    position = np.linalg.solve(total, weighted[..., None])[..., 0]
+    return np.asarray(position, np.float64), np.asarray(np.linalg.inv(honest), np.float64)
 
 
 def _places(
@@ -90,7 +91,7 @@ def _places(
     kept = ((score > 0) & (distance2 < gate)) | (np.linalg.norm(apart, axis=1) < near)
     pairs, score, relative, near = pairs[kept], score[kept], relative[kept], near[kept]
     order = np.lexsort((pairs[:, 1], pairs[:, 0], -score))
-    information = np.linalg.inv(sightings.covariance)
+    information = np.asarray(np.linalg.inv(sightings.covariance), np.float64)
     group = join_groups(
         pairs[order],
         relative[order],
