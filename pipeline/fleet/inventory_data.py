@@ -239,7 +239,8 @@ def _codes(table: pa.Table, name: str) -> Ints:
 
 def _optional(folder: Path, name: str, rows: int) -> pa.Array[Any]:
     """A column of `signs.parquet` that not every version writes."""
-    kind = PANELS.schema.field(name).type
-    if name not in pq.read_schema(folder / SIGNS.file).names:
-        return pa.nulls(rows, kind)
-    return pa.array(pq.read_table(folder / SIGNS.file, columns=[name])[name].to_pylist(), kind)
+    held: list[Any] = [None] * rows
+    if name in pq.read_schema(folder / SIGNS.file).names:
+        held = pq.read_table(folder / SIGNS.file, columns=[name])[name].to_pylist()
+    column: pa.Array[Any] = pa.array(held, PANELS.schema.field(name).type)
+    return column
