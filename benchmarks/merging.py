@@ -33,8 +33,9 @@ from merging_simulation import (
     write_drive,
 )
 
-from wayside.pipeline.fleet.changes import find_changes, parse_survey
+from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.merging import merge_inventory
+from wayside.pipeline.fleet.surveys import parse_survey
 
 Identities = dict[str, list[int]]
 """True panel of each row of a drive, by the drive's name; -1: none."""

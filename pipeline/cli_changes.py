@@ -33,8 +33,9 @@ def changes(
     ] = False,
 ) -> None:
     """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or were not looked at."""
-    from wayside.pipeline.fleet.changes import find_changes, parse_survey
+    from wayside.pipeline.fleet.changes import find_changes
     from wayside.pipeline.fleet.changes_page import write_page
+    from wayside.pipeline.fleet.surveys import parse_survey
 
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(inventory, *surveys, overwrite=overwrite)

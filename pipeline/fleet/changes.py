@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
+from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import FARTHEST_M, DriveView, read_view
 from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.result import read_rows
@@ -51,19 +50,6 @@ _SIGHTING = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Survey:
-    """Drives of a span of time, nanoseconds since 1970, the end not included; `words`: as it was asked for."""
-
-    words: str
-    from_ns: int
-    until_ns: int
-
-    def __contains__(self, time_ns: int) -> bool:
-        """Whether a time lies in it."""
-        return self.from_ns <= time_ns < self.until_ns
-
-
 @dataclass(slots=True)
 class ChangeReport:
     """Counts of `changes.parquet`, and drives of either survey whose results do not say what was in view."""
@@ -84,21 +70,6 @@ class ChangeReport:
                 f"{', '.join(self.blind[:5])}; what only the others saw counts as not looked at"
             )
         return words
-
-
-def parse_survey(text: str) -> Survey:
-    """`2024`, `2024-05`, `2024-05-17`, or two of these with `..` between, the last one included; UTC.
-
-    Raises
-    ------
-    UsageError
-        For anything else, and where the end lies before the start.
-    """
-    first, _, last = text.partition("..")
-    (start, _), (_, end) = _span(first, text), _span(last or first, text)
-    if end <= start:
-        raise UsageError(f"wanted a survey whose end lies behind its start, found {text}")
-    return Survey(text, start, end)
 
 
 def find_changes(
@@ -405,27 +376,6 @@ def _metres(rows: Sequence[Row]) -> NDArray[np.float64]:
 def _tile(quadkey: str) -> tuple[int, int]:
     tile = mercantile.quadkey_to_tile(quadkey)
     return int(tile.x), int(tile.y)
-
-
-def _span(text: str, whole: str) -> tuple[int, int]:
-    """Start and end, nanoseconds, of a year, month or day."""
-    parts = re.fullmatch(r"(\d{4})(?:-(\d\d))?(?:-(\d\d))?", text)
-    try:
-        if parts is None:
-            raise ValueError
-        year, month, day = int(parts[1]), int(parts[2] or 1), int(parts[3] or 1)
-        start = datetime(year, month, day, tzinfo=UTC)
-        if parts[3]:
-            end = datetime.fromtimestamp(start.timestamp() + 86_400, UTC)
-        elif parts[2]:
-            end = datetime(year + month // 12, month % 12 + 1, 1, tzinfo=UTC)
-        else:
-            end = datetime(year + 1, 1, 1, tzinfo=UTC)
-    except ValueError as error:
-        raise UsageError(
-            f"wanted a survey as 2024, 2024-05, 2024-05-17 or 2024-03..2024-06, found {whole}"
-        ) from error
-    return int(start.timestamp()) * 10**9, int(end.timestamp()) * 10**9
 
 
 def _is_own(path: Path) -> bool:

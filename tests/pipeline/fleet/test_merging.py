@@ -16,10 +16,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.fleet.changes import find_changes, parse_survey
+from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
+from wayside.pipeline.fleet.surveys import parse_survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.tables import FRAMES, SIGNS
