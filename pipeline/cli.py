@@ -12,6 +12,7 @@ import typer
 import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
+from wayside.pipeline import cli_changes as changing
 from wayside.pipeline import cli_exporting as exporting
 from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_fleet as fleets
@@ -311,6 +312,7 @@ app.command(epilog=calibrating.CALIBRATE_EPILOG)(calibrating.calibrate)
 app.command(epilog=fitting.FIT_EPILOG)(fitting.fit)
 app.command(epilog=labelling.LABEL_EPILOG)(labelling.label)
 app.command(epilog=exporting.EXPORT_EPILOG)(exporting.export)
+app.command(epilog=changing.CHANGES_EPILOG)(changing.changes)
 app.command(epilog=figures.REPORT_FIGURES_EPILOG)(figures.report_figures)
 app.command(epilog=measuring.ROC_EPILOG)(measuring.roc)
 app.add_typer(fleets.fleet_app, name="fleet")

@@ -22,15 +22,17 @@ from wayside.pipeline.parquet import (
 )
 from wayside.pipeline.rows import (
     FRAME_COLUMNS,
+    GLOBE_COLUMNS,
     POSE_COLUMNS,
     frame_row,
+    globe_rows,
     pose_row,
     sign_id,
     sign_row,
 )
 from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.frame import DUPLICATE
+from wayside.schemas.frame import DUPLICATE, USED, Camera
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.signs import Sign
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
@@ -42,13 +44,17 @@ _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
 
 @dataclass(frozen=True, slots=True)
 class WrittenTables:
-    """What was written: signs in the order of the file, the path they stand on, counts of rows and of verdicts."""
+    """What was written: signs in the order of the file, the path they stand on, counts of rows and of verdicts.
+
+    camera: calibration of the first used image.
+    """
 
     log: str
     signs: tuple[Sign, ...]
     path: DrivePath
     rows: dict[str, int]
     verdicts: dict[str, int]
+    camera: Camera | None = None
 
     @property
     def us_probability(self) -> float | None:
@@ -85,6 +91,7 @@ class InventoryWriter:
         self._folder, self._log, self._every_region = folder, log, every_region
         self._verdicts: Counter[str] = Counter()
         self._frames: list[tuple[Any, ...]] = []
+        self._camera: Camera | None = None
         self._scratch_path = folder / ".observations.scratch"
         self._observation_count = 0
         try:
@@ -96,6 +103,8 @@ class InventoryWriter:
     def append(self, settled: TrackedFrame) -> None:
         """Take one frame with its candidates."""
         self._frames.append(frame_row(settled))
+        if self._camera is None and settled.frame.status == USED:
+            self._camera = settled.frame.camera
         for reason, count in settled.dropped._asdict().items():
             if count:
                 self._verdicts[reason] += count
@@ -128,7 +137,7 @@ class InventoryWriter:
             FRAMES.file: len(self._frames),
         }
         return WrittenTables(
-            self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items()))
+            self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items())), self._camera
         )
 
     def _remove_scratch(self) -> None:
@@ -198,6 +207,7 @@ class InventoryWriter:
         values = _columns(FRAME_COLUMNS, self._frames)
         frames = values["frame"]
         values |= _columns(POSE_COLUMNS, [pose_row(path.poses.get(frame)) for frame in frames])
+        values |= _columns(GLOBE_COLUMNS, globe_rows(path.globe, frames))
         values["station_m"] = [path.stations.get(frame) for frame in frames]
         values["baseline_m"] = [
             0.0 if status == DUPLICATE else path.baselines.get(frame)

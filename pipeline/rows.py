@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
 from wayside.schemas.motion import Motion
 from wayside.schemas.sign_catalogue import US, VIENNA
 from wayside.schemas.signs import Sign
+from wayside.stages.georeference import Globe
 
 FRAME_COLUMNS = (
     *(
@@ -29,6 +31,7 @@ FRAME_COLUMNS = (
     *("regions", "outside_size", "merged", "left_out", "candidates"),
 )
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+GLOBE_COLUMNS = ("lon_deg", "lat_deg", "alt_m", "heading_deg")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
 
@@ -49,6 +52,15 @@ def pose_row(pose: Pose | None) -> tuple[float | None, ...]:
         return (None,) * len(POSE_COLUMNS)
     quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
     return (*pose.centre.tolist(), *quaternion.tolist())
+
+
+def globe_rows(globe: Globe | None, frames: Sequence[int]) -> list[tuple[float | None, ...]]:
+    """`GLOBE_COLUMNS` of the cameras of frames."""
+    unknown = (None,) * len(GLOBE_COLUMNS)
+    if globe is None:
+        return [unknown] * len(frames)
+    placed = np.column_stack([globe.route(), globe.heading_deg()]).tolist()
+    return [tuple(placed[globe.rows[f]]) if f in globe.rows else unknown for f in frames]
 
 
 def sign_row(sign: Sign, log: str) -> dict[str, Any]:

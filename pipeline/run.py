@@ -366,6 +366,7 @@ def _write_run(
         "result_key": result_key(result.log, settings, digests, every_region=every_region),
         "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
         "detector": None if result.boxes is None else result.boxes.source,
+        "camera": result.inventory.camera and asdict(result.inventory.camera),
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
         "focal_length": {"correction": result.focal.correction, "sigma": result.focal.sigma},

@@ -339,6 +339,15 @@ FRAMES = Table(
             "",
             "when it was taken, as its camera wrote it into the file (local time); null: unknown",
         ),
+        Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude of the camera; null without fixes"),
+        Column("lat_deg", _DOUBLE, "deg", "WGS 84 latitude of the camera; null without fixes"),
+        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+        Column(
+            "heading_deg",
+            _SINGLE,
+            "deg",
+            "compass direction the camera looks in, clockwise from north; null without fixes",
+        ),
     ),
 )
 

@@ -1,59 +1,207 @@
-"""The accepted signs of many drives as one table of panels."""
+"""The results of many drives into one inventory: panels, supports and sightings, cell by cell.
+
+A cell is merged with a margin around it, in memory that grows with the panels of a cell and the number of cells, not
+with the inventory. A support belongs to the first cell, by quadkey, that holds a sighting of it; sightings that are
+taken do not come again in the cells beside.
+"""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
+import numpy as np
+from numpy.typing import NDArray
 
-from wayside.pipeline.result import read_table
-from wayside.pipeline.writing import not_written
-from wayside.schemas.tables import SIGNS
+from wayside.pipeline.fleet.folders import replaced_folders
+from wayside.pipeline.fleet.inventory_data import (
+    DriveSigns,
+    cell_name,
+    cell_origin,
+    read_frames,
+    read_signs,
+    within,
+)
+from wayside.pipeline.fleet.merging_rows import Block, write_cell
+from wayside.schemas.errors import UsageError
+from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import MergedPanels, Sightings
+from wayside.stages.inventory import merge_sightings
+
+Ints = NDArray[np.int64]
+_ROWS = 1 << 32
+"""More than a drive has signs."""
+MERGED = (PANELS.name, SUPPORTS.name, SIGHTINGS.name)
+"""Folders of an inventory that a merging writes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class MergeReport:
-    """What was merged."""
+    """What was merged: counts of rows, and of what could not be.
 
-    drives: int
-    panels: int
+    local_drives: drives without fixes, kept as they are; left_out: their signs, and signs of other drives without a
+    place on WGS 84; offset_m: root mean square of the level offset that was taken out, by drive.
+    """
+
+    drives: int = 0
+    panels: int = 0
+    supports: int = 0
+    sightings: int = 0
+    cells: int = 0
+    local_drives: list[str] = field(default_factory=list)
+    left_out: int = 0
+    offset_m: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return f"{self.panels} panels of {self.drives} drives"
+        """One line for a person, a second where drives could not be merged."""
+        words = (
+            f"{self.panels} panels on {self.supports} supports, by {self.sightings} sightings of {self.drives} drives, "
+            f"in {self.cells} cells"
+        )
+        if self.local_drives:
+            some = ", ".join(self.local_drives[:5]) + (
+                ", ..." if len(self.local_drives) > 5 else ""
+            )
+            count = len(self.local_drives)
+            words += f"\n{count} drives have no satellite fixes and are kept as they are, unmerged: {some}"
+        return words
 
 
-def merge_inventory(results: Sequence[Path], out: Path) -> MergeReport:
-    """Write the accepted signs of results into `panels/` of an inventory.
+def merge_inventory(
+    results: Sequence[Path],
+    out: Path,
+    settings: MergeSettings | None = None,
+    watch: Callable[[int, int], None] = lambda done, total: None,
+) -> MergeReport:
+    """Merge the results of drives and write `panels/`, `supports/` and `sightings/` of an inventory.
+
+    They replace those of an earlier merging together. The same results give the same bytes, in whatever order they
+    are given.
+
+    Parameters
+    ----------
+    results
+        Folders that `wayside run` wrote, each with a name of its own.
+    out
+        Folder of the inventory, made where it is missing.
+    settings
+        Gates and error model; None: the defaults.
+    watch
+        Called with the number of cells done and to do.
 
     Raises
     ------
+    UsageError
+        Two results have one name.
     InputError
-        A folder holds no result.
+        One of them is no result, or damaged.
     OutputError
-        The inventory cannot be written.
+        The inventory cannot be written, or something stands there that no merging wrote.
     """
-    tables = []
-    for folder in results:
-        signs = read_table(folder, SIGNS)
-        drive: pa.StringArray = pa.array([folder.name] * len(signs), pa.string())
-        accepted = signs.append_column("drive", drive)
-        tables.append(
-            accepted.filter(pc.equal(pc.cast(signs["status"], pa.string()), pa.scalar("sign")))
-        )
-    part, target = out / ".wayside-merge-part", out / "panels"
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        folder = part / "cell=0"
-        folder.mkdir(parents=True)
-        merged = pa.concat_tables(tables).unify_dictionaries()
-        pq.write_table(merged, folder / "part-0.parquet")
-        shutil.rmtree(target, ignore_errors=True)
-        part.rename(target)
-    except OSError as error:
-        raise not_written(out, error) from error
-    return MergeReport(len(results), len(merged))
+    chosen = MergeSettings() if settings is None else settings
+    folders = sorted(results, key=lambda folder: folder.name)
+    for one, other in pairwise(folders):
+        if one.name == other.name:
+            raise UsageError(
+                f"wanted results with names of their own, found {one} and {other}; rename one of the folders"
+            )
+    with replaced_folders(out, MERGED) as part:
+        return _Merging(folders, chosen).write(part, watch)
+
+
+class _Merging:
+    """The drives by cell, and which of their sightings are taken."""
+
+    def __init__(self, folders: Sequence[Path], settings: MergeSettings) -> None:
+        self.settings = settings
+        self.report = MergeReport(len(folders))
+        self._folders = folders
+        self._read = lru_cache(settings.drives_in_memory)(self._read_drive)
+        self._by_cell: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
+        self._taken: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
+        self._squares = np.zeros((len(folders), 2))
+        for number in range(len(folders)):
+            drive = self._read(number)
+            self.report.left_out += drive.left_out
+            if drive.left_out and not len(drive.table):
+                self.report.local_drives.append(drive.name)
+            for x, y in np.unique(drive.cell, axis=0).tolist():
+                self._by_cell[x, y].append(number)
+
+    def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:
+        """Merge cell by cell into a folder."""
+        zoom = self.settings.cell_zoom
+        order = sorted(self._by_cell, key=lambda cell: cell_name(cell[0], cell[1], zoom))
+        for done, cell in enumerate(order):
+            watch(done, len(order))
+            block, merged = self._merge(cell)
+            own = self._own_supports(block, merged, cell)
+            self._taken.pop(cell, None)
+            if own.any():
+                counts = write_cell(part, cell_name(*cell, zoom), block, merged, own)
+                self.report.panels += counts.panels
+                self.report.supports += counts.supports
+                self.report.sightings += counts.sightings
+                self.report.cells += 1
+                level = np.square(merged.offset_m[own, :2]).sum(axis=1)
+                np.add.at(
+                    self._squares,
+                    block.sightings.drive[own],
+                    np.stack([level, np.ones(own.sum())], 1),
+                )
+        watch(len(order), len(order))
+        for folder, (total, count) in zip(self._folders, self._squares.tolist(), strict=True):
+            if count:
+                self.report.offset_m[folder.name] = (total / count) ** 0.5
+        return self.report
+
+    def _read_drive(self, number: int) -> DriveSigns:
+        folder = self._folders[number]
+        return read_signs(folder, read_frames(folder), self.settings)
+
+    def _merge(self, cell: tuple[int, int]) -> tuple[Block, MergedPanels]:
+        """All sightings in a cell and its margin, and what they are of."""
+        zoom, origin = self.settings.cell_zoom, cell_origin(*cell, self.settings.cell_zoom)
+        around = {(cell[0] + dx, cell[1] + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)}
+        numbers = sorted({n for one in around for n in self._by_cell.get(one, ())})
+        drives, rows, parts, where = [], [], [], []
+        for number in numbers:
+            drive = self._read(number)
+            inside = np.flatnonzero(within(drive.geodetic, *cell, zoom, self.settings.margin_m))
+            if len(inside):
+                drives.append(drive)
+                rows.append(inside)
+                part = drive.sightings.select(inside)
+                parts.append(replace(part, drive=np.full(len(inside), number)))
+                where.append(drive.geodetic[inside])
+        sightings = Sightings.joined(parts)
+        placed = replace(sightings, position=origin.topocentric(np.concatenate(where)))
+        cells = np.concatenate([d.cell[r] for d, r in zip(drives, rows, strict=True)])
+        block = Block(origin, tuple(drives), tuple(rows), placed, cells)
+        return block, merge_sightings(placed, self.settings)
+
+    def _own_supports(
+        self, block: Block, merged: MergedPanels, cell: tuple[int, int]
+    ) -> NDArray[np.bool_]:
+        """Which sightings (n,) are written with this cell; those that lie in cells to come are noted as taken."""
+        zoom, now = self.settings.cell_zoom, cell_name(*cell, self.settings.cell_zoom)
+        key = block.sightings.drive * _ROWS + block.sightings.row
+        free, here = np.zeros(len(key), bool), (block.cell == cell).all(axis=1)
+        tiles, of = np.unique(block.cell, axis=0, return_inverse=True)
+        of = of.ravel()
+        for number, (x, y) in enumerate(tiles.tolist()):
+            if cell_name(x, y, zoom) >= now:
+                rows = of == number
+                free[rows] = ~np.isin(key[rows], self._taken.get((x, y), []))
+        support = merged.support[merged.panel]
+        own = free & np.isin(support, support[free & here])
+        for number, (x, y) in enumerate(tiles.tolist()):
+            rows = own & ~here & (of == number)
+            if rows.any():
+                self._taken[x, y] += key[rows].tolist()
+        return own

@@ -25,11 +25,12 @@ class LocalOrigin:
 
     def local(self, fixes: Sequence[Fix]) -> Array:
         """East, north, up (n, 3) of fixes."""
-        columns = _topocentric(self).transform(
-            [f.longitude_deg for f in fixes],
-            [f.latitude_deg for f in fixes],
-            [f.altitude_m for f in fixes],
-        )
+        rows = [(f.longitude_deg, f.latitude_deg, f.altitude_m) for f in fixes]
+        return self.topocentric(np.array(rows, np.float64).reshape(-1, 3))
+
+    def topocentric(self, points: Array) -> Array:
+        """East, north, up (n, 3) of points (n, 3): longitude, latitude (deg), ellipsoidal height (m)."""
+        columns = _topocentric(self).transform(*points.T)
         return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
 
     def geodetic(self, points: Array) -> Array:
@@ -50,6 +51,11 @@ class Globe:
     def route(self) -> Array:
         """Longitude, latitude (deg) and height (m) of all cameras, (n, 3)."""
         return self.origin.geodetic(self.trajectory.centre)
+
+    def heading_deg(self) -> Array:
+        """Compass direction (n,) that each camera looks in, clockwise from north, 0 to 360."""
+        ahead = self.trajectory.rotation[:, :, 2]
+        return np.asarray(np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360)
 
     def pose(self, frame: int) -> Pose:
         """The camera of a frame in east, north, up."""

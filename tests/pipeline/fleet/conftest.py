@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections import Counter
-from types import SimpleNamespace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -17,6 +19,15 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, OutputError, StageError
 
 SETTINGS, _ = load_settings()
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+
+
+@pytest.fixture(scope="session")
+def simulation() -> ModuleType:
+    """The module `benchmarks/merging_simulation.py`: results of drives that no drive made."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARKS))
+        return importlib.import_module("merging_simulation")
 
 
 class NoModels:

@@ -1,0 +1,386 @@
+"""What changed between two surveys of an inventory, cell by cell, written as `changes.parquet`."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import mercantile
+import numpy as np
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from wayside.pipeline.fleet.folders import finish_merging
+from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
+from wayside.pipeline.fleet.surveys import Survey
+from wayside.pipeline.fleet.visibility import FARTHEST_M, DriveView, read_view
+from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
+from wayside.pipeline.result import read_rows
+from wayside.pipeline.writing import not_written, refuse
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
+from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
+from wayside.schemas.tables import SIGNS
+from wayside.stages.inventory import PanelPlaces, match_moved
+
+DRIVES = "drives"
+Row = dict[str, Any]
+_SIDES = ("before", "after")
+_OTHER = {"before": "after", "after": "before"}
+_PANEL = (
+    "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
+    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "geometry",
+)  # fmt: skip
+_SIGHTING = (
+    "panel_id",
+    "drive",
+    "seen",
+    "frame",
+    "box",
+    "offset_east_m",
+    "offset_north_m",
+    "offset_up_m",
+)
+
+
+@dataclass(slots=True)
+class ChangeReport:
+    """Counts of `changes.parquet`, and drives of either survey whose results do not say what was in view."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    drives: dict[str, int] = field(default_factory=dict)
+    blind: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        """Lines for a person."""
+        found = ", ".join(
+            f"{self.counts[kind]} {kind.replace('_', ' ')}" for kind in CHANGES_OF_PANELS
+        )
+        words = f"{found}; by {self.drives['before']} drives before, {self.drives['after']} after"
+        if self.blind:
+            words += (
+                f"\n{len(self.blind)} drives do not say what they had in view, as an earlier version or without fixes: "
+                f"{', '.join(self.blind[:5])}; what only the others saw counts as not looked at"
+            )
+        return words
+
+
+def find_changes(
+    inventory: Path,
+    before: Survey,
+    after: Survey,
+    settings: ChangeSettings | None = None,
+    *,
+    overwrite: bool = False,
+) -> ChangeReport:
+    """Compare two surveys and write `changes.parquet` into the folder of the inventory.
+
+    A panel counts as gone, or as new, only where a drive of the other survey had its place in view: enough images in
+    which it would show whole, from the front, and as high as that drive measures its own panels from on.
+
+    Parameters
+    ----------
+    inventory
+        Folder with `panels/`, `sightings/` and the results of the drives in `drives/`.
+    before, after
+        The surveys.
+    settings
+        When a place was in view, and when a panel has moved; None: the defaults.
+    overwrite
+        Replace whatever stands there as `changes.parquet`; else only an earlier comparison.
+
+    Raises
+    ------
+    UsageError
+        A survey has no drive, or the surveys overlap.
+    InputError
+        The folder is no inventory, or a result in it is damaged.
+    OutputError
+        The file cannot be written, or something else stands there.
+    """
+    finish_merging(inventory)
+    if not (inventory / PANELS.name).is_dir():
+        raise InputError(
+            f"{inventory}: wanted an inventory, found no folder {PANELS.name} in it; merge drives first"
+        )
+    if before.from_ns < after.until_ns and after.from_ns < before.until_ns:
+        raise UsageError(f"wanted two surveys, found that {before.words} and {after.words} overlap")
+    comparison = _Comparison(
+        inventory, {"before": before, "after": after}, settings or ChangeSettings()
+    )
+    target = inventory / CHANGES.file
+    if target.exists() and not overwrite and not _is_own(target):
+        raise refuse(target, "a file that is no comparison of surveys")
+    scratch = target.with_name(f".{CHANGES.file}.wayside-part")
+    try:
+        with suppress(FileNotFoundError):
+            scratch.unlink()
+        with ParquetFile(scratch, CHANGES.schema, geoparquet_metadata([])) as sink:
+            for rows in comparison.rows():
+                if rows:
+                    sink.write(
+                        [
+                            record_batch(
+                                CHANGES, {n: [r.get(n) for r in rows] for n in CHANGES.schema.names}
+                            )
+                        ]
+                    )
+        os.replace(scratch, target)
+    except OSError as error:
+        raise not_written(target, error) from error
+    return comparison.report
+
+
+class _Comparison:
+    """The drives of both surveys, and what is gone or new until all cells are read."""
+
+    def __init__(
+        self, inventory: Path, surveys: dict[str, Survey], settings: ChangeSettings
+    ) -> None:
+        self.settings = settings
+        self.report = ChangeReport()
+        self._inventory = inventory
+        self._side: dict[str, str] = {}
+        self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
+        self._zoom = MergeSettings().cell_zoom
+        parts = sorted((inventory / PANELS.name).glob("cell=*/part-0.parquet"))
+        if parts:
+            self._zoom = len(parts[0].parent.name.removeprefix("cell="))
+        self._parts = parts
+        self._view = lru_cache(MergeSettings().drives_in_memory)(self._read_view)
+        for folder in sorted(path for path in (inventory / DRIVES).glob("*") if path.is_dir()):
+            self._index(folder, surveys)
+        self.report.drives = {side: sum(s == side for s in self._side.values()) for side in _SIDES}
+        for side, survey in surveys.items():
+            if not self.report.drives[side]:
+                raise UsageError(
+                    f"wanted drives of {survey.words} in {inventory / DRIVES}, found none of that time"
+                )
+
+    def rows(self) -> Iterator[list[Row]]:
+        """Rows of the table, cell by cell, then those that are gone, new or moved."""
+        gone: list[Row] = []
+        new: list[Row] = []
+        for part in self._parts:
+            rows = self._cell(part)
+            settled = [row for row in rows if row["change"] not in ("gone", "new")]
+            gone += [row for row in rows if row["change"] == "gone"]
+            new += [row for row in rows if row["change"] == "new"]
+            yield self._counted(settled)
+        yield self._counted(self._moved(gone, new))
+
+    def _counted(self, rows: list[Row]) -> list[Row]:
+        self.report.counts.update(row["change"] for row in rows)
+        return rows
+
+    def _index(self, folder: Path, surveys: dict[str, Survey]) -> None:
+        """Note the survey of a drive and the cells it passes."""
+        frames = read_frames(folder)
+        if len(frames.frame):
+            times = frames.time_ns
+        else:
+            signs = read_rows(folder, SIGNS, ("best_time_ns",))
+            times = np.array([row["best_time_ns"] for row in signs], np.int64)
+        side = next(
+            (s for s, survey in surveys.items() if len(times) and int(times[0]) in survey), None
+        )
+        if side is None:
+            return
+        self._side[folder.name] = side
+        if self._view(folder.name) is None:
+            self.report.blind.append(folder.name)
+            return
+        margin = (
+            FARTHEST_M
+            / METRES_PER_DEGREE
+            / max(float(np.cos(np.radians(frames.geodetic[0, 1]))), 0.01)
+        )
+        around = [
+            frames.geodetic + np.array([dx, dy, 0]) * margin
+            for dx in (-1, 0, 1)
+            for dy in (-1, 0, 1)
+        ]
+        for x, y in np.unique(cells(np.concatenate(around), self._zoom), axis=0).tolist():
+            self._near[x, y].append(folder.name)
+
+    def _read_view(self, name: str) -> DriveView | None:
+        return read_view(self._inventory / DRIVES / name, self.settings)
+
+    def _cell(self, part: Path) -> list[Row]:
+        """One row for each panel, or pair of panels at a place, that a drive of either survey saw."""
+        panels = {
+            row["panel_id"]: row for row in pq.read_table(part, columns=list(_PANEL)).to_pylist()
+        }
+        sightings = self._inventory / SIGHTINGS.name / part.parent.name / part.name
+        seen: dict[str, dict[str, list[Row]]] = {side: defaultdict(list) for side in _SIDES}
+        offsets: defaultdict[str, list[list[float]]] = defaultdict(list)
+        for row in pq.read_table(sightings, columns=list(_SIGHTING)).to_pylist():
+            offsets[row["drive"]].append(
+                [row[f"offset_{axis}_m"] for axis in ("east", "north", "up")]
+            )
+            side = self._side.get(row["drive"])
+            if side is not None:
+                seen[side][row["panel_id"]].append(row)
+        rows: list[Row] = []
+        alone: dict[str, list[str]] = {side: [] for side in _SIDES}
+        joined: set[str] = set()
+        for name in panels:
+            if seen["before"][name]:
+                later = name if seen["after"][name] else _successor(name, panels, seen["after"])
+                if later is None:
+                    alone["before"].append(name)
+                    continue
+                joined |= {name, later}
+                change = "unchanged" if later == name else "changed_face"
+                rows.append(_row(change, panels, seen, name, later))
+        alone["after"] = [name for name in panels if seen["after"][name] and name not in joined]
+        for side, change in (("before", "gone"), ("after", "new")):
+            rows += self._alone(side, change, alone[side], panels, seen, offsets, part)
+        return rows
+
+    def _alone(
+        self,
+        side: str,
+        change: str,
+        names: list[str],
+        panels: dict[str, Row],
+        seen: dict[str, dict[str, list[Row]]],
+        offsets: dict[str, list[list[float]]],
+        part: Path,
+    ) -> list[Row]:
+        """Rows of panels that one survey saw: gone or new where the other had them in view."""
+        if not names:
+            return []
+        cell, other = _tile(part.parent.name.removeprefix("cell=")), _OTHER[side]
+        origin = cell_origin(*cell, self._zoom)
+        places = _places([panels[n] for n in names])
+        placed = replace(places, position=origin.topocentric(places.position))
+        pair = [(name, None) if side == "before" else (None, name) for name in names]
+        rows = [_row("not_looked_at", panels, seen, *one) for one in pair]
+        largest = np.zeros(len(names))
+        for drive in self._near.get(cell, ()):
+            view = self._view(drive) if self._side[drive] == other else None
+            if view is None:
+                continue
+            offset = np.mean(offsets.get(drive, [[0.0, 0.0, 0.0]]), axis=0)
+            found = view.views(placed, origin, offset, self.settings)
+            for k in np.flatnonzero(found.count >= self.settings.views):
+                rows[k]["change"] = change
+                rows[k][f"drives_{other}"] += 1
+                height = float(found.box[k, 3] - found.box[k, 1])
+                if height > largest[k]:
+                    largest[k] = height
+                    shown = {
+                        "drive": drive,
+                        "frame": int(found.best[k]),
+                        "box": found.box[k].tolist(),
+                    }
+                    rows[k] |= {f"{name}_{other}": value for name, value in shown.items()}
+        return rows
+
+    def _moved(self, gone: list[Row], new: list[Row]) -> list[Row]:
+        """The rows of what is gone and new, with one row where a panel was moved."""
+        if not gone or not new:
+            return gone + new
+        where = _metres([*gone, *new])
+        near = cKDTree(where[: len(gone)]).query_ball_tree(
+            cKDTree(where[len(gone) :]), self.settings.moved_m
+        )
+        pairs = [
+            (g, n)
+            for g, some in enumerate(near)
+            for n in some
+            if _same_face(gone[g], new[n], self.settings)
+        ]
+        between = np.array(pairs, np.int64).reshape(-1, 2)
+        away = np.linalg.norm(where[between[:, 0]] - where[len(gone) + between[:, 1]], axis=1)
+        moved = match_moved(between, away)
+        for g, n in between[moved].tolist():
+            later = {k: v for k, v in new[n].items() if k.endswith("_after") or k in _PANEL}
+            distance = float(np.linalg.norm(where[g] - where[len(gone) + n]))
+            gone[g] |= later | {"change": "moved", "distance_m": distance}
+        taken = set(between[moved][:, 1].tolist())
+        return gone + [row for k, row in enumerate(new) if k not in taken]
+
+
+def _row(
+    change: str,
+    panels: dict[str, Row],
+    seen: dict[str, dict[str, list[Row]]],
+    before: str | None,
+    after: str | None,
+) -> Row:
+    """A row with the last image of each survey, without what only the other survey's images say."""
+    row: Row = {"change": change}
+    for side, name in (("before", before), ("after", after)):
+        drives = {one["drive"]: one for one in seen[side][name]} if name is not None else {}
+        row |= {f"panel_{side}": name, f"drives_{side}": len(drives), f"seen_{side}": len(drives)}
+        if name is not None:
+            row |= {k: panels[name][k] for k in _PANEL}
+            row |= {f"{k}_{side}": panels[name][k] for k in ("color", "shape")}
+            last = max(seen[side][name], key=lambda one: (one["seen"], one["drive"]))
+            row |= {f"{k}_{side}": last[k] for k in ("drive", "frame", "box")}
+    return row
+
+
+def _successor(name: str, panels: dict[str, Row], after: dict[str, list[Row]]) -> str | None:
+    """The panel that stands where one stood and that the later survey saw."""
+    following = panels[name]["replaced_by"]
+    while following is not None and following in panels:
+        if after[following]:
+            return str(following)
+        following = panels[following]["replaced_by"]
+    return None
+
+
+def _places(rows: Sequence[Row]) -> PanelPlaces:
+    """Where panels are; `position` is longitude, latitude and height."""
+
+    def numbers(*names: str) -> NDArray[np.float64]:
+        return np.array(
+            [[np.nan if r[n] is None else r[n] for n in names] for r in rows], np.float64
+        )
+
+    size = numbers("panel_width_m", "panel_height_m")
+    return PanelPlaces(
+        numbers("lon_deg", "lat_deg", "alt_m"),
+        np.radians(numbers("bearing_deg")[:, 0]),
+        np.where(np.isfinite(size), size, 0.6),
+    )
+
+
+def _same_face(one: Row, other: Row, settings: ChangeSettings) -> bool:
+    """Whether two panels look alike: colour, shape, size and facing."""
+    same = one["color"] == other["color"] and one["shape"] == other["shape"]
+    for name in ("panel_width_m", "panel_height_m"):
+        a, b = one[name], other[name]
+        same &= a is None or b is None or abs(a - b) < settings.same_size * max(a, b)
+    a, b = one["bearing_deg"], other["bearing_deg"]
+    turn = 0.0 if a is None or b is None else abs((a - b + 180) % 360 - 180)
+    return bool(same and turn < MergeSettings().facing_deg)
+
+
+def _metres(rows: Sequence[Row]) -> NDArray[np.float64]:
+    """Level positions (n, 2), true to scale for what is near each other."""
+    lon, lat = np.array([[r["lon_deg"], r["lat_deg"]] for r in rows], np.float64).T
+    return np.stack([lon * np.cos(np.radians(lat)), lat], axis=1) * METRES_PER_DEGREE
+
+
+def _tile(quadkey: str) -> tuple[int, int]:
+    tile = mercantile.quadkey_to_tile(quadkey)
+    return int(tile.x), int(tile.y)
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is an earlier comparison."""
+    try:
+        return b'"changes"' in (pq.read_schema(path).metadata or {}).get(b"wayside", b"")
+    except (OSError, ValueError):
+        return False

@@ -1,0 +1,194 @@
+"""A page of what changed between two surveys: the images of both beside each other."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import cv2
+import pyarrow.parquet as pq
+
+from wayside.pipeline.evidence.crops import cut, read_images
+from wayside.pipeline.evidence.marks import appearance_of
+from wayside.pipeline.evidence.sheet import draw_crop
+from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.fleet.changes import DRIVES
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.writing import write_file
+from wayside.schemas.errors import InputError
+from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
+from wayside.schemas.tables import FRAMES
+
+Row = dict[str, Any]
+QUIET = ("unchanged", "not_looked_at")
+"""Changes that a page shows only where all are asked for."""
+_SIZE = 480, 360
+_WEBP_QUALITY = 75
+_MARK = "wayside changes"
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What a page holds: changes with images, images that no log gave, and why, in words."""
+
+    shown: int
+    lost_images: int
+    faults: tuple[str, ...]
+
+
+def write_page(
+    inventory: Path,
+    file: Path,
+    names: tuple[str, str],
+    *,
+    every: bool = False,
+    overwrite: bool = False,
+    watch: Callable[[int, int], None] = lambda done, total: None,
+) -> Page:
+    """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
+
+    Parameters
+    ----------
+    inventory, file
+        The folder, and the page to write.
+    names
+        Of the surveys before and after.
+    every
+        Show unchanged panels, and those not looked at, as well.
+    overwrite
+        Replace whatever stands there; else only such a page.
+    watch
+        Called with the number of drives done and to do.
+
+    Raises
+    ------
+    InputError
+        There is no comparison, or it is damaged.
+    OutputError
+        The page cannot be written, or something else stands there.
+    """
+    table = inventory / CHANGES.file
+    if not table.is_file():
+        raise InputError(
+            f"{inventory}: wanted {CHANGES.file}, found none; compare two surveys first"
+        )
+    everything: list[Row] = pq.read_table(table).drop_columns(["geometry"]).to_pylist()
+    rows = [row for row in everything if every or row["change"] not in QUIET]
+    kinds = list(CHANGES_OF_PANELS)
+    rows.sort(
+        key=lambda row: (
+            kinds.index(row["change"]),
+            row["panel_before"] or "",
+            row["panel_after"] or "",
+        )
+    )
+    images, faults = _images(inventory, rows, watch)
+    counts = Counter(row["change"] for row in everything)
+    shown = [kind for kind in kinds if any(row["change"] == kind for row in rows)]
+    template = Template(files(__package__).joinpath("changes.html").read_text("utf-8"))
+    page = template.substitute(
+        mark=marked_head(_MARK),
+        before=escape(names[0]),
+        after=escape(names[1]),
+        summary=escape(", ".join(f"{counts[kind]} {_words(kind)}" for kind in kinds)),
+        filters=_filters(shown, counts),
+        hidden="\n".join(
+            f"body:has(#show-{kind}:not(:checked)) li.{kind} {{ display: none; }}" for kind in shown
+        ),
+        cards="\n".join(
+            _card(row, names, [images.get((number, side)) for side in ("before", "after")])
+            for number, row in enumerate(rows)
+        ),
+    )
+    write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
+    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in ("before", "after"))
+    return Page(len(rows), wanted - len(images), tuple(faults))
+
+
+def _images(
+    inventory: Path, rows: list[Row], watch: Callable[[int, int], None]
+) -> tuple[dict[tuple[int, str], bytes], list[str]]:
+    """WebP images by row and side; faults of the logs that give none, in words."""
+    wanted: defaultdict[str, defaultdict[int, list[tuple[int, str]]]] = defaultdict(
+        lambda: defaultdict(list)
+    )
+    for number, row in enumerate(rows):
+        for side in ("before", "after"):
+            if row[f"drive_{side}"] is not None:
+                wanted[row[f"drive_{side}"]][row[f"frame_{side}"]].append((number, side))
+    images: dict[tuple[int, str], bytes] = {}
+    faults = []
+    for done, (drive, frames) in enumerate(sorted(wanted.items())):
+        watch(done, len(wanted))
+        folder = inventory / DRIVES / drive
+        try:
+            run = read_run(folder)
+            log, settings = find_log(run, None), read_settings(folder, run)
+            times = {
+                r["frame"]: r["log_time_ns"]
+                for r in read_rows(folder, FRAMES, ("frame", "log_time_ns"))
+            }
+            for image in read_images(log, settings, frames.keys(), times, ReadReport()):
+                for number, side in frames[image.frame.index]:
+                    if image.rgb is not None:
+                        crop = cut(
+                            image.rgb, tuple(rows[number][f"box_{side}"]), _SIZE[0] / _SIZE[1]
+                        )
+                        drawn = cv2.cvtColor(draw_crop(crop, _SIZE), cv2.COLOR_RGB2BGR)
+                        quality = (cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY)
+                        images[number, side] = cv2.imencode(".webp", drawn, quality)[1].tobytes()
+        except InputError as error:
+            faults.append(str(error))
+    watch(len(wanted), len(wanted))
+    return images, faults
+
+
+def _filters(shown: list[str], counts: Counter[str]) -> str:
+    boxes = "".join(
+        f'<label><input type="checkbox" id="show-{kind}" checked> {_words(kind)} ({counts[kind]})</label>'
+        for kind in shown
+    )
+    return f"<fieldset>{boxes}</fieldset>" if shown else "<p>Nothing changed.</p>"
+
+
+def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
+    name = row["panel_before"] or row["panel_after"]
+    facts = [f"{row['lat_deg']:.6f}°, {row['lon_deg']:.6f}°"]
+    if row["distance_m"] is not None:
+        facts.append(f"moved {row['distance_m']:.1f} m")
+    if row["route"] is not None and row["measure"] is not None:
+        facts.append(f"{row['route']} {row['measure']:.3f}")
+    sides = _figure(row, "before", names[0], images[0]) + _figure(row, "after", names[1], images[1])
+    return (
+        f'<li class="{row["change"]}"><h2>{escape(_words(row["change"]))}: {escape(name)}</h2>'
+        f'<p>{escape(" · ".join(facts))}</p><div class="pair">{sides}</div></li>'
+    )
+
+
+def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
+    """The image of one survey; where nothing was seen, the place."""
+    seen, looked = row[f"seen_{side}"], row[f"drives_{side}"]
+    face = appearance_of(row[f"color_{side}"], row[f"shape_{side}"]) if seen else "no panel"
+    where = (
+        ""
+        if row[f"drive_{side}"] is None
+        else f", {row[f'drive_{side}']} frame {row[f'frame_{side}']}"
+    )
+    caption = f"{survey}: {face}; seen by {seen} of {looked} drives{where}"
+    shown = '<span class="none">no image</span>'
+    if image is not None:
+        data = base64.b64encode(image).decode()
+        shown = f'<img src="data:image/webp;base64,{data}" loading="lazy" alt="{escape(face)}">'
+    return f"<figure>{shown}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def _words(kind: str) -> str:
+    return kind.replace("_", " ")

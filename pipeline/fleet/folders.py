@@ -1,0 +1,80 @@
+"""Folders of an inventory that replace those of before together, whenever the process ends.
+
+They are written into a scratch folder, whose renaming is the moment from which the new ones count; what remains is to
+move them into place, which whoever opens the inventory next goes on with.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from wayside.pipeline.writing import not_written, refuse, sync
+
+_PART, _DONE = ".wayside-merge-part", ".wayside-merge-done"
+
+
+@contextmanager
+def replaced_folders(inventory: Path, names: tuple[str, ...]) -> Iterator[Path]:
+    """A scratch folder with empty folders of the names; they replace those of the inventory if the block ends well.
+
+    Raises
+    ------
+    OutputError
+        They cannot be written, or something stands there that no merging wrote.
+    """
+    part = inventory / _PART
+    try:
+        inventory.mkdir(parents=True, exist_ok=True)
+        finish_merging(inventory)
+        for name in names:
+            _require_own(inventory / name)
+        shutil.rmtree(part, ignore_errors=True)
+        for name in names:
+            (part / name).mkdir(parents=True)
+        yield part
+        for folder in sorted(part.rglob("*")):
+            sync(folder)
+        part.rename(inventory / _DONE)
+        sync(inventory)
+        finish_merging(inventory)
+    except OSError as error:
+        raise not_written(inventory, error) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def finish_merging(inventory: Path) -> None:
+    """Move what a merging wrote to its place if it was ended in between; nearly always there is nothing to do.
+
+    Raises
+    ------
+    OSError
+        It cannot be moved.
+    """
+    done = inventory / _DONE
+    if not done.is_dir():
+        return
+    for folder in sorted(done.iterdir()):
+        target = inventory / folder.name
+        if target.exists():
+            shutil.rmtree(target)
+        folder.rename(target)
+    done.rmdir()
+    sync(inventory)
+
+
+def _require_own(folder: Path) -> None:
+    """Refuse a folder that holds anything but the parts of a table."""
+    if not folder.exists() and not folder.is_symlink():
+        return
+    own = folder.is_dir() and not folder.is_symlink()
+    if own:
+        own = all(
+            path.name == "part-0.parquet" or (path.is_dir() and path.name.startswith("cell="))
+            for path in folder.rglob("*")
+        )
+    if not own:
+        raise refuse(folder, "something there that is no table of an inventory")

@@ -1,0 +1,246 @@
+"""The result of a drive as merging needs it, and the cells that an inventory is parted by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, radians
+from pathlib import Path
+from typing import Any
+
+import mercantile
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from wayside.pipeline.result import read_table
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.inventory_tables import PANELS
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import Sightings
+from wayside.schemas.tables import FRAMES, SIGNS
+from wayside.stages.georeference import LocalOrigin
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+METRES_PER_DEGREE = 111_320.0
+_SIGNS = (
+    "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
+    "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
+    "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "right_m", "down_m",
+    "ahead_m", "first_frame",
+)  # fmt: skip
+_ROUTE = ("route", "measure")
+_FRAMES = ("frame", "log_time_ns", "header_time_ns", "station_m", "qx", "qy", "qz", "qw",
+           "lon_deg", "lat_deg", "alt_m", "heading_deg")  # fmt: skip
+_SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
+_SHORTEST_STEP_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFrames:
+    """Cameras of a drive with a place on WGS 84, in order; k rows.
+
+    frame (k,); time_ns (k,); geodetic (k, 3): longitude, latitude (deg), height (m); rotation (k, 3, 3): camera to
+    east, north, up; turn (k, 3, 3): world frame to east, north, up; station_m (k,); travel_rad (k,): compass direction
+    of travel.
+    """
+
+    frame: Ints
+    time_ns: Ints
+    geodetic: Floats
+    rotation: Floats
+    turn: Floats
+    station_m: Floats
+    travel_rad: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSigns:
+    """The signs of a drive with a place on WGS 84.
+
+    name: folder of the result; table: rows of `signs.parquet` in order of station, with `route` and `measure`;
+    geodetic (n, 3); sightings: with positions still zero, `drive` 0; cell (n, 2): x, y of the tile; left_out: rows
+    without a place on WGS 84.
+    """
+
+    name: str
+    table: pa.Table
+    geodetic: Floats
+    sightings: Sightings
+    cell: Ints
+    left_out: int
+
+
+def read_frames(folder: Path) -> DriveFrames:
+    """Where the cameras of a drive stood and looked; no rows without fixes, or if an earlier version wrote the result.
+
+    Raises
+    ------
+    InputError
+        The folder is no result folder, or damaged.
+    """
+    table = read_table(folder, FRAMES, _FRAMES)
+    table = table.filter(pc.is_valid(table["heading_deg"]))
+    columns = {
+        name: _numbers(table, name)
+        for name in _FRAMES
+        if name not in ("frame", "log_time_ns", "header_time_ns")
+    }
+    geodetic = np.column_stack([columns[n] for n in ("lon_deg", "lat_deg", "alt_m")])
+    quaternions = np.column_stack([columns[n] for n in ("qx", "qy", "qz", "qw")])
+    world = Rotation.from_quat(quaternions).as_matrix() if len(table) else np.zeros((0, 3, 3))
+    turn = _turns(world, columns["heading_deg"])
+    time = pc.coalesce(table["header_time_ns"], table["log_time_ns"])
+    return DriveFrames(
+        np.asarray(table["frame"], np.int64),
+        np.asarray(time, np.int64),
+        geodetic,
+        turn @ world,
+        turn,
+        columns["station_m"],
+        _travel(geodetic, columns["heading_deg"]),
+    )
+
+
+def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> DriveSigns:
+    """The signs of a drive; those without a place on WGS 84 are counted only.
+
+    Raises
+    ------
+    InputError
+        The folder is no result folder, or damaged.
+    """
+    table = read_table(folder, SIGNS, _SIGNS)
+    for name in _ROUTE:
+        table = table.append_column(name, _optional(folder, name, len(table)))
+    everything = len(table)
+    table = table.append_column("row", pa.array(np.arange(everything)))
+    table = table.filter(pc.and_(pc.is_valid(table["lon_deg"]), pc.is_valid(table["sigma_east_m"])))
+    table = table.sort_by([("station_m", "ascending"), ("row", "ascending")]).combine_chunks()
+    geodetic = np.column_stack([_numbers(table, n) for n in ("lon_deg", "lat_deg", "alt_m")])
+    back = np.asarray(table["status"].cast(pa.string()), object) == "back"
+    at = np.searchsorted(frames.frame, _numbers(table, "best_frame"))
+    placed = np.flatnonzero(at < len(frames.frame))
+    travel, turn = np.full(len(table), np.nan), np.tile(np.eye(3), (len(table), 1, 1))
+    travel[placed] = frames.travel_rad[at[placed]]
+    turn[placed] = frames.turn[at[placed]]
+    facing = np.radians(_numbers(table, "facing_deg"))
+    six = np.array(
+        [c or [np.nan] * 6 for c in table["covariance"].to_pylist()], np.float64
+    ).reshape(-1, 6)
+    world = np.nan_to_num(six[:, _SYMMETRIC].reshape(-1, 3, 3), nan=0.0)
+    covariance = turn @ world @ turn.transpose(0, 2, 1) + settings.position_floor_m**2 * np.eye(3)
+    total = (
+        np.column_stack([_numbers(table, f"sigma_{axis}_m") for axis in ("east", "north", "alt")])
+        ** 2
+    )
+    shared = np.maximum(total - covariance[:, [0, 1, 2], [0, 1, 2]], settings.common_floor_m**2)
+    sightings = Sightings(
+        drive=np.zeros(len(table), np.int64),
+        row=np.asarray(table["row"], np.int64),
+        time_ns=np.asarray(table["best_time_ns"], np.int64),
+        position=np.zeros((len(table), 3)),
+        covariance=covariance,
+        common_sigma_m=np.sqrt(np.column_stack([shared[:, :2].mean(axis=1), shared[:, 2]])),
+        station_m=np.nan_to_num(_numbers(table, "station_m")),
+        assembly=_codes(table, "assembly_id"),
+        color=_class(table, "color", COLORS),
+        shape=_class(table, "shape", SHAPES),
+        # the visible side looks against the travel; of a back, the face looks along with it
+        bearing_rad=travel + facing + np.where(back, 0.0, np.pi),
+        size_m=np.column_stack([_numbers(table, f"panel_{n}_m") for n in ("width", "height")]),
+        size_sigma_m=np.column_stack(
+            [_numbers(table, f"sigma_{n}_m") for n in ("width", "height")]
+        ),
+    )
+    return DriveSigns(
+        folder.name,
+        table,
+        geodetic,
+        sightings,
+        cells(geodetic, settings.cell_zoom),
+        everything - len(table),
+    )
+
+
+def cells(geodetic: Floats, zoom: int) -> Ints:
+    """Tile x, y (n, 2) of longitudes and latitudes; spherical Mercator, as `mercantile.tile` of each."""
+    count = 1 << zoom
+    sine = np.sin(np.radians(geodetic[:, 1]))
+    x = geodetic[:, 0] / 360 + 0.5
+    y = 0.5 - 0.25 * np.log((1 + sine) / (1 - sine)) / np.pi
+    tile = np.clip(np.floor(np.column_stack([x, y]) * count), 0, count - 1)
+    return np.asarray(tile, np.int64)
+
+
+def cell_name(x: int, y: int, zoom: int) -> str:
+    """Quadkey of a tile."""
+    return str(mercantile.quadkey(x, y, zoom))
+
+
+def cell_origin(x: int, y: int, zoom: int) -> LocalOrigin:
+    """Centre of a tile, on the ellipsoid."""
+    west, south, east, north = mercantile.bounds(x, y, zoom)
+    return LocalOrigin((south + north) / 2, (west + east) / 2, 0.0)
+
+
+def within(geodetic: Floats, x: int, y: int, zoom: int, margin_m: float) -> NDArray[np.bool_]:
+    """Which points (n,) lie in a tile or within a margin around it."""
+    west, south, east, north = mercantile.bounds(x, y, zoom)
+    up = margin_m / METRES_PER_DEGREE
+    side = up / max(cos(radians(north)), cos(radians(south)), 1e-6)
+    lon, lat = geodetic[:, 0], geodetic[:, 1]
+    inside = (lat >= south - up) & (lat <= north + up) & (lon >= west - side) & (lon <= east + side)
+    return np.asarray(inside)
+
+
+def _turns(world: Floats, heading_deg: Floats) -> Floats:
+    """Rotations (k, 3, 3) about z from the world frame of cameras (k, 3, 3) to east, north, up, by their headings."""
+    clockwise = np.radians(heading_deg) - np.arctan2(world[:, 0, 2], world[:, 1, 2])
+    turn = np.zeros((len(world), 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(clockwise)
+    turn[:, 0, 1], turn[:, 1, 0] = np.sin(clockwise), -np.sin(clockwise)
+    turn[:, 2, 2] = 1
+    return turn
+
+
+def _travel(geodetic: Floats, heading_deg: Floats) -> Floats:
+    """Compass direction of travel (k,), rad: from the camera before to the next; where it stands, that it looks in."""
+    if not len(geodetic):
+        return np.zeros(0)
+    ends = geodetic[np.minimum(np.arange(len(geodetic)) + 1, len(geodetic) - 1)]
+    starts = geodetic[np.maximum(np.arange(len(geodetic)) - 1, 0)]
+    step = (ends - starts)[:, :2] * METRES_PER_DEGREE
+    step[:, 0] *= np.cos(np.radians(geodetic[:, 1]))
+    moved = np.hypot(*step.T) > _SHORTEST_STEP_M
+    return np.where(moved, np.arctan2(step[:, 0], step[:, 1]), np.radians(heading_deg))
+
+
+def _numbers(table: pa.Table, name: str) -> Floats:
+    """A column as numbers, null as nan."""
+    return np.asarray(table[name].cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
+
+
+def _class(table: pa.Table, name: str, known: tuple[str, ...]) -> Ints:
+    """Codes of a class, -1 where null."""
+    codes = {text: code for code, text in enumerate(known)}
+    found = [codes.get(str(text), -1) for text in table[name].cast(pa.string()).to_pylist()]
+    return np.array(found, np.int64)
+
+
+def _codes(table: pa.Table, name: str) -> Ints:
+    """A number for each text of a column."""
+    texts = np.asarray(table[name].to_pylist(), dtype=np.str_)
+    return np.asarray(np.unique(texts, return_inverse=True)[1], np.int64).ravel()
+
+
+def _optional(folder: Path, name: str, rows: int) -> pa.Array[Any]:
+    """A column of `signs.parquet` that not every version writes."""
+    held: list[Any] = [None] * rows
+    if name in pq.read_schema(folder / SIGNS.file).names:
+        held = pq.read_table(folder / SIGNS.file, columns=[name])[name].to_pylist()
+    column: pa.Array[Any] = pa.array(held, PANELS.schema.field(name).type)
+    return column

@@ -1,0 +1,58 @@
+"""Surveys: the drives of a span of time."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from wayside.schemas.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """Drives of a span of time, nanoseconds since 1970, the end not included; `words`: as it was asked for."""
+
+    words: str
+    from_ns: int
+    until_ns: int
+
+    def __contains__(self, time_ns: int) -> bool:
+        """Whether a time lies in it."""
+        return self.from_ns <= time_ns < self.until_ns
+
+
+def parse_survey(text: str) -> Survey:
+    """`2024`, `2024-05`, `2024-05-17`, or two of these with `..` between, the last one included; UTC.
+
+    Raises
+    ------
+    UsageError
+        For anything else, and where the end lies before the start.
+    """
+    first, _, last = text.partition("..")
+    (start, _), (_, end) = _span(first, text), _span(last or first, text)
+    if end <= start:
+        raise UsageError(f"wanted a survey whose end lies behind its start, found {text}")
+    return Survey(text, start, end)
+
+
+def _span(text: str, whole: str) -> tuple[int, int]:
+    """Start and end, nanoseconds, of a year, month or day."""
+    parts = re.fullmatch(r"(\d{4})(?:-(\d\d))?(?:-(\d\d))?", text)
+    try:
+        if parts is None:
+            raise ValueError
+        year, month, day = int(parts[1]), int(parts[2] or 1), int(parts[3] or 1)
+        start = datetime(year, month, day, tzinfo=UTC)
+        if parts[3]:
+            end = datetime.fromtimestamp(start.timestamp() + 86_400, UTC)
+        elif parts[2]:
+            end = datetime(year + month // 12, month % 12 + 1, 1, tzinfo=UTC)
+        else:
+            end = datetime(year + 1, 1, 1, tzinfo=UTC)
+    except ValueError as error:
+        raise UsageError(
+            f"wanted a survey as 2024, 2024-05, 2024-05-17 or 2024-03..2024-06, found {whole}"
+        ) from error
+    return int(start.timestamp()) * 10**9, int(end.timestamp()) * 10**9

@@ -1,0 +1,92 @@
+"""What the drives of an inventory had in view: their cameras, calibration and own detection range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
+from wayside.pipeline.result import read_run
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
+from wayside.stages.georeference import LocalOrigin
+from wayside.stages.inventory import PanelPlaces, PanelViews, views_of
+
+Floats = NDArray[np.float64]
+FARTHEST_M = 400.0
+"""No face is measured from farther away."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveView:
+    """A drive that can say what it had in view.
+
+    name: folder of the result; frames, camera: see there; smallest_px: height of a face from which on it measures them.
+    """
+
+    name: str
+    frames: DriveFrames
+    camera: Camera
+    smallest_px: float
+
+    def views(
+        self, places: PanelPlaces, origin: LocalOrigin, offset_m: Floats, settings: ChangeSettings
+    ) -> PanelViews:
+        """What it shows of places about an origin; offset_m (3,): error of the drive there, `best` a frame's number."""
+        centre = origin.topocentric(self.frames.geodetic) - offset_m
+        low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)
+        near = ((centre[:, :2] > low - FARTHEST_M) & (centre[:, :2] < high + FARTHEST_M)).all(
+            axis=1
+        )
+        rows = np.flatnonzero(near)
+        found = views_of(
+            places,
+            centre[rows],
+            self.frames.rotation[rows],
+            self.camera,
+            self.smallest_px,
+            settings.oblique_deg,
+        )
+        best = np.full(len(found.best), -1)
+        seen = found.best >= 0
+        best[seen] = self.frames.frame[rows[found.best[seen]]]
+        return PanelViews(found.count, best, found.box)
+
+
+def read_view(folder: Path, settings: ChangeSettings) -> DriveView | None:
+    """The cameras of a drive; None where its result does not hold their places, headings and calibration.
+
+    Raises
+    ------
+    InputError
+        The folder is no result, or damaged.
+    """
+    frames, about = read_frames(folder), read_run(folder).get("camera")
+    if about is None or not len(frames.frame):
+        return None
+    try:
+        camera = Camera(**(about | {"distortion": tuple(about["distortion"])}))
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{folder}: wanted the calibration in run.json, found {error}; run the log again"
+        ) from error
+    return DriveView(folder.name, frames, camera, _smallest_px(folder, frames, camera, settings))
+
+
+def _smallest_px(
+    folder: Path, frames: DriveFrames, camera: Camera, settings: ChangeSettings
+) -> float:
+    """Height of face from which on the drive measured most of its panels."""
+    signs = read_signs(folder, frames, MergeSettings())
+    if len(signs.table) < settings.fewest_signs:
+        return settings.visible_px
+    origin = LocalOrigin(float(frames.geodetic[0, 1]), float(frames.geodetic[0, 0]), 0.0)
+    at = np.searchsorted(frames.frame, signs.table["first_frame"].to_numpy())
+    at = np.minimum(at, len(frames.frame) - 1)
+    away = origin.topocentric(signs.geodetic) - origin.topocentric(frames.geodetic)[at]
+    height = camera.fy * signs.sightings.size_m[:, 1] / np.linalg.norm(away, axis=1)
+    return float(np.nanquantile(height, settings.seen_share))

@@ -1,0 +1,109 @@
+"""Settings of merging drives into one inventory and of comparing surveys. No run of a drive depends on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wayside.schemas.settings.field import setting
+
+
+@dataclass(frozen=True, slots=True)
+class MergeSettings:
+    """When sightings of several drives are of one panel, and how the errors of the drives' fixes go together."""
+
+    cell_zoom: int = setting(
+        14, "", "zoom level of the quadkeys that the tables are parted by", low=1, high=20,
+        origin="about 2 km: some hundred panels a file",
+    )  # fmt: skip
+    margin_m: float = setting(
+        300.0, "m", "sightings so far outside a cell take part in its merging", low=1,
+        origin="longer than supports and gates; offsets beyond tell little about those inside",
+    )  # fmt: skip
+    drives_in_memory: int = setting(
+        64, "drives", "tables of so many drives are held at a time", low=1,
+        origin="drives that cross neighbouring cells",
+    )  # fmt: skip
+    common_floor_m: float = setting(
+        0.02, "m", "smallest standard deviation of the error common to neighbouring panels of a drive", low=1e-4,
+        origin="carrier phase receivers",
+    )  # fmt: skip
+    correlation_s: float = setting(
+        60.0, "s", "correlation time of a drive's common error", low=0.1, origin="as `georeference.correlation_s`",
+    )  # fmt: skip
+    position_floor_m: float = setting(
+        0.02, "m", "smallest standard deviation of a panel relative to the cameras nearby", low=1e-4,
+        origin="thickness of a panel and its mount, seen from either side",
+    )  # fmt: skip
+    probability: float = setting(
+        0.9999, "", "two sightings of one panel pass the gate of position with this probability (chi-square, 3)",
+        low=0.5, high=0.9999999, origin="one panel in 1,000 seen ten times is lost to the gate",
+    )  # fmt: skip
+    reach_m: float = setting(
+        30.0, "m", "sightings farther apart are never compared", low=0.1,
+        origin="four standard deviations between two drives with fixes of 5 m",
+    )  # fmt: skip
+    facing_deg: float = setting(
+        45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
+        origin="between the scatter of a facing and panels back to back or at a corner",
+    )  # fmt: skip
+    same_share: float = setting(
+        0.4, "sizes", "centres nearer than this, of panels that face the same way, are one panel's", low=0,
+        origin="as `assembly.same_share`: panels do not overlap",
+    )  # fmt: skip
+    density: float = setting(
+        0.02, "1/m^3", "other panels around a panel", low=1e-9,
+        origin="one more within 50 m^3: panels on one support",
+    )  # fmt: skip
+    misread: float = setting(
+        0.03, "", "probability that a drive gives a face another colour, and the same of its shape and size", low=1e-6,
+        high=0.5, origin="rendered drives held out",
+    )  # fmt: skip
+    same_by_chance: float = setting(
+        0.3, "", "probability that two panels have the same colour by chance, and the same of the shape", low=1e-3,
+        high=0.99, origin="warning, regulatory and guide signs in equal parts",
+    )  # fmt: skip
+    size_floor: float = setting(
+        0.05, "", "smallest relative standard deviation of a width or height", low=1e-3,
+        origin="rendered drives held out",
+    )  # fmt: skip
+    change_per_year: float = setting(
+        0.08, "1/year", "probability that the face at a place is replaced by another one within a year", low=1e-6,
+        high=0.9, origin="a sign lasts about twelve years",
+    )  # fmt: skip
+    support_m: float = setting(
+        0.6, "m", "panels nearer than this on the ground stand on one support", low=0,
+        origin="as `assembly.support_m`",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeSettings:
+    """When a place was in view of a drive, and when a panel has moved."""
+
+    seen_share: float = setting(
+        0.75, "", "share of a drive's panels that were first measured at the height that counts as visible, or less",
+        low=0, high=1, origin="the drive's own detection range",
+    )  # fmt: skip
+    fewest_signs: int = setting(
+        5, "signs", "a drive with fewer panels takes `visible_px`", low=1, origin="estimate"
+    )
+    visible_px: float = setting(
+        25.0, "px", "height of a visible face, where the drive does not tell", low=1,
+        origin="rendered drives: nearly all faces of 25 px are found",
+    )  # fmt: skip
+    views: int = setting(
+        3, "frames", "a place was in view if a panel there would show in so many images", low=1,
+        origin="as `track.fewest_views`",
+    )  # fmt: skip
+    oblique_deg: float = setting(
+        60.0, "deg", "a face seen at a larger angle from its normal is not in view", low=1, high=90,
+        origin="as the truth of rendered drives",
+    )  # fmt: skip
+    same_size: float = setting(
+        0.15, "", "a panel that was moved keeps its width and height to this fraction", low=0,
+        origin="three standard deviations of two sizes of 3.5 %",
+    )  # fmt: skip
+    moved_m: float = setting(
+        30.0, "m", "a panel that is gone and one of the same face that is new so far apart are one that was moved",
+        low=0, origin="shorter than the distance of equal signs along a road",
+    )  # fmt: skip

@@ -1,0 +1,102 @@
+"""Which sightings of different drives may be of one panel: position, facing and face, as log-likelihood ratios."""
+
+from __future__ import annotations
+
+from math import log, pi, radians
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import Sightings
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def candidate_pairs(
+    sightings: Sightings, settings: MergeSettings, sigmas: float, position: Floats | None = None
+) -> Ints:
+    """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
+
+    Parameters
+    ----------
+    sightings, settings
+        What is compared, and `reach_m` and `facing_deg`.
+    sigmas
+        Near: within so many standard deviations of the common errors of both, level, and at most within the reach.
+    position
+        (n, 3) to compare instead of that measured.
+    """
+    where = sightings.position if position is None else position
+    spread = sightings.common_sigma_m[:, 0]
+    own = np.sqrt(sightings.covariance[:, [0, 1], [0, 1]].max(axis=1, initial=0.0))
+    around = sigmas * np.hypot(spread, own)
+    radius = min(settings.reach_m, float(np.hypot(1, 1) * around.max(initial=0.0)))
+    found = cKDTree(where[:, :2]).query_pairs(radius, output_type="ndarray")
+    pairs = np.sort(np.asarray(found, np.int64).reshape(-1, 2), axis=1)
+    i, j = pairs.T
+    near = np.linalg.norm(where[i, :2] - where[j, :2], axis=1) <= np.hypot(around[i], around[j])
+    turn = np.abs(np.angle(np.exp(1j * (sightings.bearing_rad[i] - sightings.bearing_rad[j]))))
+    apart = turn > radians(settings.facing_deg)  # false where a bearing is unknown
+    pairs = pairs[near & (sightings.drive[i] != sightings.drive[j]) & ~apart]
+    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+
+
+def face_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
+    """Log-likelihood ratio (m,) of the faces of rows i and j: of one panel, against of two by chance.
+
+    What is unknown in either row says nothing.
+    """
+    agree = log((1 - settings.misread) / settings.same_by_chance)
+    differ = log(settings.misread / (1 - settings.same_by_chance))
+    ratio = size_log_ratio(sightings, i, j, settings)
+    for code in (sightings.color, sightings.shape):
+        known = (code[i] >= 0) & (code[j] >= 0)
+        ratio += np.where(known, np.where(code[i] == code[j], agree, differ), 0.0)
+    return ratio
+
+
+def size_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
+    """Log-likelihood (m,) of two sizes against that of equal ones, not below that of a wrong measurement."""
+    relative = np.hypot(sightings.size_sigma_m / sightings.size_m, settings.size_floor)
+    change = np.log(sightings.size_m[i] / sightings.size_m[j]) / np.hypot(relative[i], relative[j])
+    ratio = np.maximum(-0.5 * np.square(change).sum(axis=1), log(settings.misread))
+    return np.where(np.isfinite(ratio), ratio, 0.0)
+
+
+def place_log_ratio(distance2: Floats, covariance: Floats, settings: MergeSettings) -> Floats:
+    """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
+
+    Parameters
+    ----------
+    distance2
+        Squared Mahalanobis distances (m,).
+    covariance
+        (m, 3, 3) of the differences, square metres.
+    """
+    volume = np.linalg.slogdet(2 * pi * covariance)[1]
+    return np.asarray(-0.5 * (distance2 + volume) - log(settings.density))
+
+
+def mahalanobis2(difference: Floats, covariance: Floats) -> Floats:
+    """Squared Mahalanobis distances (m,) of differences (m, 3) with covariances (m, 3, 3)."""
+    solved = np.linalg.solve(covariance, difference[..., None])[..., 0]
+    return np.asarray(np.einsum("mi,mi->m", difference, solved))
+
+
+def responsibilities(sightings: Sightings, i: Ints, j: Ints, score: Floats) -> Floats:
+    """Probability (m,) that each pair is right among the pairs of its rows with the same two drives: one to one.
+
+    The product of the shares of a pair among those of row i and among those of row j; a pair without a rival has 1.
+    """
+    drives = int(sightings.drive.max(initial=0)) + 1
+    result = np.ones(len(i))
+    for one, other in ((i, j), (j, i)):
+        key = np.unique(one * drives + sightings.drive[other], return_inverse=True)[1].ravel()
+        highest = np.full(len(i), -np.inf)
+        np.maximum.at(highest, key, score)
+        likelihood = np.exp(score - highest[key])
+        result *= likelihood / np.bincount(key, likelihood)[key]
+    return result

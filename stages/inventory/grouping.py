@@ -1,0 +1,262 @@
+"""Sightings to panels, panels to supports."""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.stats import chi2
+
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import MergedPanels, Sightings
+from wayside.stages.inventory.association import (
+    candidate_pairs,
+    face_log_ratio,
+    mahalanobis2,
+    place_log_ratio,
+    size_log_ratio,
+)
+from wayside.stages.inventory.offsets import relative_variance, solve_offsets
+from wayside.stages.kernels import compiled, require_array
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_SIGMAS = 4.0
+YEAR_NS = 365.25 * 86_400e9
+
+
+def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPanels:
+    """The panels and supports of an area.
+
+    First the offsets between the drives are taken out. A place gathers at most one sighting of each drive: pairs in
+    order of their log-likelihood ratio (place and face) join the groups they belong to, unless both hold a sighting of
+    one drive, or the groups' positions differ by more than the gate. Faces at a place follow each other in time: a
+    face that differs for good is another panel (`face_runs`).
+
+    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is
+    that of the mean of as many independent drives as saw it, with the whole common error of each: relative offsets are
+    known well, their common level only as well as the mean of the drives' fixes.
+
+    Parameters
+    ----------
+    sightings
+        At least one; rows in order of drive, then station.
+    settings
+        Gates and error model.
+    """
+    offsets = solve_offsets(sightings, settings)
+    corrected = sightings.position - offsets.offset_m
+    pairs = candidate_pairs(sightings, settings, _SIGMAS, corrected)
+    relative = relative_variance(sightings, offsets, pairs, settings)
+    place = _places(sightings, corrected, pairs, relative, settings)
+    panel = face_runs(sightings, place, settings)
+    position, covariance = combine(sightings, corrected, panel)
+    first = np.unique(panel, return_index=True)[1]
+    support = _supports(sightings, panel, position, settings.support_m)
+    return MergedPanels(offsets.offset_m, panel, position, covariance, support, place[first])
+
+
+def combine(sightings: Sightings, corrected: Floats, panel: Ints) -> tuple[Floats, Floats]:
+    """Position (p, 3) and covariance (p, 3, 3) of panels, from positions (n, 3) whose offsets are taken out."""
+    count = int(panel.max()) + 1
+    information = np.linalg.inv(sightings.covariance)
+    total, weighted, honest = np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    np.add.at(total, panel, information)
+    np.add.at(weighted, panel, np.einsum("nij,nj->ni", information, corrected))
+    common = np.eye(3) * np.square(sightings.common_sigma_m)[:, None, [0, 0, 1]]
+    np.add.at(honest, panel, np.linalg.inv(sightings.covariance + common))
+    position = np.linalg.solve(total, weighted[..., None])[..., 0]
+    return np.asarray(position, np.float64), np.asarray(np.linalg.inv(honest), np.float64)
+
+
+def _places(
+    sightings: Sightings, corrected: Floats, pairs: Ints, relative: Floats, settings: MergeSettings
+) -> Ints:
+    """Number of the place of each sighting; pairs (m, 2) with the variance (m, 2) of the drives' relative offset."""
+    i, j = pairs.T
+    apart = corrected[i] - corrected[j]
+    shared = np.eye(3) * relative[:, None, [0, 0, 1]]
+    spread = sightings.covariance[i] + sightings.covariance[j] + shared
+    distance2 = mahalanobis2(apart, spread)
+    score = face_log_ratio(sightings, i, j, settings) + place_log_ratio(distance2, spread, settings)
+    gate = float(chi2.ppf(settings.probability, 3))
+    # panels do not overlap: where the offset is known well, centres so near are of one panel whatever their errors
+    smallest = np.nan_to_num(sightings.size_m.min(axis=1))
+    near = settings.same_share * np.minimum(smallest[i], smallest[j])
+    near[relative.max(axis=1) > np.square(near)] = 0.0
+    kept = ((score > 0) & (distance2 < gate)) | (np.linalg.norm(apart, axis=1) < near)
+    pairs, score, relative, near = pairs[kept], score[kept], relative[kept], near[kept]
+    order = np.lexsort((pairs[:, 1], pairs[:, 0], -score))
+    information = np.asarray(np.linalg.inv(sightings.covariance), np.float64)
+    group = join_groups(
+        pairs[order],
+        relative[order],
+        near[order],
+        sightings.drive,
+        np.einsum("nij,nj->ni", information, corrected),
+        information,
+        gate,
+    )
+    return np.asarray(np.unique(group, return_inverse=True)[1], np.int64)
+
+
+def join_groups(
+    pairs: Ints,
+    relative: Floats,
+    near: Floats,
+    drive: Ints,
+    weighted: Floats,
+    information: Floats,
+    gate: float,
+) -> Ints:
+    """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
+
+    Parameters
+    ----------
+    pairs, relative
+        Rows (m, 2) to join, best first, with the variance (m, 2), level and up, of the drives' relative offset.
+    near
+        Distance (m,) within which the means of two groups are joined whatever their covariances.
+    drive
+        (n,) of the rows.
+    weighted, information
+        Position times information (n, 3), and information (n, 3, 3), of the rows.
+    gate
+        Largest squared Mahalanobis distance of the means of two groups that are joined.
+    """
+    rows = len(drive)
+    require_array(pairs, "pairs", np.int64, (None, 2))
+    require_array(relative, "relative", np.float64, (len(pairs), 2))
+    require_array(near, "near", np.float64, (len(pairs),))
+    require_array(drive, "drive", np.int64, (rows,))
+    weighted, information = np.ascontiguousarray(weighted), np.ascontiguousarray(information)
+    require_array(weighted, "weighted", np.float64, (rows, 3))
+    require_array(information, "information", np.float64, (rows, 3, 3))
+    if len(pairs) and (pairs.min() < 0 or pairs.max() >= rows):
+        raise ValueError(f"pairs name rows 0 to {rows - 1}, found {pairs.min()} to {pairs.max()}")
+    return _join(pairs, relative, near, drive, weighted.copy(), information.copy(), gate)
+
+
+@compiled
+def _join(
+    pairs: Ints,
+    relative: Floats,
+    near: Floats,
+    drive: Ints,
+    weighted: Floats,
+    information: Floats,
+    gate: float,
+) -> Ints:
+    rows = len(drive)
+    group = np.arange(rows)
+    following = np.full(
+        rows, -1, np.int64
+    )  # the members of a group as a list that starts with its lowest row
+    for k in range(len(pairs)):
+        a, b = group[pairs[k, 0]], group[pairs[k, 1]]
+        if a == b:
+            continue
+        if b < a:
+            a, b = b, a
+        shared, last = False, a
+        one = a
+        while one >= 0:
+            other = b
+            while other >= 0:
+                shared |= drive[one] == drive[other]
+                other = following[other]
+            last = one
+            one = following[one]
+        if shared:
+            continue
+        spread = np.linalg.inv(information[a]) + np.linalg.inv(information[b])
+        for axis in range(3):
+            spread[axis, axis] += relative[k, axis // 2]
+        apart = np.linalg.solve(information[a], weighted[a]) - np.linalg.solve(
+            information[b], weighted[b]
+        )
+        far = np.dot(apart, np.linalg.solve(spread, apart)) > gate
+        if far and np.dot(apart, apart) > near[k] ** 2:
+            continue
+        following[last] = b
+        one = b
+        while one >= 0:
+            group[one] = a
+            one = following[one]
+        information[a] += information[b]
+        weighted[a] += weighted[b]
+    return group
+
+
+def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Ints:
+    """Number of the panel (n,) of each sighting: at each place, runs in time of one face.
+
+    The most probable sequence of faces (Viterbi 1967), where a drive misreads a face with one probability and a face is
+    replaced with another one a year: a face that differs once among others of the same month is a misreading, one that
+    differs from then on is another panel. Panels are numbered by place, then time.
+    """
+    order = np.lexsort((sightings.drive, sightings.time_ns, place))
+    run = np.zeros(len(place), np.int64)
+    for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
+        if len(rows) > 1 and _differ(sightings, rows, settings):
+            run[rows] = _viterbi(sightings, rows, settings)
+    new = np.ones(len(place), bool)
+    new[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
+    panel = np.empty(len(place), np.int64)
+    panel[order] = np.cumsum(new) - 1
+    return panel
+
+
+def _differ(sightings: Sightings, rows: Ints, settings: MergeSettings) -> bool:
+    """Whether colours, shapes or sizes of some rows are not all alike."""
+    for code in (sightings.color[rows], sightings.shape[rows]):
+        known = code[code >= 0]
+        if len(known) and (known != known[0]).any():
+            return True
+    first = np.full(len(rows), rows[0])
+    return bool((size_log_ratio(sightings, rows, first, settings) < -1).any())
+
+
+def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
+    """Number of the run of each row, in order of time; the possible faces are those of the rows themselves."""
+    count = len(rows)
+    seen, face = (side.ravel() for side in np.meshgrid(rows, rows, indexing="ij"))
+    fit = size_log_ratio(sightings, seen, face, settings)
+    for code in (sightings.color, sightings.shape):
+        known = (code[seen] >= 0) & (code[face] >= 0)
+        right, wrong = log(1 - settings.misread), log(settings.misread)
+        fit += np.where(known, np.where(code[seen] == code[face], right, wrong), 0.0)
+    fit = fit.reshape(count, count)
+    years = np.diff(sightings.time_ns[rows]) / YEAR_NS
+    best, back = fit[0], np.zeros((count, count), np.int64)
+    for k in range(1, count):
+        changed = min(max(settings.change_per_year * years[k - 1], 1e-9), 0.5)
+        move = np.where(
+            np.eye(count, dtype=bool), log(1 - changed), log(changed / max(count - 1, 1))
+        )
+        total = best[:, None] + move
+        back[k] = total.argmax(axis=0)
+        best = total.max(axis=0) + fit[k]
+    face_of = np.empty(count, np.int64)
+    face_of[-1] = best.argmax()
+    for k in range(count - 1, 0, -1):
+        face_of[k - 1] = back[k, face_of[k]]
+    return np.cumsum(np.concatenate([[0], np.diff(face_of) != 0]))
+
+
+def _supports(sightings: Sightings, panel: Ints, position: Floats, near_m: float) -> Ints:
+    """Number of the support (p,) of each panel: one assembly in a drive, or one place on the ground."""
+    count = len(position)
+    key = np.stack([sightings.drive, sightings.assembly], axis=1)
+    of = np.unique(key, axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(of, kind="stable")
+    same = np.diff(of[order]) == 0
+    links = [np.stack([panel[order[:-1]][same], panel[order[1:]][same]], axis=1)]
+    links.append(cKDTree(position[:, :2]).query_pairs(near_m, output_type="ndarray"))
+    a, b = np.concatenate(links).T
+    graph = coo_array((np.ones(len(a), bool), (a, b)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)

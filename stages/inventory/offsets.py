@@ -1,0 +1,176 @@
+"""The error that all panels of a stretch of a drive share, from the panels that several drives have in common.
+
+Along a drive this error is a first-order Gauss-Markov process: it has the standard deviation that the drive states for
+its fixes, and the correlation time of their errors. Its value at every sighting is an unknown of one sparse
+least-squares problem over all drives of an area. Pairs of sightings of one panel measure the difference of two of
+them. Which pairs are right is weighed anew in every iteration (expectation maximisation; Granger and Pennec 2002) while
+the kernel becomes narrower (graduated non-convexity with Geman and McClure weights; Blake and Zisserman 1987): signs
+without a like beside them decide first, and the prior decides between arrangements that fit equally well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+from scipy.stats import chi2
+
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import Sightings
+from wayside.stages.inventory.association import (
+    candidate_pairs,
+    face_log_ratio,
+    mahalanobis2,
+    responsibilities,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
+"""Width of the kernel, parts of the common error's standard deviation, in order of the iterations."""
+_SIGMAS = 4.0
+_LEAST = 1e-3
+"""Pairs of a smaller share are left out of an iteration."""
+_SHORTEST_S = 1e-3
+"""Panels of one image share the error; a shorter step would make the matrix singular."""
+_AXES = ((0, [0, 1]), (1, [2]))
+"""Column of `common_sigma_m`, and the axes it holds for."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveOffsets:
+    """offset_m (n, 3): common error at each sighting; pairs (m, 2): of one panel each, that determined it."""
+
+    offset_m: Floats
+    pairs: Ints
+
+
+def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets:
+    """Common error of the drives at every sighting; zero where no panel is common to two drives."""
+    offset = np.zeros((len(sightings), 3))
+    pairs = candidate_pairs(sightings, settings, _SIGMAS)
+    ratio = face_log_ratio(sightings, pairs[:, 0], pairs[:, 1], settings)
+    pairs, ratio = pairs[ratio > 0], ratio[ratio > 0]
+    if not len(pairs):
+        return DriveOffsets(offset, pairs)
+    i, j = pairs.T
+    gate = float(chi2.ppf(settings.probability, 3))
+    own = sightings.covariance[i] + sightings.covariance[j]
+    common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
+    kept = np.zeros(len(pairs), bool)
+    for width in _KERNEL:
+        spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
+        apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
+        distance2 = mahalanobis2(apart, spread)
+        right = responsibilities(sightings, i, j, ratio - 0.5 * distance2)
+        kept = (distance2 < gate) & (right > _LEAST)
+        if not kept.any():
+            return DriveOffsets(np.zeros_like(offset), pairs[kept])
+        weight = right[kept] / np.square(1 + distance2[kept] / gate)
+        offset = _adjust(sightings, pairs[kept], spread[kept], weight, settings.correlation_s)
+    kept &= right > 0.5
+    return DriveOffsets(offset, pairs[kept])
+
+
+def relative_variance(
+    sightings: Sightings, offsets: DriveOffsets, pairs: Ints, settings: MergeSettings
+) -> Floats:
+    """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
+
+    Of the other pairs of the same two drives only the nearest before and behind count, with the change of both errors
+    up to there, so that a pair is not judged by itself; more pairs would only lower it.
+
+    Parameters
+    ----------
+    sightings, offsets
+        What was adjusted, and its result.
+    pairs
+        Rows (m, 2) of different drives, the lower first.
+    """
+    drives = int(sightings.drive.max(initial=0)) + 1
+
+    def by_drives(rows: Ints) -> Ints:
+        return np.asarray(sightings.drive[rows[:, 0]] * drives + sightings.drive[rows[:, 1]])
+
+    known, asked = offsets.pairs, by_drives(pairs)
+    of = by_drives(known)
+    order = np.lexsort((known[:, 1], known[:, 0], of))
+    known, of = known[order], of[order]
+    result = np.zeros((len(pairs), 2))
+    # rows are in order of station: the place of a pair among those of its drives is that of its first row
+    rank = len(sightings) + 1
+    at = np.searchsorted(of * rank + known[:, 0], asked * rank + pairs[:, 0])
+    same = np.zeros(len(pairs), bool)
+    inside = at < len(known)
+    same[inside] = (known[at[inside]] == pairs[inside]).all(axis=1)
+    for column, axes in _AXES:
+        variance = np.square(sightings.common_sigma_m[:, column])
+        own = sightings.covariance[:, axes, axes].mean(axis=1)
+        prior = variance[pairs].sum(axis=1)
+        information = 1 / prior
+        for neighbour in (at - 1, at + same):
+            valid = (neighbour >= 0) & (neighbour < len(known))
+            valid[valid] = of[neighbour[valid]] == asked[valid]
+            rows, other = pairs[valid], known[neighbour[valid]]
+            away_s = np.abs(sightings.time_ns[rows] - sightings.time_ns[other]) * 1e-9
+            keep = np.exp(-2 * away_s / settings.correlation_s)
+            change = (variance[rows] * (1 - keep)).sum(axis=1)
+            information[valid] += 1 / (own[other].sum(axis=1) + change)
+        result[:, column] = 1 / information
+    return result
+
+
+def _adjust(
+    sightings: Sightings, pairs: Ints, spread: Floats, weight: Floats, correlation_s: float
+) -> Floats:
+    """One solution of the least squares: offsets (n, 3), east and north with the same weights."""
+    i, j = pairs.T
+    count = len(sightings)
+    partners = 1.0 + np.bincount(pairs.ravel(), np.repeat(weight, 2), minlength=count)
+    shared = 4 / (
+        partners[i] + partners[j]
+    )  # k rows of one panel are k - 1 measurements, not k (k - 1) / 2
+    apart = sightings.position[i] - sightings.position[j]
+    offset = np.zeros((count, 3))
+    for column, axes in _AXES:
+        precision = weight * shared / spread[:, axes, axes].mean(axis=1)
+        matrix = _process(
+            sightings, sightings.common_sigma_m[:, column], correlation_s
+        ) + _laplacian(pairs, precision, count)
+        right = np.zeros((count, len(axes)))
+        np.add.at(right, i, precision[:, None] * apart[:, axes])
+        np.subtract.at(right, j, precision[:, None] * apart[:, axes])
+        offset[:, axes] = splu(csc_array(matrix), permc_spec="MMD_AT_PLUS_A").solve(right)
+    return offset
+
+
+def _process(sightings: Sightings, sigma: Floats, correlation_s: float) -> csc_array:
+    """Precision (n, n) of the Gauss-Markov processes of all drives, sampled at their sightings."""
+    count = len(sightings)
+    diagonal = 1 / np.square(sigma)
+    a, b = np.arange(count - 1), np.arange(1, count)
+    same = sightings.drive[a] == sightings.drive[b]
+    a, b = a[same], b[same]
+    variance = sigma[a] * sigma[b]
+    step_s = np.maximum((sightings.time_ns[b] - sightings.time_ns[a]) * 1e-9, _SHORTEST_S)
+    keep = np.exp(-step_s / correlation_s)
+    lost = 1 - keep**2
+    # precision of the bridge between neighbours; the ends keep the stationary precision
+    np.add.at(diagonal, a, keep**2 / lost / variance)
+    np.add.at(diagonal, b, keep**2 / lost / variance)
+    beside = -keep / lost / variance
+    rows = np.concatenate([np.arange(count), a, b])
+    columns = np.concatenate([np.arange(count), b, a])
+    values = np.concatenate([diagonal, beside, beside])
+    return csc_array(coo_array((values, (rows, columns)), shape=(count, count)))
+
+
+def _laplacian(pairs: Ints, precision: Floats, count: int) -> csc_array:
+    """Normal matrix (n, n) of differences between rows."""
+    i, j = pairs.T
+    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
+    values = np.concatenate([precision, precision, -precision, -precision])
+    return csc_array(coo_array((values, (rows, columns)), shape=(count, count)))

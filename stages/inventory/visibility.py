@@ -1,0 +1,118 @@
+"""Whether a panel would have shown in the images of a drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, radians
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from wayside.schemas.frame import Camera
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_NEAREST_M = 1.0
+_FORBIDDEN = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class PanelPlaces:
+    """Where panels are: n rows, metres and radians, nan where unknown.
+
+    position (n, 3): east, north, up; bearing_rad (n,): compass direction that the face looks in; size_m (n, 2): width
+    and height.
+    """
+
+    position: Floats
+    bearing_rad: Floats
+    size_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class PanelViews:
+    """What a drive shows of n places.
+
+    count (n,): images; best (n,): the one that shows it largest, -1: none; box (n, 4): there, pixels.
+    """
+
+    count: Ints
+    best: Ints
+    box: Floats
+
+
+def views_of(
+    places: PanelPlaces,
+    centre: Floats,
+    rotation: Floats,
+    camera: Camera,
+    smallest_px: float,
+    oblique_deg: float,
+) -> PanelViews:
+    """Images in which a panel would show whole, at least so high, and from the front.
+
+    What stands between the camera and the place, and the distortion of the lens, are not considered.
+
+    Parameters
+    ----------
+    places
+        The panels.
+    centre, rotation
+        Cameras: (k, 3) east, north, up, metres, and (k, 3, 3) camera to these axes.
+    camera
+        Calibration.
+    smallest_px
+        Height of the face.
+    oblique_deg
+        Largest angle between its normal and the direction to the camera.
+    """
+    n, k = len(places.position), len(centre)
+    if not n or not k:
+        return PanelViews(np.zeros(n, np.int64), np.full(n, -1), np.zeros((n, 4)))
+    ray = places.position[:, None] - centre[None]
+    right, down, ahead = np.moveaxis(np.einsum("nki,kij->nkj", ray, rotation), 2, 0)
+    far = np.maximum(ahead, _NEAREST_M)
+    u, v = camera.cx + camera.fx * right / far, camera.cy + camera.fy * down / far
+    wide, high = camera.fx * places.size_m[:, :1] / far, camera.fy * places.size_m[:, 1:] / far
+    box = np.stack([u - wide / 2, v - high / 2, u + wide / 2, v + high / 2], axis=2)
+    whole = (box[..., 0] >= 0) & (box[..., 1] >= 0)
+    whole &= (box[..., 2] <= camera.width) & (box[..., 3] <= camera.height)
+    normal = np.stack([np.sin(places.bearing_rad), np.cos(places.bearing_rad)], axis=1)
+    facing = -np.einsum("nki,ni->nk", ray[..., :2], normal) / np.linalg.norm(ray[..., :2], axis=2)
+    turned = facing < cos(radians(oblique_deg))  # false where the bearing is unknown
+    shown = (ahead > _NEAREST_M) & whole & (high >= smallest_px) & ~turned
+    best = np.where(shown, high, -1.0).argmax(axis=1)
+    count = np.asarray(shown.sum(axis=1), np.int64)
+    return PanelViews(count, np.where(count > 0, best, -1), box[np.arange(n), best])
+
+
+def match_moved(pairs: Ints, distance_m: Floats) -> Ints:
+    """Which of the pairs (m, 2) hold, one to one: as many as can, then of least total distance.
+
+    Parameters
+    ----------
+    pairs
+        Numbers of what is gone and of what is new.
+    distance_m
+        (m,) between them.
+    """
+    if not len(pairs):
+        return np.zeros(0, np.int64)
+    gone, new = (np.unique(side, return_inverse=True)[1].ravel() for side in pairs.T)
+    count = int(gone.max()) + 1
+    size = count + int(new.max()) + 1
+    graph = coo_array((np.ones(len(pairs), bool), (gone, count + new)), shape=(size, size))
+    part = connected_components(graph, directed=False)[1][gone]
+    order = np.argsort(part, kind="stable")
+    kept: list[int] = []
+    for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        a, b = (np.unique(side[rows], return_inverse=True)[1].ravel() for side in (gone, new))
+        cost = np.full((int(a.max()) + 1, int(b.max()) + 1), _FORBIDDEN)
+        cost[a, b] = distance_m[rows]
+        number = np.full(cost.shape, -1, np.int64)
+        number[a, b] = rows
+        kept += [k for k in number[linear_sum_assignment(cost)].tolist() if k >= 0]
+    return np.array(sorted(kept), np.int64)

@@ -1,0 +1,278 @@
+"""Results of drives to one inventory, and the changes between two surveys of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import mercantile
+import numpy as np
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.pipeline.cli import app
+from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.folders import finish_merging
+from wayside.pipeline.fleet.inventory_data import cell_name, cells
+from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
+from wayside.pipeline.fleet.surveys import parse_survey
+from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
+from wayside.schemas.tables import FRAMES, SIGNS
+
+PARTS = ("panels", "supports", "sightings")
+
+
+@dataclass(frozen=True)
+class Surveyed:
+    """An inventory of a road of 3 km seen twice in each of two years, and what became of its panels."""
+
+    folder: Path
+    report: MergeReport
+    identities: dict[str, list[int]]
+    history: dict[int, tuple[str, int | None]]
+
+    def rows(self, table: str) -> list[dict[str, Any]]:
+        return list(ds.dataset(self.folder / table).to_table().to_pylist())
+
+    def identity_of(self) -> dict[str, set[int]]:
+        """True panels by `panel_id`; -1: none."""
+        result: dict[str, set[int]] = {}
+        for row in self.rows("sightings"):
+            number = int(row["sign_id"].rsplit("-", 1)[1]) - 1
+            result.setdefault(row["panel_id"], set()).add(self.identities[row["drive"]][number])
+        return result
+
+
+@pytest.fixture(scope="module")
+def surveyed(simulation: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Surveyed:
+    folder = tmp_path_factory.mktemp("inventory")
+    rng = np.random.default_rng(4)
+    road = simulation.make_road(0, 3000.0, 30.0, rng)
+    later, history = simulation.change_road(road, 0.2, rng)
+    quality = simulation.Quality(outliers=0.0, false=0.0)
+    identities = {}
+    for year, one in enumerate((road, later)):
+        for k in range(2):
+            name = f"y{year}p{k}"
+            start = simulation.START_NS + year * simulation.YEAR_NS + k * simulation.DAY_NS
+            drive = simulation.write_drive(folder / "drives" / name, one, start, True, quality, rng)
+            identities[name] = drive.tolist()
+    report = merge_inventory(sorted((folder / "drives").iterdir()), folder)
+    return Surveyed(folder, report, identities, history)
+
+
+def test_every_sighting_is_written_once_and_the_report_counts_what_is_there(
+    surveyed: Surveyed,
+) -> None:
+    read = Counter((row["drive"], row["sign_id"]) for row in surveyed.rows("sightings"))
+    signs = {
+        (drive.name, sign)
+        for drive in (surveyed.folder / "drives").iterdir()
+        for sign in pq.read_table(drive / SIGNS.file, columns=["sign_id"])["sign_id"].to_pylist()
+    }
+    assert set(read) == signs
+    assert set(read.values()) == {1}
+    counts = [len(surveyed.rows(part)) for part in PARTS]
+    assert [surveyed.report.panels, surveyed.report.supports, surveyed.report.sightings] == counts
+    assert surveyed.report.left_out == 0
+
+
+def test_panels_are_merged_one_to_one_across_the_borders_of_cells(surveyed: Surveyed) -> None:
+    assert surveyed.report.cells > 1
+    of_panel = surveyed.identity_of()
+    # from behind, another face at the same place cannot be told
+    earlier = {new: old for old, (kind, new) in surveyed.history.items() if kind == "changed_face"}
+    assert all(len({earlier.get(i, i) for i in found}) == 1 for found in of_panel.values())
+    doubled = Counter(identity for found in of_panel.values() for identity in found)
+    assert sum(count - 1 for count in doubled.values()) <= 2  # of 165
+
+
+def test_a_panel_says_when_how_often_and_by_which_drives_it_was_seen(surveyed: Surveyed) -> None:
+    sightings = surveyed.rows("sightings")
+    for panel in surveyed.rows("panels"):
+        own = sorted(
+            (s["seen"], s["drive"]) for s in sightings if s["panel_id"] == panel["panel_id"]
+        )
+        assert panel["first_seen"] == own[0][0]
+        assert panel["last_seen"] == own[-1][0]
+        assert panel["drives"] == [drive for _, drive in own]
+        assert panel["times_seen"] == len(own)
+
+
+def test_supports_list_their_panels_and_panels_their_support(surveyed: Surveyed) -> None:
+    panels = surveyed.rows("panels")
+    for support in surveyed.rows("supports"):
+        own = sorted(p["panel_id"] for p in panels if p["support_id"] == support["support_id"])
+        assert support["panel_ids"] == own
+        assert support["support_id"] == own[0]
+        assert support["panels"] == len(own)
+
+
+def test_tables_lie_in_the_quadkey_of_their_cell_with_the_stated_columns(
+    surveyed: Surveyed,
+) -> None:
+    for table in (PANELS, SUPPORTS, SIGHTINGS):
+        files = sorted((surveyed.folder / table.name).rglob("*.parquet"))
+        assert len(files) == surveyed.report.cells
+        for file in files:
+            assert pq.read_schema(file).remove_metadata().equals(table.schema.remove_metadata())
+            assert b"geo" in pq.read_metadata(file).metadata
+            box = mercantile.bounds(
+                mercantile.quadkey_to_tile(file.parent.name.removeprefix("cell="))
+            )
+            for lon in pq.read_table(file)["lon_deg"].to_pylist():
+                assert box.west - 0.001 < lon < box.east + 0.001
+
+
+def test_the_order_of_the_results_changes_no_byte(surveyed: Surveyed, tmp_path: Path) -> None:
+    drives = sorted((surveyed.folder / "drives").iterdir(), reverse=True)
+    merge_inventory(drives, tmp_path)
+    for part in PARTS:
+        for file in sorted((tmp_path / part).rglob("*.parquet")):
+            assert file.read_bytes() == (surveyed.folder / file.relative_to(tmp_path)).read_bytes()
+
+
+def test_cells_are_those_of_mercantile() -> None:
+    points = np.random.default_rng(0).uniform([-180, -85, 0], [180, 85, 0], (200, 3))
+    for (x, y), (lon, lat, _) in zip(cells(points, 14).tolist(), points, strict=True):
+        tile = mercantile.tile(lon, lat, 14)
+        assert (x, y) == (tile.x, tile.y)
+        assert cell_name(x, y, 14) == mercantile.quadkey(tile)
+
+
+def test_a_drive_without_fixes_is_told_and_its_signs_are_counted(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    drives = sorted((surveyed.folder / "drives").iterdir())
+    local = tmp_path / "local"
+    shutil.copytree(drives[0], local)
+    for table, names in (
+        (SIGNS, ("lon_deg", "sigma_east_m")),
+        (FRAMES, ("lon_deg", "heading_deg")),
+    ):
+        rows = pq.read_table(local / table.file).to_pylist()
+        for row in rows:
+            row.update(dict.fromkeys(names))
+        pq.write_table(
+            pq.read_table(local / table.file).from_pylist(rows, table.schema), local / table.file
+        )
+    report = merge_inventory([*drives[1:3], local], tmp_path / "inventory")
+    assert report.local_drives == ["local"]
+    assert report.left_out == len(surveyed.identities["y0p0"])
+    assert "1 drives have no satellite fixes" in str(report)
+
+
+def test_two_results_of_one_name_are_refused(surveyed: Surveyed, tmp_path: Path) -> None:
+    drive = surveyed.folder / "drives" / "y0p0"
+    with pytest.raises(UsageError, match="names of their own"):
+        merge_inventory([drive, drive], tmp_path)
+
+
+def test_a_folder_of_the_users_is_not_replaced(surveyed: Surveyed, tmp_path: Path) -> None:
+    (tmp_path / "panels").mkdir()
+    (tmp_path / "panels" / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match="no table of an inventory"):
+        merge_inventory([surveyed.folder / "drives" / "y0p0"], tmp_path)
+    assert (tmp_path / "panels" / "notes.txt").read_text() == "mine"
+
+
+def test_a_merging_killed_between_its_renamings_is_finished_by_the_next(tmp_path: Path) -> None:
+    for name, text in (("panels", "old"), ("supports", "old")):
+        (tmp_path / name / "cell=0").mkdir(parents=True)
+        (tmp_path / name / "cell=0" / "part-0.parquet").write_text(text)
+    done = tmp_path / ".wayside-merge-done"
+    (done / "supports" / "cell=0").mkdir(parents=True)  # `panels` is moved already
+    (done / "supports" / "cell=0" / "part-0.parquet").write_text("new")
+    finish_merging(tmp_path)
+    assert (tmp_path / "supports" / "cell=0" / "part-0.parquet").read_text() == "new"
+    assert not done.exists()
+
+
+def test_most_changes_between_two_surveys_are_found_for_what_they_are(surveyed: Surveyed) -> None:
+    report = find_changes(surveyed.folder, parse_survey("2024"), parse_survey("2025"))
+    rows = pq.read_table(surveyed.folder / "changes.parquet").to_pylist()
+    assert Counter(row["change"] for row in rows) == report.counts
+    of_panel = {name: next(iter(found)) for name, found in surveyed.identity_of().items()}
+    right = total = 0
+    for row in rows:
+        identity = of_panel[row["panel_before"] or row["panel_after"]]
+        expected = surveyed.history[identity][0] if identity in surveyed.history else None
+        if row["change"] != "not_looked_at" and expected is not None:
+            right, total = right + (row["change"] == expected), total + 1
+    assert total > 90
+    assert right / total > 0.93
+
+
+def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
+    simulation: ModuleType, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(7)
+    road = simulation.make_road(0, 2000.0, 30.0, rng)
+    quality = simulation.Quality(recall=1.0, outliers=0.0, false=0.0, misread=0.0)
+    empty = road.select(slice(0, 0))
+    end = {"until_m": 1000.0}
+    simulation.write_drive(
+        tmp_path / "drives" / "first", road, simulation.START_NS, True, quality, rng
+    )
+    later = simulation.START_NS + simulation.YEAR_NS
+    simulation.write_drive(tmp_path / "drives" / "second", empty, later, True, quality, rng, **end)
+    merge_inventory(sorted((tmp_path / "drives").iterdir()), tmp_path)
+    find_changes(tmp_path, parse_survey("2024"), parse_survey("2025"))
+    rows = pq.read_table(tmp_path / "changes.parquet").to_pylist()
+    east = road.origin.topocentric(
+        np.array([[r["lon_deg"], r["lat_deg"], r["alt_m"]] for r in rows])
+    )[:, 0]
+    beyond = {row["change"] for row, x in zip(rows, east.tolist(), strict=True) if x > 1050}
+    inside = [
+        row
+        for row, x in zip(rows, east.tolist(), strict=True)
+        if 100 < x < 900 and row["color_before"] is not None  # seen from the front
+    ]
+    gone = [row for row in inside if row["change"] == "gone"]
+    assert beyond == {"not_looked_at"}
+    assert {row["change"] for row in rows} == {"not_looked_at", "gone"}
+    assert len(gone) > 0.6 * len(inside)  # small faces do not show in three images
+    assert {row["drive_after"] for row in gone} == {"second"}
+
+
+@pytest.mark.parametrize("text", ["24", "2024-13", "2024-05..2024-03", "last year"])
+def test_a_survey_that_is_no_time_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="wanted a survey"):
+        parse_survey(text)
+
+
+def test_a_survey_includes_its_last_day() -> None:
+    survey = parse_survey("2024-03..2024-12")
+    assert 1_735_689_599 * 10**9 in survey
+    assert 1_735_689_600 * 10**9 not in survey
+
+
+def test_the_command_writes_the_page_and_says_which_images_no_log_gives(
+    surveyed: Surveyed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "changes.html"
+    arguments = [
+        "changes",
+        str(surveyed.folder),
+        "--before",
+        "2024",
+        "--after",
+        "2025",
+        "-o",
+        str(page),
+    ]
+    assert (
+        app(arguments, standalone_mode=False) == 4
+    )  # the drives were simulated: there are no logs
+    said = capsys.readouterr()
+    assert "unchanged" in said.out
+    assert "images are not on the page" in said.err
+    text = page.read_text()
+    assert '<li class="gone">' in text
+    assert '<li class="unchanged">' not in text

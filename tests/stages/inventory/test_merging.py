@@ -1,0 +1,199 @@
+"""Sightings of several drives to panels: offsets, groups, faces, error bars."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import Sightings
+from wayside.stages.inventory import (
+    combine,
+    face_runs,
+    join_groups,
+    match_moved,
+    merge_sightings,
+    relative_variance,
+    solve_offsets,
+)
+
+SETTINGS = MergeSettings()
+DAY_NS = 86_400 * 10**9
+
+
+def make_sightings(
+    truth: np.ndarray,
+    offsets: list[list[float]],
+    *,
+    noise_m: float = 0.0,
+    common_m: float = 1.0,
+    apart_ns: int = DAY_NS,
+    seed: int = 0,
+) -> Sightings:
+    """Every drive sees every panel at the same times along the road, off by an offset of its own."""
+    rng = np.random.default_rng(seed)
+    n, drives = len(truth), len(offsets)
+    drive = np.repeat(np.arange(drives), n)
+    panel = np.tile(np.arange(n), drives)
+    count = n * drives
+    return Sightings(
+        drive=drive,
+        row=panel,
+        time_ns=drive * apart_ns + (truth[panel, 0] / 25 * 1e9).astype(np.int64),
+        position=truth[panel] + np.repeat(offsets, n, axis=0) + rng.normal(0, noise_m, (count, 3)),
+        covariance=np.tile(np.eye(3) * 0.05**2, (count, 1, 1)),
+        common_sigma_m=np.full((count, 2), common_m),
+        station_m=truth[panel, 0],
+        assembly=panel,
+        color=panel % 5,
+        shape=panel % 3,
+        bearing_rad=np.zeros(count),
+        size_m=np.full((count, 2), 0.75),
+        size_sigma_m=np.full((count, 2), 0.02),
+    )
+
+
+def road(n: int = 40) -> np.ndarray:
+    return np.stack(
+        [25.0 * np.arange(n), np.where(np.arange(n) % 2, 6.0, -6.0), np.full(n, 2.2)], axis=1
+    )
+
+
+def test_offsets_between_drives_are_those_that_were_put_in_and_share_the_common_level() -> None:
+    put_in = np.array([[1.0, -0.5, 0.6], [-0.8, 0.9, -0.2], [0.1, 0.3, 0.5]])
+    sightings = make_sightings(road(), put_in.tolist(), noise_m=0.03)
+    found = solve_offsets(sightings, SETTINGS).offset_m.reshape(3, -1, 3)
+    # drives of equal quality share their mean evenly: nothing says which of them is right
+    expected = put_in - put_in.mean(axis=0)
+    assert np.abs(found - expected[:, None]).max() < 0.15
+
+
+def test_offsets_are_those_of_the_dense_least_squares() -> None:
+    sightings = make_sightings(road(6), [[0.4, 0, 0], [-0.3, 0.2, 0.1]], noise_m=0.02)
+    found = solve_offsets(sightings, SETTINGS).offset_m
+    n = 12
+    lag_s = np.abs(np.subtract.outer(sightings.time_ns, sightings.time_ns)) * 1e-9
+    same = np.equal.outer(sightings.drive, sightings.drive)
+    prior = np.where(same, np.exp(-lag_s / SETTINGS.correlation_s), 0.0)
+    design = np.zeros((6, n))
+    design[np.arange(6), np.arange(6)], design[np.arange(6), np.arange(6) + 6] = 1, -1
+    measured = sightings.position[:6] - sightings.position[6:]
+    for axis in range(3):
+        weight = np.ones(6)
+        for _ in range(20):  # the robust weights are those of the residuals of the round before
+            noise = np.diag(2 * 0.05**2 / weight)
+            gain = prior @ design.T @ np.linalg.inv(design @ prior @ design.T + noise)
+            expected = gain @ measured
+            left = measured - design @ expected
+            weight = 1 / np.square(1 + np.square(left).sum(axis=1) / (2 * 0.05**2) / 21.1)
+        assert found[:, axis] == pytest.approx(expected[:, axis], abs=2e-3)
+
+
+def test_equal_signs_nearer_than_the_error_of_the_fixes_are_told_apart_by_the_row_they_stand_in() -> (
+    None
+):
+    chevrons = road(12)
+    chevrons[:, 0] = 100 + 6.0 * np.arange(12)
+    chevrons[:, 1] = 6.0
+    mixed = np.concatenate([road(4), chevrons, road(30)[20:]])
+    sightings = make_sightings(mixed, [[1.6, 0.2, 0], [-1.5, 0, 0.3]], noise_m=0.03)
+    alike = (sightings.row >= 4) & (sightings.row < 16)
+    sightings = replace(
+        sightings,
+        color=np.where(alike, 1, sightings.color),
+        shape=np.where(alike, 0, sightings.shape),
+    )
+    merged = merge_sightings(sightings, SETTINGS)
+    assert (merged.panel[: len(mixed)] == merged.panel[len(mixed) :]).all()
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.integers(2, 5), st.floats(0.0, 3.0))
+def test_every_sighting_is_of_one_panel_and_no_panel_has_two_of_a_drive(
+    seed: int, drives: int, spread_m: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    truth = road(8) + rng.normal(0, 1.0, (8, 3))
+    sightings = make_sightings(
+        truth, rng.normal(0, spread_m, (drives, 3)).tolist(), noise_m=0.1, seed=seed
+    )
+    merged = merge_sightings(sightings, SETTINGS)
+    assert len(merged.panel) == len(sightings)
+    assert (
+        max(Counter(zip(merged.panel.tolist(), sightings.drive.tolist(), strict=True)).values())
+        == 1
+    )
+    assert sorted(set(merged.panel.tolist())) == list(range(len(merged.position)))
+    again = merge_sightings(sightings, SETTINGS)
+    assert (again.panel == merged.panel).all()
+    assert (again.position == merged.position).all()
+
+
+def test_the_error_bar_of_n_drives_is_that_of_the_mean_of_their_common_errors() -> None:
+    for drives in (1, 4, 16):
+        sightings = make_sightings(road(1), [[0, 0, 0]] * drives, common_m=0.9)
+        _, covariance = combine(sightings, sightings.position, np.zeros(drives, np.int64))
+        assert np.sqrt(covariance[0, 0, 0]) == pytest.approx(np.hypot(0.9, 0.05) / drives**0.5)
+        assert covariance[0, 0, 0] >= 0.9**2 / drives
+
+
+def test_the_merged_position_weighs_by_the_inverse_of_the_covariances() -> None:
+    sightings = make_sightings(road(1), [[0, 0, 0], [0.3, 0, 0]])
+    sharper = sightings.covariance.copy()
+    sharper[1] /= 4
+    position, _ = combine(
+        replace(sightings, covariance=sharper), sightings.position, np.zeros(2, np.int64)
+    )
+    assert position[0, 0] == pytest.approx(0.8 * 0.3)
+
+
+def test_a_pair_does_not_vouch_for_itself() -> None:
+    sightings = make_sightings(road(1), [[0, 0, 0], [0.1, 0, 0]])
+    offsets = solve_offsets(sightings, SETTINGS)
+    assert offsets.pairs.tolist() == [[0, 1]]
+    alone = relative_variance(sightings, offsets, offsets.pairs, SETTINGS)
+    assert alone[0].tolist() == pytest.approx([2.0, 2.0])  # both drives' own square metre
+    more = make_sightings(road(3), [[0, 0, 0], [0.1, 0, 0]])
+    offsets = solve_offsets(more, SETTINGS)
+    assert (relative_variance(more, offsets, offsets.pairs, SETTINGS) < 0.1).all()
+
+
+def test_one_drive_that_reads_a_face_wrong_makes_no_second_panel() -> None:
+    sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
+    sightings = replace(sightings, color=np.array([1, 1, 3, 1]))
+    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 0, 0]
+
+
+def test_a_face_that_differs_a_year_later_for_good_is_another_panel() -> None:
+    sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
+    year = np.array([0, 1, 366, 367]) * DAY_NS
+    sightings = replace(sightings, color=np.array([1, 1, 3, 3]), time_ns=year)
+    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 1, 1]
+
+
+def test_panels_back_to_back_on_one_post_are_two_on_one_support() -> None:
+    sightings = make_sightings(road(20), [[0.2, 0, 0], [-0.2, 0, 0]])
+    turned = np.where((sightings.row == 7) & (sightings.drive == 1), np.pi, 0.0)
+    merged = merge_sightings(replace(sightings, bearing_rad=turned), SETTINGS)
+    one, other = merged.panel[7], merged.panel[27]
+    assert one != other
+    assert merged.support[one] == merged.support[other]
+
+
+def test_groups_refuse_rows_out_of_range() -> None:
+    with pytest.raises(ValueError, match="pairs name rows"):
+        join_groups(
+            np.array([[0, 5]]), np.zeros((1, 2)), np.zeros(1), np.zeros(2, np.int64), np.zeros((2, 3)),
+            np.tile(np.eye(3), (2, 1, 1)), 1.0,
+        )  # fmt: skip
+
+
+def test_moved_panels_are_paired_one_to_one_as_many_as_can() -> None:
+    pairs = np.array([[0, 0], [0, 1], [1, 0]])
+    assert match_moved(pairs, np.array([1.0, 9.0, 9.0])).tolist() == [1, 2]
+    assert match_moved(pairs[:0], np.zeros(0)).tolist() == []

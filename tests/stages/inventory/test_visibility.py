@@ -1,0 +1,37 @@
+"""Which places are in view of a camera that looks north."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import Camera
+from wayside.stages.inventory import PanelPlaces, views_of
+
+CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+NORTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("place", "bearing_deg", "count"),
+    [
+        ((4, 30, 2), 180, 1),  # 35 px high, its face to the camera
+        ((4, 90, 2), 180, 0),  # 12 px
+        ((4, -30, 2), 180, 0),  # behind
+        ((25, 30, 2), 180, 0),  # beside the image
+        ((4, 30, 2), 0, 0),  # from behind
+        ((4, 30, 2), np.nan, 1),  # facing unknown
+        ((16.9, 30, 2), 180, 0),  # cut by the border of the image
+    ],
+)
+def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_front(
+    place: tuple[float, float, float], bearing_deg: float, count: int
+) -> None:
+    places = PanelPlaces(
+        np.array([place], float), np.radians([bearing_deg]), np.array([[0.75, 0.75]])
+    )
+    found = views_of(places, np.array([[0.0, 0, 2]]), NORTH[None], CAMERA, 25.0, 60.0)
+    assert found.count.tolist() == [count]
+    assert found.best.tolist() == [0 if count else -1]
+    if count:
+        assert found.box[0].tolist() == pytest.approx([968.67, 582.0, 1003.67, 617.0], abs=0.01)
