@@ -91,6 +91,7 @@ From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:3
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
 Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
 Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
+Memory = Annotated[str | None, typer.Option(help="Images under way take so much at most: 2GB.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -131,6 +132,7 @@ def run(
     until: Until = None,
     every: Every = None,
     workers: Workers = None,
+    memory: Memory = None,
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
@@ -165,7 +167,7 @@ def run(
         raise UsageError(
             "wanted --resume or a viewer, which would miss images, found both; leave one out"
         )
-    options = _read_options(spacing, camera, calibration, start, until, every, workers)
+    options = _read_options(spacing, camera, calibration, start, until, every, workers, memory)
     options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     if alpha is not None:
         options["models.alpha"] = alpha
@@ -250,9 +252,10 @@ def _read_options(
     until: str | None,
     every: int | None,
     workers: int | None,
+    memory: str | None = None,
 ) -> dict[str, Any]:
     """Options that are settings by another name, those given only."""
-    from wayside.pipeline.lengths import parse_spacing, parse_time
+    from wayside.pipeline.lengths import parse_memory, parse_spacing, parse_time
 
     options: dict[str, Any] = {
         "read.spacing_m": None if spacing is None else parse_spacing(spacing),
@@ -262,6 +265,7 @@ def _read_options(
         "read.until_s": None if until is None else parse_time(until),
         "read.every": every,
         "run.workers": workers,
+        "run.memory_mb": None if memory is None else parse_memory(memory),
     }
     return {name: value for name, value in options.items() if value is not None}
 
