@@ -91,6 +91,7 @@ class Tally:
     """What came of many attempts."""
 
     tries: int = 0
+    told: int = 0
     refused: int = 0
     wrong: int = 0
     faults: Counter[str] = field(default_factory=Counter)
@@ -100,6 +101,7 @@ class Tally:
     def add(self, found: dict[str, Any]) -> None:
         """Count one attempt that another process has made."""
         self.tries += 1
+        self.told += found.get("told", 0)
         self.refused, self.wrong = self.refused + found["refused"], self.wrong + found["wrong"]
         if found["fault"]:
             self.faults[found["fault"]] += 1
@@ -245,7 +247,8 @@ def _attempts(
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)  # CPU time; the signal ends the process
         attempt(tally, random.Random(f"{seed} {title} {number}"))
         signal.setitimer(signal.ITIMER_PROF, 0)
-        found = {"refused": tally.refused, "wrong": tally.wrong, "s": tally.slowest_s}
+        found = {"told": tally.told, "refused": tally.refused, "wrong": tally.wrong}
+        found |= {"s": tally.slowest_s}
         found |= {"fault": next(iter(tally.faults), ""), "grown_mb": _resident_mb() - before}
         report.write(json.dumps(found) + "\n")
         report.flush()
