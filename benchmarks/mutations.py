@@ -5,16 +5,19 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 import random
 import resource
+import signal
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import cv2
 import numpy as np
@@ -36,7 +39,7 @@ from wayside.schemas.errors import WaysideError
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import GaussianModel, NetworkModel, TreeModel
 from wayside.schemas.settings import ReadSettings
-from wayside.schemas.tables import OBSERVATIONS, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.classifiers import log_odds, network_outputs
 from wayside.stages.imaging import decode
 
@@ -78,15 +81,32 @@ def small_log(dialect_name: Any, images: int, **options: Any) -> bytes:
     return stream.getvalue()
 
 
+MEMORY_BYTES = 512 << 20
+"""What an attempt may take beyond the process as it is."""
+LONGEST_S = 2.0
+
+
 @dataclass(slots=True)
 class Tally:
     """What came of many attempts."""
 
     tries: int = 0
+    told: int = 0
     refused: int = 0
     wrong: int = 0
     faults: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
+    grown_mb: float = 0.0
+
+    def add(self, found: dict[str, Any]) -> None:
+        """Count one attempt that another process has made."""
+        self.tries += 1
+        self.told += found.get("told", 0)
+        self.refused, self.wrong = self.refused + found["refused"], self.wrong + found["wrong"]
+        if found["fault"]:
+            self.faults[found["fault"]] += 1
+        self.slowest_s = max(self.slowest_s, found["s"])
+        self.grown_mb = max(self.grown_mb, found["grown_mb"])
 
     def attempt(self, work: Callable[[], object]) -> Any:
         """Result of the work; None where it was refused with words, or broke."""
@@ -101,6 +121,11 @@ class Tally:
         finally:
             self.slowest_s = max(self.slowest_s, time.process_time() - started)
         return None
+
+
+Attempt = Callable[[Tally, random.Random], None]
+Prepare = Callable[[Path], Attempt]
+"""Makes what is to be changed, in a folder of its own."""
 
 
 def read(path: Path) -> Found:
@@ -168,30 +193,73 @@ def changed_tree(value: Any, rng: random.Random) -> Any:
     return value
 
 
-def mutation_table(count: int, rng: random.Random, folder: Path) -> Iterator[str]:
-    """Rows of the table of mutations, one a kind of input."""
-    for title, attempt in (
-        ("logs, read to frames and decoded", _mutated_logs(folder)),
-        ("images", _mutated_images()),
-        ("calibrations (YAML)", _mutated_calibrations(folder)),
-        ("settings (TOML)", _mutated_settings(folder)),
-        ("labels and truth (JSON)", _mutated_labels(folder)),
-        ("models (JSON), evaluated where they are accepted", _mutated_models()),
-    ):
-        tally = Tally()
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        for _ in range(count):
-            attempt(tally, rng)
-        grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e3
+def mutation_table(count: int, seed: int, folder: Path, only: str) -> Iterator[str]:
+    """Rows of the table of mutations, one a kind of input whose name contains `only`."""
+    for title, prepare in ((name, made) for name, made in KINDS.items() if only in name):
+        tally = isolated(title, prepare, count, seed, folder)
         for fault, times in tally.faults.most_common():
             print(f"{title}: {times} x {fault}", file=sys.stderr)
         yield (
             f"| {title} | {tally.tries} | {tally.refused} | {tally.wrong} | {sum(tally.faults.values())} | "
-            f"{1e3 * tally.slowest_s:.0f} | {grown:.0f} |"
+            f"{1e3 * tally.slowest_s:.0f} | {tally.grown_mb:.0f} |"
         )
 
 
-Attempt = Callable[[Tally, random.Random], None]
+def isolated(title: str, prepare: Prepare, count: int, seed: int, folder: Path) -> Tally:
+    """Attempts in a forked process with limits of memory and time; one that dies is counted, and a new one goes on."""
+    total, done = Tally(), 0
+    while done < count:
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            status = 1
+            try:
+                os.close(reading)
+                with os.fdopen(writing, "w") as report:
+                    _attempts(title, prepare, range(done, count), seed, folder, report)
+                status = 0
+            finally:
+                os._exit(status)
+        os.close(writing)
+        with os.fdopen(reading) as reports:
+            for line in reports:
+                total.add(json.loads(line))
+                done += 1
+        _, status = os.waitpid(child, 0)
+        if status and done < count:
+            words = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"exit {status}"
+            total.add({"refused": 0, "wrong": 0, "fault": words, "s": 0.0, "grown_mb": 0.0})
+            done += 1
+    return total
+
+
+def _attempts(
+    title: str, prepare: Prepare, numbers: range, seed: int, folder: Path, report: TextIO
+) -> None:
+    own = Path(tempfile.mkdtemp(dir=folder))
+    attempt = prepare(own)
+    attempt(Tally(), random.Random(0))  # imports and compiles
+    before = _resident_mb()
+    limit = _size_bytes() + MEMORY_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    for number in numbers:
+        tally = Tally()
+        signal.setitimer(signal.ITIMER_PROF, LONGEST_S)  # CPU time; the signal ends the process
+        attempt(tally, random.Random(f"{seed} {title} {number}"))
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        found = {"told": tally.told, "refused": tally.refused, "wrong": tally.wrong}
+        found |= {"s": tally.slowest_s}
+        found |= {"fault": next(iter(tally.faults), ""), "grown_mb": _resident_mb() - before}
+        report.write(json.dumps(found) + "\n")
+        report.flush()
+
+
+def _resident_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def _size_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _mutated_logs(folder: Path) -> Attempt:
@@ -222,7 +290,7 @@ def _mutated_logs(folder: Path) -> Attempt:
     return attempt
 
 
-def _mutated_images() -> Attempt:
+def _mutated_images(_: Path) -> Attempt:
     from wayside.pipeline.reading.image_headers import read_image_header
     from wayside.schemas.frame import USED, Frame
 
@@ -277,7 +345,11 @@ def _mutated_labels(folder: Path) -> Attempt:
         "sign_id": "a-0001", "status": "sign", "color": "red", "shape": "octagon", "best_frame": 3,
         "best_box": [10.0, 10.0, 30.0, 30.0], "right_m": 4.0, "down_m": -1.0, "ahead_m": 20.0,
     }  # fmt: skip
-    for table, rows in ((SIGNS, [sign]), (OBSERVATIONS, [])):
+    for table, rows in (
+        (SIGNS, [sign]),
+        (OBSERVATIONS, []),
+        (FRAMES, [{"frame": k} for k in range(6)]),
+    ):
         required = {f.name: _some(f) for f in table.schema if not f.nullable}
         rows = [required | {k: v for k, v in row.items() if v is not None} for row in rows]
         pq.write_table(pa.Table.from_pylist(rows, table.schema), out / table.file)
@@ -308,7 +380,7 @@ def _some(column: pa.Field) -> Any:
     return 0
 
 
-def _mutated_models() -> Attempt:
+def _mutated_models(_: Path) -> Attempt:
     names = ("place.json", "location.json", "outline.json", "color_rgb.json", "ranking.json")
     models = [json.loads((shipped_models() / name).read_text()) for name in names]
     network = json.loads((shipped_models() / "judge.json").read_text())["network"]
@@ -332,3 +404,13 @@ def _mutated_models() -> Attempt:
         tally.attempt(work)
 
     return attempt
+
+
+KINDS: dict[str, Prepare] = {
+    "logs, read to frames and decoded": _mutated_logs,
+    "images": _mutated_images,
+    "calibrations (YAML)": _mutated_calibrations,
+    "settings (TOML)": _mutated_settings,
+    "labels and truth (JSON)": _mutated_labels,
+    "models (JSON), evaluated where they are accepted": _mutated_models,
+}

@@ -1,15 +1,16 @@
 """Kills runs at many moments and says what they leave: the old result, the new one, or something else.
 
-    .venv/bin/python benchmarks/reliability_kills.py recordings/demo.mcap [--kills 40] [--command .venv/bin/wayside]
+    .venv/bin/python benchmarks/reliability_kills.py recordings/demo.mcap [--kills 200] [--resume] [--scale 0.5]
 
 Every trial starts from a whole old result and runs the same log with other settings into its folder. Half of the kills
-(SIGKILL) are spread evenly over the duration of an undisturbed run; the other half follow the moment when the first
-file of the result changes, after 0 to 30 ms. The folder is then judged twice: as the files lie there, and
-as `wayside` reads it. With `--resume` the run keeps a journal; the kills are spread over its growth, and the same
-command is given once more after each; what it leaves must be the new result, with the same bytes.
+(SIGKILL) are spread evenly over the processor time of an undisturbed run; the other half follow the moment when the
+first file of the result changes, after 0 to 30 ms. The folder is then judged twice: as the files lie there, and
+as `wayside` reads it. With `--resume` the run keeps a journal; three of four kills are spread over the processor time,
+and the same command is given once more after each; what it leaves must be the new result, with the same bytes.
 
 A result is whole when all tables have the digests that its `run.json` states and belong to the same run. Prints a
-table and ends with status 1 where a trial left neither the old result nor the new one.
+table and ends with status 1 where a trial left neither the old result nor the new one. Runs are forked from a process
+that has everything imported and compiled, so that a trial costs what its images cost.
 """
 
 from __future__ import annotations
@@ -17,21 +18,27 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
+import resource
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+from reliability_attacks import read_log, scaled, write_log
+
+from wayside.pipeline.cli import app
+
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
-OLD = ("--until", "1.5s")
-NEW = ("--until", "2.5s", "--view", "file")
+OLD = ("--until", "0.9s", "--set", "models.network=")
+NEW = ("--until", "1.2s", "--set", "models.network=", "--view", "file")
 LONGEST_DELAY_S = 0.03
-JOURNAL = ".wayside-journal"
+LATE_OF = {False: 2, True: 4}
+"""Every so many-th kill follows the first change of a file; by whether runs are resumed."""
 
 
 def main() -> int:
@@ -42,31 +49,40 @@ def main() -> int:
     parser.add_argument("log", type=Path)
     parser.add_argument("--kills", type=int, default=40)
     parser.add_argument("--resume", action="store_true")
-    parser.add_argument("--command", default=str(Path(sys.executable).with_name("wayside")))
+    parser.add_argument("--scale", type=float, default=1.0, help="size of the images")
+    parser.add_argument("--part", type=int, nargs=2, default=(0, 1), help="K N: every N-th, from K")
     args = parser.parse_args()
-    new = (*NEW[:2], "--resume") if args.resume else NEW
+    new = (*NEW[:4], "--resume") if args.resume else NEW
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
-        digests, seconds, grown = {}, 0.0, 0
+        log, digests = work / "drive.mcap", {}
+        write_log(log, scaled(read_log(args.log), args.scale))
+        app(["run", str(log), "-o", str(work / "warm"), *OLD], standalone_mode=False)
         for name, options in (("old", OLD), ("new", new)):
-            start = time.monotonic()
-            grown = watched(_line(args, work / name, options), work / name / JOURNAL)
-            seconds = time.monotonic() - start
+            spent_s = whole_run(log, work / name, options)
             digests[name] = tables_of(work / name)
         left: Counter[tuple[str, str]] = Counter()
-        for trial in range(args.kills):
+        again_s, replayed = [], []
+        every = LATE_OF[args.resume]
+        for trial in range(args.part[0], args.kills, args.part[1]):
             out = work / f"trial-{trial}"
             shutil.copytree(work / "old", out)
-            fraction = (trial // 2) / max(args.kills // 2 - 1, 1)
-            if args.resume:
-                share = trial / args.kills * grown
-                watched(_line(args, out, new), out / JOURNAL, until=share)
+            late = trial % every == every - 1
+            share = (trial // every * every) / max(args.kills - every, 1)
+            running = forked(["run", str(log), "-o", str(out), *new])
+            if late:
+                wait_for_change(running, out, share * LONGEST_DELAY_S)
             else:
-                killed(_line(args, out, new), out, fraction, seconds, late=bool(trial % 2))
+                wait_for_work(running, share * spent_s)
+            os.kill(running, signal.SIGKILL)
+            os.waitpid(running, 0)
             lying = state(out, digests, recorded=not args.resume)
-            reading = [args.command, "evidence", str(out), "-o", str(work / "sheets")]
-            again = _line(args, out, new) if args.resume else reading
-            subprocess.run(again, capture_output=True, check=False)
+            if args.resume:
+                again_s.append(whole_run(log, out, new))
+                times = json.loads((out / "run.json").read_text())["times"]
+                replayed.append(times["replayed_frames"] or 0)
+            else:
+                os.waitpid(forked(["evidence", str(out), "-o", str(work / "sheets")]), 0)
             left[lying, state(out, digests, recorded=not args.resume)] += 1
             shutil.rmtree(out)
             print(f"{trial + 1} of {args.kills}: {dict(left)}", file=sys.stderr, flush=True)
@@ -75,40 +91,66 @@ def main() -> int:
     print("| --- | --- | ---: |")
     for (lying, read), count in sorted(left.items()):
         print(f"| {lying} | {read} | {count} |")
+    if args.resume:
+        counts = np.array(replayed)
+        print(f"processor time of an undisturbed run {spent_s:.2f} s; of the command once more, by")
+        for count in np.unique(counts):
+            spent = np.array(again_s)[counts == count]
+            print(f"images from the journal: {count}: {np.median(spent):.2f} s, {len(spent)} kills")
     good = ("new",) if args.resume else ("old", "new")
     return 0 if all(read in good for _, read in left) else 1
 
 
-def killed(line: list[str], out: Path, fraction: float, seconds: float, *, late: bool) -> None:
-    """Start a run and kill it after a fraction of its duration, or after the first table or `run.json` changes."""
+def forked(words: list[str]) -> int:
+    """Give `wayside` these words in a process of its own, silent; its number."""
+    child = os.fork()
+    if child:
+        return child
+    status = 1
+    try:
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for stream in (0, 1, 2):
+            os.dup2(nowhere, stream)
+        status = app(words, standalone_mode=False) or 0
+    except SystemExit as end:
+        status = int(end.code or 0)
+    finally:
+        os._exit(status)
+
+
+def whole_run(log: Path, out: Path, options: tuple[str, ...]) -> float:
+    """Run to the end; seconds of processor time."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    _, status = os.waitpid(forked(["run", str(log), "-o", str(out), *options]), 0)
+    if status:
+        raise RuntimeError(f"run {log} {' '.join(options)} ended with wait status {status}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def wait_for_work(running: int, seconds: float) -> None:
+    """Return when a process has used so much processor time, or has ended."""
+    while not has_ended(running) and spent(running) < seconds:
+        time.sleep(0.002)
+
+
+def wait_for_change(running: int, out: Path, delay_s: float) -> None:
+    """Return a moment after the first table or `run.json` has changed, or when the process has ended."""
     before = signature(out)
-    running = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    if late:
-        while running.poll() is None and signature(out) == before:
-            pass
-        time.sleep(fraction * LONGEST_DELAY_S)
-    else:
-        time.sleep(fraction * seconds)
-    running.send_signal(signal.SIGKILL)
-    running.wait()
+    while not has_ended(running) and signature(out) == before:
+        time.sleep(0.0005)
+    time.sleep(delay_s)
 
 
-def watched(line: list[str], journal: Path, until: float = float("inf")) -> int:
-    """Run, and kill the run when its journal has reached a size; the largest size that was seen, bytes."""
-    largest = 0
-    running = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while running.poll() is None:
-        if journal.exists():
-            with suppress(FileNotFoundError):
-                largest = max(largest, journal.stat().st_size)
-            if largest >= until:
-                running.kill()
-                running.wait()
-                return largest
-        time.sleep(0.001)
-    if running.returncode not in (0, -signal.SIGKILL):
-        raise RuntimeError(f"{' '.join(line)} ended with status {running.returncode}")
-    return largest
+def has_ended(running: int) -> bool:
+    """Whether a child has ended; it can still be killed and waited for."""
+    return os.waitid(os.P_PID, running, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+
+
+def spent(running: int) -> float:
+    """Processor time of a process so far, seconds."""
+    fields = Path(f"/proc/{running}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def signature(out: Path) -> list[object]:
@@ -143,10 +185,6 @@ def state(out: Path, digests: dict[str, dict[str, str]], *, recorded: bool = Tru
     if has_recording != (recorded and names[0] == "new"):
         return f"{names[0]} tables {'beside' if has_recording else 'without'} a recording"
     return names[0]
-
-
-def _line(args: argparse.Namespace, out: Path, options: tuple[str, ...]) -> list[str]:
-    return [args.command, "run", str(args.log), "-o", str(out), *options]
 
 
 if __name__ == "__main__":

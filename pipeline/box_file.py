@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.importing import natural_key
+from wayside.pipeline.json_text import parse_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass, unnamed
 from wayside.schemas.errors import InputError
@@ -211,7 +211,7 @@ def _kinds(path: Path, table: pa.Table, name: str, known: Sequence[str]) -> NDAr
 def _coco_rows(path: Path, data: bytes) -> BoxRows:
     """Rows of COCO: a list of results, or a data set with `images`, `annotations` and `categories`."""
     try:
-        content: Any = json.loads(data)
+        content: Any = parse_json(data)
         if isinstance(content, list):
             return _coco_table(content, "frame", {}, {}, 0)
         key, frames, images = _coco_images(content["images"])

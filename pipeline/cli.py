@@ -29,6 +29,7 @@ from wayside.pipeline.cli_options import (
     CameraTopic,
     Every,
     From,
+    Memory,
     Preset,
     PresetOption,
     SettingsFile,
@@ -122,6 +123,7 @@ def run(
     until: Until = None,
     every: Every = None,
     workers: Workers = None,
+    memory: Memory = None,
     detector: boxes.Detector = None,
     detections: boxes.Detections = None,
     classes: boxes.Classes = None,
@@ -161,7 +163,7 @@ def run(
         raise UsageError(
             "wanted --resume or a viewer, which would miss images, found both; leave one out"
         )
-    options = read_options(spacing, camera, calibration, start, until, every, workers)
+    options = read_options(spacing, camera, calibration, start, until, every, workers, memory)
     options |= boxes.options(detector, detections, classes) | fitting.model_options(models)
     options |= routing.options(route, milepost, decreasing, routes, logs)
     if alpha is not None:

@@ -46,6 +46,7 @@ From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:3
 Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
 Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
 Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
+Memory = Annotated[str | None, typer.Option(help="Images under way take so much at most: 2GB.")]
 
 
 def read_options(
@@ -56,9 +57,10 @@ def read_options(
     until: str | None,
     every: int | None,
     workers: int | None,
+    memory: str | None = None,
 ) -> dict[str, Any]:
     """Options that are settings by another name, those given only."""
-    from wayside.pipeline.lengths import parse_spacing, parse_time
+    from wayside.pipeline.lengths import parse_memory, parse_spacing, parse_time
 
     options: dict[str, Any] = {
         "read.spacing_m": None if spacing is None else parse_spacing(spacing),
@@ -68,6 +70,7 @@ def read_options(
         "read.until_s": None if until is None else parse_time(until),
         "read.every": every,
         "run.workers": workers,
+        "run.memory_mb": None if memory is None else parse_memory(memory),
     }
     return {name: value for name, value in options.items() if value is not None}
 

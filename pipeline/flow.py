@@ -14,6 +14,7 @@ from itertools import chain
 from time import thread_time
 from typing import Protocol
 
+from wayside.pipeline.image_memory import ImageMemory
 from wayside.pipeline.journal import Journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.route_file import RouteFile
@@ -88,6 +89,7 @@ class Flow:
     routes: RouteFile | None = None
     record: DriveRecord = field(default_factory=DriveRecord)
     calibration: CalibrationWatch = field(init=False)
+    memory: ImageMemory = field(default_factory=ImageMemory)
     counts: FrameCounts = field(default_factory=FrameCounts)
 
     def __post_init__(self) -> None:
@@ -97,8 +99,14 @@ class Flow:
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
         run = self.settings.run
-        read = self.stage("read", frames)
-        found = ordered_parallel(self.resume, read, workers=run.workers, queue=run.queue)
+        read, memory = self.stage("read", self.memory.taken(frames)), self.memory
+        found = ordered_parallel(
+            self.resume,
+            read,
+            workers=run.workers,
+            queue=run.queue,
+            has_room=lambda: memory.has_room,
+        )
         if self.journal is not None:
             found = self.clock.timed("journal", self.journal.record(found))
         for settled in self.follow(self._counted(self.clock.timed("queue", found))):
@@ -195,8 +203,9 @@ class Flow:
             "motion",
             estimate_motion(detections, settings=s.motion, ties=s.ties, adjustment=s.adjustment),
         )
+        posed = self.memory.released(posed, lambda one: one.motion is None)
         watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
-        tracked = stage("track", self._tracked(watched))
+        tracked = self.memory.released(stage("track", self._tracked(watched)), lambda one: True)
         if m.trajectory_density is not None:
             moves = classify_trajectory(tracked, model=m.trajectory_density)
             tracked = stage("trajectory", moves)

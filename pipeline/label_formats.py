@@ -7,7 +7,6 @@ By the convention of all three formats, every object of an image that they list 
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +17,7 @@ from xml.etree import ElementTree
 import yaml
 
 from wayside.pipeline.importing import natural_key
+from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
@@ -289,7 +289,7 @@ def read_marks(marks: Entry) -> Labels:
 
 def read_json(path: Path, classes: Classes | None) -> Labels:
     """Labels of a JSON file of any of these formats, told apart by what it holds; ValueError where it is none."""
-    content = json.loads(path.read_bytes())
+    content = parse_json(path.read_bytes())
     if isinstance(content, list) and content and "signs" in content[0]:
         return read_scenes(content, path.name)
     if isinstance(content, dict):

@@ -1,4 +1,4 @@
-"""Lengths and times as people write them on a command line."""
+"""Lengths, times and sizes as people write them on a command line."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ _UNITS = {
     "'": METRES_IN_FOOT,
     "in": METRES_IN_FOOT / 12,
 }
+_MEGABYTES = {"mb": 1.0, "gb": 1e3, "tb": 1e6, "mib": 2**20 / 1e6, "gib": 2**30 / 1e6}
 _LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-z']*)")
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:\.\d*)?)")
 _SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
@@ -59,6 +60,23 @@ def parse_spacing(text: str) -> float:
         return parse_length(text)
     except UsageError as error:
         raise UsageError(f"--spacing: {error}") from error
+
+
+def parse_memory(text: str) -> float:
+    """Megabytes of the option `--memory`: "2GB", "500 MB", "1.5 GiB".
+
+    Raises
+    ------
+    UsageError
+        The text is no size, has no unit, or is zero.
+    """
+    match = _LENGTH.fullmatch(text.strip().lower())
+    unit = None if match is None else _MEGABYTES.get(match[2])
+    if match is None or unit is None or not 0 < float(match[1]) * unit < math.inf:
+        raise UsageError(
+            f"--memory: wanted a size with its unit, found {text!r}; write 2GB or 500MB"
+        )
+    return float(match[1]) * unit
 
 
 def parse_time(text: str) -> float:

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.writing import PART, create, lock, not_written, sync
 from wayside.schemas.errors import InputError, OutputError
 
@@ -216,7 +217,7 @@ def _move_into_place(folder: Path) -> None:
 def _read_manifest(manifest: Path) -> tuple[list[str], bool]:
     """The files to put into place, and whether a recording there goes away; no name leads elsewhere."""
     try:
-        names, drop_recording = json.loads(manifest.read_bytes())
+        names, drop_recording = parse_json(manifest.read_bytes())
         plain = [str(name) for name in names]
     except (ValueError, TypeError) as error:
         raise OSError(f"{manifest} is damaged ({error})") from error

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,6 +19,7 @@ from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
 from wayside.pipeline.flow import Flow, FrameCounts, Observer
+from wayside.pipeline.image_memory import image_memory
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.model_files import Models
@@ -34,7 +36,7 @@ from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED, Frame
+from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import FocalCheck
@@ -84,6 +86,8 @@ class RunResult:
     replayed: int | None = None
     """Frames whose candidates came from the journal of a run before; None where none was kept."""
     focal: FocalCheck = field(default_factory=lambda: FocalCheck(None, None, None))
+    image_bytes: int = 0
+    """The most that images under way took, see `ImageMemory`."""
 
     @property
     def notes(self) -> list[str]:
@@ -250,13 +254,16 @@ def _process(
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
     observer = open_observer(report)
-    flow = Flow(settings, models, clock, observer, journal, routes, counts=run.counts)
+    memory = image_memory(settings)
+    flow = Flow(
+        settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts
+    )
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
     duplicates: list[str] = []
     source = models.external
     accounting = None if source is None else BoxAccounting(source)
-    read = _with_first(first, frames)
+    read = frames if first is None else chain((first,), frames)
     if isinstance(source, BoxFile) and source.images:
         read = paired_by_order(read, source)
     try:
@@ -310,13 +317,8 @@ def _process(
         recorded,
         None if journal is None else journal.replayed,
         focal,
+        flow.memory.peak_bytes,
     )
-
-
-def _with_first(first: Frame | None, rest: Iterator[Frame]) -> Iterator[Frame]:
-    if first is not None:
-        yield first
-        yield from rest
 
 
 def _wrong_calibration(log: Path, report: ReadReport, error: float) -> str:
@@ -388,6 +390,10 @@ def _write_run(
             "wall_s": round(result.wall_seconds, 3),
             "replayed_frames": result.replayed,
             "cpu_s_by_stage": {k: round(v, 3) for k, v in result.stage_seconds.items()},
+        },
+        "memory": {
+            "limit_mb": settings.run.memory_mb or None,
+            "images_at_most_mb": round(result.image_bytes / 1e6, 1),
         },
         "machine": {
             "system": platform.platform(),

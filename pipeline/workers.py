@@ -108,12 +108,14 @@ def ordered_parallel(
     *,
     workers: int,
     queue: int,
+    has_room: Callable[[], bool] = lambda: True,
 ) -> Iterator[Result]:
     """Send items through `chain` in several threads; results come in the order of the items.
 
     Every worker has its own instance of the chain and its own pair of queues; items are dealt in turn, so the result
     does not depend on who is faster. At most `workers * queue` items are under way: a slow consumer makes the
-    reader wait. The chain must give one result an item, in order. One worker means no thread at all.
+    reader wait; so does `has_room` where it says no, though one item is always under way. The chain must give one
+    result an item, in order. One worker means no thread at all.
 
     A fault in a worker is raised here, after the results before it; so it is when its thread has ended for whatever
     reason. Leaving the generator early (an error downstream, an interrupt) stops and joins all workers.
@@ -153,7 +155,7 @@ def ordered_parallel(
     try:
         more = True
         while True:
-            while more and len(under_way) < workers * queue:
+            while more and len(under_way) < workers * queue and (not under_way or has_room()):
                 item = next(items, _END)
                 if item is _END:
                     more = False

@@ -18,6 +18,7 @@ from io import BufferedWriter
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from wayside.pipeline.json_text import parse_json
 from wayside.schemas.errors import OutputError
 
 try:
@@ -182,7 +183,7 @@ def write_json(
 
     def is_own(earlier: Path) -> bool:
         try:
-            found = json.loads(earlier.read_text("utf-8"))
+            found = parse_json(earlier.read_text("utf-8"))
         except (OSError, ValueError):
             return False
         return isinstance(found, dict) and all(key in found for key in own_keys)

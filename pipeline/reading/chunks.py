@@ -117,7 +117,7 @@ def _decompress(head: ChunkHead, packed: memoryview) -> bytes | bytearray | memo
         if head.compression == "lz4":
             return _unpack_lz4(packed, limit)
         if head.compression == "zstd":
-            with zstd_reader(packed) as reader:
+            with zstd_unpacker().stream_reader(packed, read_across_frames=True) as reader:
                 return reader.read(limit)
     except (RuntimeError, EOFError, ValueError, MemoryError, zstandard.ZstdError) as error:
         raise ChunkError(f"{head.compression} cannot unpack it ({error})") from error
@@ -134,10 +134,9 @@ def _unpack_lz4(packed: memoryview, limit: int) -> bytearray:
     return data
 
 
-def zstd_reader(packed: memoryview) -> zstandard.ZstdDecompressionReader:
-    """Reader of what zstd frames hold; it needs a window of half a gigabyte at most."""
-    unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
-    return unpacker.stream_reader(packed, read_across_frames=True)
+def zstd_unpacker() -> zstandard.ZstdDecompressor:
+    """Unpacks zstd frames that need a window of half a gigabyte at most."""
+    return zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
 
 
 class RecordOffsets(NamedTuple):

@@ -1,7 +1,8 @@
 """What can be had of a chunk that is not whole: its front, up to where it is cut or can no longer be unpacked.
 
 LZ4: https://github.com/lz4/lz4/blob/dev/doc/lz4_Frame_format.md and lz4_Block_format.md. A block of LZ4 is unpacked up
-to its cut; of zstd, whose blocks of at most 128 kB begin with tables for the whole, only complete blocks are.
+to its cut. Zstandard: RFC 8878. Its blocks of at most 128 kB are read from their ends, so a cut block gives nothing,
+unless it is stored as it is, as JPEG mostly is.
 """
 
 from __future__ import annotations
@@ -9,14 +10,17 @@ from __future__ import annotations
 import lz4.block  # type: ignore[import-untyped]
 import zstandard
 
-from wayside.pipeline.reading.chunks import ChunkHead, zstd_reader
+from wayside.pipeline.reading.chunks import ChunkHead, zstd_unpacker
 
-_PIECE = 1 << 14
+_PIECE = 1 << 8
+"""Packed bytes that are unpacked at once: four of them may hold a block of zstd, 128 kB of one value."""
 _LZ4_MAGIC = b"\x04\x22\x4d\x18"
 _LZ4_BLOCKS = {4: 1 << 16, 5: 1 << 18, 6: 1 << 20, 7: 1 << 22}
 _LZ4_REACH = 1 << 16
 _LZ4_SHORTEST_MATCH = 4
 _NOT_PACKED = 1 << 31
+_ZSTD_SHORTEST, _ZSTD_HEAD = 8, 3  # bytes: of a frame with anything in it, before a block
+_ZSTD_STORED, _ZSTD_REPEATED = 0, 1
 
 
 def unpack_front(head: ChunkHead, packed: memoryview, most: int) -> memoryview:
@@ -39,14 +43,38 @@ def unpack_front(head: ChunkHead, packed: memoryview, most: int) -> memoryview:
 
 
 def _zstd_front(packed: memoryview, most: int) -> bytearray:
-    front = bytearray()
+    packed, front = _with_stored_front(packed), bytearray()
+    unpacker = zstd_unpacker().decompressobj(read_across_frames=True)
     try:
-        with zstd_reader(packed) as reader:
-            while len(front) < most and (piece := reader.read(min(_PIECE, most - len(front)))):
-                front += piece
+        for start in range(0, len(packed), _PIECE):
+            front += unpacker.decompress(packed[start : start + _PIECE])
+            if len(front) >= most:
+                break
     except (zstandard.ZstdError, MemoryError):
         pass  # what came before the fault is kept
+    del front[most:]
     return front
+
+
+def _with_stored_front(packed: memoryview) -> memoryview:
+    """The same, where its last block is stored and cut off with that block as long as what there is of it."""
+    if len(packed) < _ZSTD_SHORTEST:
+        return packed
+    flags = packed[4]
+    single, size_code = flags >> 5 & 1, flags >> 6
+    position = 6 - single + (0, 1, 2, 4)[flags & 3] + (1 << size_code if size_code else single)
+    while position + _ZSTD_HEAD < len(packed):
+        head = int.from_bytes(packed[position : position + _ZSTD_HEAD], "little")
+        last, kind, size = head & 1, head >> 1 & 3, head >> 3
+        begin = position + _ZSTD_HEAD
+        end = begin + (1 if kind == _ZSTD_REPEATED else size)
+        if end > len(packed) and kind == _ZSTD_STORED:
+            shorter = (len(packed) - begin << 3).to_bytes(_ZSTD_HEAD, "little")
+            return memoryview(b"".join((packed[:position], shorter, packed[begin:])))
+        if last:
+            break
+        position = end
+    return packed
 
 
 def _lz4_front(packed: memoryview, most: int) -> bytearray:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
@@ -136,7 +136,7 @@ def result_name(run: Mapping[str, Any]) -> str:
 
 
 def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
-    content = json.loads(path.read_text("utf-8"))
+    content = parse_json(path.read_text("utf-8"))
     shared = {"result": content["result"], "reviewer": content.get("reviewer", "")}
     for entry in content["reviews"]:
         yield shared | {name: value for name, value in entry.items() if value is not None}

@@ -117,6 +117,12 @@ class RunSettings:
 
     workers: int = setting(2, "threads", "images processed side by side", low=1, high=64)
     queue: int = setting(4, "frames", "frames waiting at most for each worker", low=1, high=1000)
+    memory_mb: float = setting(
+        0.0,
+        "MB",
+        "images that wait, are searched or are tracked take so much at most; 0: what workers and queue come to",
+        low=0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

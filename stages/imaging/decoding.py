@@ -59,7 +59,7 @@ def decode(frames: Iterator[Frame]) -> Iterator[Image]:
     Yields
     ------
     One image a frame, in order: `rgb` (height, width, 3) uint8, C-contiguous, and `grey` (height, width) uint8;
-    both None where the frame is not used.
+    both None where the frame is not used, and then its recorded bytes are gone, too.
     """
     for frame in frames:
         if not frame.used:
@@ -71,7 +71,7 @@ def decode(frames: Iterator[Frame]) -> Iterator[Image]:
         if rgb is not None and rgb.shape[:2] != (frame.height, frame.width):
             status, rgb = WRONG_SIZE, None
         if rgb is None:
-            yield Image(replace(frame, status=status), None, None)
+            yield Image(replace(frame, status=status, data=b""), None, None)
         else:
             yield Image(frame, rgb, np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8))
 

@@ -61,8 +61,11 @@ def estimate_motion(
 
 
 def _left_out(item: Detections) -> Detections:
-    """A duplicate: neither pixels nor candidates; the number of its regions stays, so that none is lost uncounted."""
-    frame = replace(item.frame, status=DUPLICATE)
+    """A duplicate: neither pixels nor candidates; the number of its regions stays, so that none is lost uncounted.
+
+    Recorded bytes go as well: where a vehicle stands, any number of duplicates waits behind the tracking window.
+    """
+    frame = replace(item.frame, status=DUPLICATE, data=b"")
     segmentation = replace(
         item.segmentation,
         image=Image(frame, None, None),

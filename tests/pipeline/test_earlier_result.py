@@ -87,6 +87,13 @@ def test_files_of_the_names_of_a_result_that_are_none_are_kept(tmp_path, log, na
         check_earlier(tmp_path, log)
 
 
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"files":' * 100_000, "\0", "null"])
+def test_a_run_json_that_cannot_be_read_is_kept(tmp_path, log, text):
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(OutputError, match="no result of wayside"):
+        check_earlier(tmp_path, log)
+
+
 def test_a_link_that_leads_nowhere_is_kept(tmp_path, log):
     (tmp_path / TABLES[0]).symlink_to(tmp_path / "none")
     with pytest.raises(OutputError, match="no result"):

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.lengths import parse_length, parse_time
+from wayside.pipeline.lengths import parse_length, parse_memory, parse_time
 from wayside.schemas.errors import UsageError
 
 
@@ -49,3 +49,16 @@ def test_a_time_is_understood_in_seconds_and_minutes(text, seconds):
 def test_what_is_no_time_is_refused_with_the_forms_understood(text):
     with pytest.raises(UsageError, match="1:30"):
         parse_time(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "megabytes"), [("2GB", 2000), ("500 MB", 500), ("1.5gb", 1500), ("1MiB", 1.048576)]
+)
+def test_a_size_is_understood_with_its_unit(text, megabytes):
+    assert parse_memory(text) == pytest.approx(megabytes)
+
+
+@pytest.mark.parametrize("text", ["2", "", "GB", "-1GB", "0MB", "2 parsecs", "nan GB", "1e999GB"])
+def test_what_is_no_size_is_refused_with_the_forms_understood(text):
+    with pytest.raises(UsageError, match="2GB"):
+        parse_memory(text)

@@ -8,6 +8,7 @@ import lz4.block
 import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
@@ -86,6 +87,29 @@ def test_the_whole_messages_of_a_chunk_cut_off_come(tmp_path, kind, share):
     assert len(found) - len(whole) >= int(share * in_chunk) - (5 if kind is KINDS[2] else 2)
     assert report.problem_count == 1
     assert f"{len(found) - len(whole)} messages before the cut are used" in str(report.problems[0])
+
+
+@pytest.mark.parametrize("known_size", [True, False])
+@pytest.mark.parametrize("checksum", [True, False])
+@pytest.mark.parametrize("size", [200, 60_000, 400_000])
+def test_a_stored_block_of_zstd_gives_all_its_bytes_before_the_cut(size, known_size, checksum):
+    noise = np.random.default_rng(1).integers(0, 256, size, np.uint8).tobytes()
+    packer = zstandard.ZstdCompressor(write_content_size=known_size, write_checksum=checksum)
+    packed = packer.compress(noise)
+    head = ChunkHead(0, 0, size, 0, "zstd", len(packed))
+    largest_head = 18 + 3 * (1 + size // 2**17) + 4
+    for cut in np.linspace(0, len(packed) - 1, 57).astype(int):
+        front = bytes(unpack_front(head, memoryview(packed)[:cut], size))
+        assert noise.startswith(front)
+        assert len(front) >= cut - largest_head
+
+
+@settings(max_examples=60)
+@given(cut=st.integers(0, 100), junk=st.binary(max_size=60))
+def test_no_bytes_make_the_front_of_zstd_fail(cut, junk):
+    packed = zstandard.compress(b"abc" * 40) + zstandard.compress(bytes(range(256)))
+    head = ChunkHead(0, 0, 1000, 0, "zstd", len(packed))
+    assert len(unpack_front(head, memoryview(packed[:cut] + junk), 1000)) <= 1000
 
 
 @settings(max_examples=60)

@@ -111,6 +111,7 @@ def test_a_jpeg_of_which_a_part_is_missing_is_damaged(progressive, share, end):
     data = jpeg(textured(HEIGHT, WIDTH), progressive=progressive)
     image = decode_one(frame(data[: int(share * len(data))] + end))
     assert (image.frame.status, image.rgb, image.grey) == ("damaged", None, None)
+    assert image.frame.data == b""
 
 
 def test_a_jpeg_whose_codes_make_no_sense_is_damaged():

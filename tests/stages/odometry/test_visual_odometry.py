@@ -115,7 +115,7 @@ def detections_of(images, **known):
 
     def classified():
         for i, grey in enumerate(images):
-            frame = Frame(i, i * 10**8, None, USED, "jpeg", b"", CAMERA, 1200, 900)
+            frame = Frame(i, i * 10**8, None, USED, "jpeg", b"recorded", CAMERA, 1200, 900)
             frame = replace(frame, **{key: values[i] for key, values in known.items()})
             image = Image(frame, None, grey if frame.used else None)
             none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32), (0, 900)
@@ -381,6 +381,7 @@ def assert_nothing_gained(images, at, extra, **known):
     found = list(estimate_motion(detections_of(given, **known), *settings))
     statuses = [item.frame.status for item in found]
     assert statuses == [USED] * at + [DUPLICATE] * len(extra) + [USED] * (len(images) - at)
+    assert all(len(item.frame.data) == 0 for item in found if item.frame.status == DUPLICATE)
     used = [item.motion for item in found if item.motion is not None]
     assert [m.baseline_m for m in used] == [m.baseline_m for m in plain]
     np.testing.assert_array_equal(used[-1].pose.centre, plain[-1].pose.centre)

@@ -1,0 +1,80 @@
+"""Bytes of the images under way: those that wait in queues, are searched, or are held by the tracking window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from wayside.pipeline.workers import Result
+from wayside.schemas.errors import UsageError
+from wayside.schemas.frame import Frame
+from wayside.schemas.settings import Settings
+
+_BYTES_A_PIXEL = 3 + 1 + 3 * (1 / 4 + 1 / 16)
+"""Colour, grey, and colour at half and quarter size."""
+_MEGABYTE = 1e6
+
+
+@dataclass(slots=True)
+class ImageMemory:
+    """Counts images from the moment they are read until nothing holds their pixels any more.
+
+    limit_mb: what they may take, 0 for as much as it comes to; window: images that tracking holds at most, which are
+    needed whatever the limit is. The count is by the sizes in the headers; all calls come from one thread.
+    """
+
+    limit_mb: float = 0.0
+    window: int = 0
+    peak_bytes: int = 0
+    _bytes: int = 0
+    _largest: int = 0
+    _held: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether one more image, as large as the largest so far, is within the limit."""
+        return not self.limit_mb or self._bytes + self._largest <= self.limit_mb * _MEGABYTE
+
+    def taken(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        """Pass frames on and count their images.
+
+        Raises
+        ------
+        UsageError
+            The tracking window and one more image are larger than the limit.
+        """
+        for frame in frames:
+            if frame.used:
+                self._take(frame)
+            yield frame
+
+    def released(
+        self, items: Iterator[Result], leaves: Callable[[Result], bool]
+    ) -> Iterator[Result]:
+        """Pass items on and count those out that leave: their pixels are held no longer."""
+        for item in items:
+            if leaves(item):
+                self._bytes -= self._held.pop(item.frame.index, 0)
+            yield item
+
+    def _take(self, frame: Frame) -> None:
+        width, height = frame.width, frame.height
+        if frame.camera is not None and not (width and height):
+            width, height = frame.camera.width, frame.camera.height
+        one = round(width * height * _BYTES_A_PIXEL) + len(frame.data)
+        needed = (self.window + 1) * one / _MEGABYTE
+        if 0 < self.limit_mb < needed:
+            raise UsageError(
+                f"--memory: wanted room for {self.window + 1} images of {width} x {height}, {needed:.0f} MB, which "
+                f"tracking holds at once, found {self.limit_mb:.0f} MB; give more, or lower the setting track.longest"
+            )
+        self._held[frame.index] = one
+        self._bytes += one
+        self._largest = max(self._largest, one)
+        self.peak_bytes = max(self.peak_bytes, self._bytes)
+
+
+def image_memory(settings: Settings) -> ImageMemory:
+    """The count of a run with these settings."""
+    track = settings.track
+    return ImageMemory(settings.run.memory_mb, track.longest + track.window_step)

@@ -1,0 +1,93 @@
+"""What images under way may take: queues give way to the tracking window, and nothing else changes."""
+
+from collections import deque
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wayside.pipeline.image_memory import ImageMemory
+from wayside.pipeline.workers import ordered_parallel
+from wayside.schemas.errors import UsageError
+from wayside.schemas.frame import DUPLICATE, USED, Frame
+
+ONE_MB = 640 * 480 * (4 + 15 / 16) / 1e6 + 1e-3
+
+
+def frames(statuses):
+    """Images of 640 x 480 with a kilobyte recorded."""
+    return [
+        Frame(k, k, None, status, "jpeg", bytes(1000), None, 640, 480)
+        for k, status in enumerate(statuses)
+    ]
+
+
+def flow(items, memory, workers, queue, window):
+    """The way of a frame as `Flow` has it: workers, and a window that holds used frames; most under way, and frames."""
+    order, under_way = [], {"now": 0, "most": 0}
+
+    def counted(source):
+        for one in source:
+            under_way["now"] += one.used
+            under_way["most"] = max(under_way["most"], under_way["now"])
+            yield one
+
+    def tracked(source):
+        held = deque()
+        for one in source:
+            held.append(one)
+            if sum(f.used for f in held) >= window:
+                while held:
+                    yield held.popleft()
+        yield from held
+
+    found = ordered_parallel(
+        lambda source: (replace(one) for one in source),
+        counted(memory.taken(iter(items))),
+        workers=workers,
+        queue=queue,
+        has_room=lambda: memory.has_room,
+    )
+    found = memory.released(found, lambda one: not one.used)
+    for one in memory.released(tracked(found), lambda one: True):
+        under_way["now"] -= one.used
+        order.append(one.index)
+    return order, under_way["most"]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    statuses=st.lists(st.sampled_from([USED, USED, DUPLICATE]), max_size=60),
+    workers=st.integers(1, 4),
+    queue=st.integers(1, 6),
+    window=st.integers(1, 6),
+    more=st.integers(0, 8),
+)
+def test_images_under_way_stay_within_the_limit_and_all_come(
+    statuses, workers, queue, window, more
+):
+    limit = ONE_MB * (window + 1 + more) + 1e-6
+    memory = ImageMemory(limit, window)
+    order, most = flow(frames(statuses), memory, workers, queue, window)
+    assert order == list(range(len(statuses)))
+    assert most * ONE_MB <= limit
+    assert memory.peak_bytes == pytest.approx(most * ONE_MB * 1e6, abs=most)
+
+
+def test_without_a_limit_queues_are_full():
+    memory = ImageMemory(0, 3)
+    _, most = flow(frames([USED] * 50), memory, 4, 5, 3)
+    assert most >= 4 * 5
+
+
+def test_less_than_the_window_needs_is_refused_with_what_it_needs():
+    memory = ImageMemory(9 * ONE_MB, 9)
+    with pytest.raises(UsageError, match=r"room for 10 images of 640 x 480, 15 MB.*found 14 MB"):
+        flow(frames([USED] * 3), memory, 2, 2, 9)
+
+
+def test_images_that_are_not_used_take_no_room():
+    memory = ImageMemory(2 * ONE_MB + 1e-6, 1)
+    flow(frames([DUPLICATE] * 30), memory, 2, 4, 1)
+    assert memory.peak_bytes == 0
