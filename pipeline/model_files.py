@@ -9,13 +9,14 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 from scipy.special import expit, logit
 
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.detector_file import load_detector
+from wayside.pipeline.model_gates import retraded
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import BoxFile, DetectorFile
@@ -187,7 +188,7 @@ def load_models(settings: Settings) -> Models:
         optional(_convolution, "face_code.json"),
     )
     _check_inputs(models, folder)
-    return _retraded(models, settings) if settings.models.alpha else models
+    return retraded(models, settings) if settings.models.alpha else models
 
 
 def _check_inputs(models: Models, folder: Path | None) -> None:
@@ -264,47 +265,6 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
     if by_report and not classes:
         return _gaussian(None, REPORT_LOCATION)
     return replace(location, classes=classes)
-
-
-def _retraded(models: Models, settings: Settings) -> Models:
-    """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
-    lacking: list[str] = []
-    traded: dict[str, Any] = {}
-    for name, column in _gates(models, settings).items():
-        gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, column)
-        try:
-            traded[column] = gate.at_alpha(settings.models.alpha)
-        except ValueError as error:
-            lacking.append(f"{name}: {error}")
-    if lacking or not traded:
-        raise InputError(
-            f"models.alpha: wanted a false-alarm rate that every gate of the run has a threshold for: "
-            f"{'; '.join(lacking) or 'found no gate, since a detector of another kind decides'}; take a larger rate, "
-            "learn these models again, or leave the rate out"
-        )
-    return replace(models, **traded)
-
-
-def _gates(models: Models, settings: Settings) -> dict[str, str]:
-    """The models that decide in a run of these settings what is a sign: their fields, by the name of their file."""
-    by_report, by_evidence = models.color_classes is not None, settings.track.matching != "sift"
-    by_evidence &= models.external is None
-    decides = {
-        "color": ("color_classes", True),
-        "shape": ("shape_classes", True),
-        "trajectory": ("trajectory_density", True),
-        "location": ("location_classes", by_report and settings.locate.gate),
-        "place": ("landmark_classifier", by_evidence),
-        "back_place": (
-            "back_landmark_classifier",
-            by_evidence and models.back_classifier is not None,
-        ),
-    }
-    return {
-        name: field
-        for name, (field, on) in decides.items()
-        if on and getattr(models, field) is not None
-    }
 
 
 def _external(settings: Settings) -> DetectorFile | BoxFile | None:

@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-import json
-import os
-import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, nullcontext
-from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
 from wayside.pipeline.code_words import system_notes
-from wayside.pipeline.earlier_result import check_earlier, file_digest, log_fingerprint
+from wayside.pipeline.earlier_result import check_earlier
 from wayside.pipeline.flow import Flow, FrameCounts, Observer
 from wayside.pipeline.image_memory import image_memory
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
-from wayside.pipeline.journal import Journal, journal_key, remove_journal, result_key
+from wayside.pipeline.journal import Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
-from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.reading.copies import describe_duplicates
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.route_file import open_routes, route_notes
-from wayside.pipeline.settings_file import settings_digest
+from wayside.pipeline.run_file import write_run
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
-from wayside.pipeline.writing import create, not_written
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED
@@ -228,7 +221,7 @@ def process_log(
                 log, output.part, settings, models, run, every_region, observe, rate, journal
             )
         assert run.result is not None
-        _write_run(run.result, output.part, settings, models, arguments, every_region=every_region)
+        write_run(run.result, output.part, settings, models, arguments, every_region=every_region)
         output.commit(drop_recording=earlier.recorded and not run.result.recorded)
         run.committed = True
         remove_journal(folder)
@@ -338,71 +331,3 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
         f"{log}: wanted images to process, found {reasons}; "
         "see `wayside info` for what the log holds and loosen --from, --until, --every or the calibration"
     )
-
-
-def _write_run(
-    result: RunResult,
-    part: Path,
-    settings: Settings,
-    models: Models,
-    arguments: list[str],
-    *,
-    every_region: bool,
-) -> None:
-    """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
-    used = result.frames.get(USED, 0)
-    rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
-    digests = models.digests()
-    content: dict[str, Any] = {
-        "wayside": version("wayside"),
-        "arguments": arguments,
-        "log": result.log.name,
-        "log_path": str(result.log.absolute()),
-        "log_fingerprint": log_fingerprint(result.log),
-        "camera_topic": result.report.camera_topic,
-        "view_images": result.view_images,
-        "recording": RECORDING if result.recorded else None,
-        "settings": asdict(settings),
-        "settings_digest": settings_digest(settings),
-        "models": digests,
-        "result_key": result_key(result.log, settings, digests, every_region=every_region),
-        "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
-        "detector": None if result.boxes is None else result.boxes.source,
-        "camera": result.inventory.camera and asdict(result.inventory.camera),
-        "world": result.inventory.path.world,
-        "camera_height_m": result.inventory.path.camera_height_m,
-        "focal_length": {"correction": result.focal.correction, "sigma": result.focal.sigma},
-        "us_probability": result.inventory.us_probability,
-        "notes": result.notes,
-        "accounting": {
-            "frames_read": sum(result.frames.values()),
-            "used": used,
-            "rejected": rejected,
-            "regions": result.inventory.verdicts,
-            "boxes": None if result.boxes is None else result.boxes.counts,
-            "lost": result.lost,
-        },
-        "files": {
-            name: {"rows": rows, "sha256": file_digest(part / name)}
-            for name, rows in result.inventory.rows.items()
-        },
-        "times": {
-            "wall_s": round(result.wall_seconds, 3),
-            "replayed_frames": result.replayed,
-            "cpu_s_by_stage": {k: round(v, 3) for k, v in result.stage_seconds.items()},
-        },
-        "memory": {
-            "limit_mb": settings.run.memory_mb or None,
-            "images_at_most_mb": round(result.image_bytes / 1e6, 1),
-        },
-        "machine": {
-            "system": platform.platform(),
-            "python": platform.python_version(),
-            "cores": os.cpu_count(),
-        },
-    }
-    try:
-        with create(part / RUN_FILE) as stream:
-            stream.write((json.dumps(content, indent=1) + "\n").encode())
-    except OSError as error:
-        raise not_written(part, error) from error
