@@ -15,7 +15,7 @@ from wayside.schemas.frame import Camera, Fix, Frame, Image, Pose, PosePrior
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.measurement import Alignment, Measurement, PanelView, WindowResidual
 from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
-from wayside.schemas.signs import GlobePosition, Sign
+from wayside.schemas.signs import GlobePosition, Sign, SignCode
 from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
 
@@ -63,6 +63,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
     | {"altitude_m": FIGURES, "sigma_m": TABLES, "span_s": TABLES},
     Image: {"frame": WITHIN, "rgb": f"{CAMERA}/image", "grey": "not: the image without its colour"},
     Segmentation: {
+        "network_score": HELD,
         "image": WITHIN,
         "regions": "/gates/segment",
         "region_count": "/gates/segment",
@@ -147,6 +148,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
         "matches": f"{CAMERA}/sift_matches",
     },
     Landmark: {
+        **dict.fromkeys((f"{what}_log_probability" for what in ("color", "shape", "face")), HELD),
         "track_id": "/world/places",
         "views": f"{CAMERA}/tracks",
         "position": "/world/places",
@@ -239,7 +241,10 @@ EVERYTHING: dict[type, dict[str, str]] = {
         FIGURES,
     )
     | {"landmark": WITHIN, "world_covariance": TABLES, "globe": "/map/signs"}
-    | dict.fromkeys(("route", "measure", "measure_unit"), TABLES),
+    | dict.fromkeys(("route", "measure", "measure_unit", "us_probability"), TABLES)
+    | {"code": WITHIN},
+    SignCode: dict.fromkeys(("code", "legend"), FIGURES)
+    | dict.fromkeys(("system", "probability", "nominal_in"), TABLES),
     GlobePosition: dict.fromkeys(("longitude_deg", "latitude_deg"), "/map/signs")
     | {"altitude_m": FIGURES, "sigma_m": FIGURES},
 }

@@ -14,4 +14,4 @@ def test_a_row_is_headed_by_what_it_looks_like():
     assert sign_figures(row(color=None, shape=None)).startswith("# d-0001: ? ?\n")
     behind = row(status="back", color=None)
     assert sign_figures(behind).startswith("# d-0001: back octagon\n")
-    assert "| d-0001 | back | octagon | 1.50 |" in inventory_table([behind])
+    assert "| d-0001 |  | back | octagon | 1.50 |" in inventory_table([behind])
