@@ -61,6 +61,8 @@ PANELS = Table(
         Column("confidence", _SINGLE, "", "highest of its sightings"),
         Column("color", _CHOICE, "", "colour class that most drives saw", values=COLORS),
         Column("shape", _CHOICE, "", "shape class that most drives saw", values=SHAPES),
+        Column("mutcd", _TEXT, "", "MUTCD code or series, by the sighting of the largest view; null: not settled"),
+        Column("vienna", _TEXT, "", "the same of the Vienna Convention"),
         *_place("the panel centre"),
         Column("covariance", _COVARIANCE, "m^2", "EE, EN, EU, NN, NU, UU of the position, what a drive shares included",
                _SURE),

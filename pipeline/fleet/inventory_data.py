@@ -32,7 +32,7 @@ _SIGNS = (
     "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "right_m", "down_m",
     "ahead_m", "first_frame",
 )  # fmt: skip
-_ROUTE = ("route", "measure")
+_OLDER_LACK = ("route", "measure", "mutcd", "vienna")
 _FRAMES = ("frame", "log_time_ns", "header_time_ns", "station_m", "qx", "qy", "qz", "qw",
            "lon_deg", "lat_deg", "alt_m", "heading_deg")  # fmt: skip
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
@@ -61,7 +61,7 @@ class DriveFrames:
 class DriveSigns:
     """The signs of a drive with a place on WGS 84.
 
-    name: folder of the result; table: rows of `signs.parquet` in order of station, with `route` and `measure`;
+    name: folder of the result; table: rows of `signs.parquet` in order of station, with the columns that older results lack;
     geodetic (n, 3); sightings: with positions still zero, `drive` 0; cell (n, 2): x, y of the tile; left_out: rows
     without a place on WGS 84.
     """
@@ -114,7 +114,7 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         The folder is no result folder, or damaged.
     """
     table = read_table(folder, SIGNS, _SIGNS)
-    for name in _ROUTE:
+    for name in _OLDER_LACK:
         table = table.append_column(name, _optional(folder, name, len(table)))
     everything = len(table)
     table = table.append_column("row", pa.array(np.arange(everything)))

@@ -125,12 +125,14 @@ def _columns(block: Block, rows: Ints) -> dict[str, NDArray[Any]]:
         "best_box",
         "route",
         "measure",
+        "mutcd",
+        "vienna",
     )
     taken = [d.table.take(r) for d, r in zip(block.drives, block.rows, strict=True)]
     table = pa.concat_tables([t.select(names).unify_dictionaries() for t in taken]).take(rows)
     columns: dict[str, NDArray[Any]] = {
         name: np.asarray(table[name].cast(pa.string()).to_pylist(), object)
-        for name in ("sign_id", "status", "route")
+        for name in ("sign_id", "status", "route", "mutcd", "vienna")
     }
     for name in ("confidence", "up_m", "measure"):
         columns[name] = np.asarray(table[name].cast(pa.float64()).to_numpy(), np.float64)
@@ -206,6 +208,8 @@ def _panels(
         "panel_height_m": known(_mean(seen.size_m[:, 1], panel, count, weight[:, 1])),
         "up_m": known(_mean(columns["up_m"], panel, count)),
         **history.columns(members),
+        "mutcd": columns["mutcd"][largest],
+        "vienna": columns["vienna"][largest],
         "best_drive": columns["drive"][largest],
         "best_sign_id": columns["sign_id"][largest],
         "route": columns["route"][largest],

@@ -82,7 +82,7 @@ class CodeSettings:
         0.05,
         "",
         "probability that the classifier of faces is wrong whatever it says: it bounds what the pixels say",
-        origin="share of crops of tracks held out that it names wrong, rounded up",
+        origin="judgement; no classifier of faces was measured yet",
         expert=True,
         low=1e-4,
         high=0.5,
