@@ -61,7 +61,7 @@ class DriveFrames:
 class DriveSigns:
     """The signs of a drive with a place on WGS 84.
 
-    name: folder of the result; table: rows of `signs.parquet` in order of station, with the columns that older results lack;
+    name: folder of the result; table: rows of `signs.parquet` in order of station, with those that older results lack;
     geodetic (n, 3); sightings: with positions still zero, `drive` 0; cell (n, 2): x, y of the tile; left_out: rows
     without a place on WGS 84.
     """
