@@ -65,9 +65,6 @@ PREFIX = "learn_"
 BACKGROUND_OVERLAP = 0.05
 """Regions that overlap no face by more are background."""
 
-EVERY = 2
-"""Every n-th image of a rendered drive: neighbours are much alike."""
-
 FACE_SOURCES = ("scenes/jd", "scenes/mi")
 """Sources whose faces are samples for the classes of the report: others show one camera, or few kinds of signs."""
 
@@ -112,7 +109,7 @@ def gather(
     def rendered(log: Path) -> TrainingDrive:
         truth = read_truth(log.with_suffix(".truth.json"))
         again = reread[truth["name"]] = partial(_shown, log, seed)
-        drive = read_drive(images(log, EVERY), again(), truth, log.with_suffix(".masks"), settings)
+        drive = read_drive(images(log), again(), truth, log.with_suffix(".masks"), settings)
         notify(
             f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces, "
             f"{len(drive.candidates.frame)} candidates"
@@ -235,15 +232,14 @@ def gaussian_models(
     }
 
 
-def images(log: Path, every: int = 1) -> Iterator[Image]:
-    """Every n-th image of a log, decoded, in order."""
-    frames = read_frames(log, LEARN_READ, ReadReport())
-    return decode(frame for frame in frames if frame.index % every == 0)
+def images(log: Path) -> Iterator[Image]:
+    """Every image of a log, decoded, in order."""
+    return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
 def _shown(log: Path, seed: int) -> Iterator[Image]:
     """The images of a log as the detector is learned with them."""
-    return through_other_cameras(images(log, EVERY), seed)
+    return through_other_cameras(images(log), seed)
 
 
 def _shown_scenes(labelled: Sequence[LabelledImage], seed: int) -> Iterator[Image]:

@@ -203,21 +203,19 @@ def read_drive(
             if view["side"] == "back":
                 behind.setdefault(view["frame"], []).append((sign, view))
     faces: list[FaceSample] = []
-    read: set[int] = set()
     for image in images:
         if image.rgb is None:
             continue
         index = image.frame.index
-        read.add(index)
         mask = _read_mask(masks / f"{index:04d}.png", image.rgb.shape[:2])
         listed = [one for one in seen.get(index, []) if one[0]["kind"] != INVENTED]
         faces.extend(clear_faces(image.rgb, mask, listed, truth["name"]))
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
-    here = [seen.get(index, []) if index in read else [] for index in range(last + 1)]
+    here = [seen.get(index, []) for index in range(last + 1)]
     drive = read_drive_images(truth["name"], altered, here, [True] * len(here), settings)
     size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
-    backs = [behind.get(index, []) if index in read else [] for index in range(last + 1)]
+    backs = [behind.get(index, []) for index in range(last + 1)]
     return replace(
         drive,
         faces=tuple(faces),
