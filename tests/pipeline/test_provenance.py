@@ -39,7 +39,10 @@ def test_the_classifiers_that_ship_name_the_rendered_drives_they_saw() -> None:
     settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
     evidence = {"place", "back_place"}
-    assert set(learned_from("learn_alley", said)) == said.keys() - {"outline", "network", "face_code"} - evidence
+    assert (
+        set(learned_from("learn_alley", said))
+        == said.keys() - {"outline", "network", "face_code"} - evidence
+    )
     assert set(learned_from("learn_alley_70000", said)) == evidence
     for never in ("demo", "straight", "curve", "town", "report", "raw"):
         assert learned_from(never, said) == ()
