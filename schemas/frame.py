@@ -34,6 +34,10 @@ used one; `no_key_frame`: of a video, before its first key frame or behind a mis
 they say."""
 
 
+EARTH_RADIUS_M = 6_371_000.0
+"""Of the sphere on which short distances between fixes are measured."""
+
+
 @dataclass(frozen=True, slots=True)
 class Camera:
     """Pinhole camera with Brown (plumb_bob, k1 k2 p1 p2 k3) or rational (8 numbers) distortion."""

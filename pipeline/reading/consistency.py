@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.stamps import Flags, Floats, Integers
-from wayside.pipeline.reading.thinning import EARTH_RADIUS_M
+from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.settings import ReadSettings
 
 _LOOK_BACK = 256

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-from wayside.schemas.frame import Fix, PosePrior
-
-EARTH_RADIUS_M = 6_371_000.0
+from wayside.schemas.frame import EARTH_RADIUS_M, Fix, PosePrior
 
 Position = tuple[str, tuple[float, float, float]]
 

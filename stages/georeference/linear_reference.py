@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.routes import MEASURE_UNITS, RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.signs import Sign
 from wayside.stages.georeference.path import DrivePath
 from wayside.stages.kernels import Array
 
-_EARTH_M = 6_371_008.8
 _BLOCK = 64
 
 
@@ -114,7 +114,7 @@ def nearest_on_routes(
     for first in range(0, len(points), _BLOCK):
         block = slice(first, first + _BLOCK)
         narrowest = math.cos(math.radians(min(float(np.abs(points[block, 1]).max()), 89.0)))
-        margin = math.degrees(settings.reach_m / _EARTH_M) / np.array([narrowest, 1.0])
+        margin = math.degrees(settings.reach_m / EARTH_RADIUS_M) / np.array([narrowest, 1.0])
         inside = (high >= points[block].min(axis=0) - margin) & (
             low <= points[block].max(axis=0) + margin
         )
@@ -135,7 +135,9 @@ def _compare(
     measure: Array,
 ) -> None:
     """Fill the row of one point from the segments `near` it."""
-    to_metres = math.radians(_EARTH_M) * np.array([math.cos(math.radians(points[row, 1])), 1.0])
+    to_metres = math.radians(EARTH_RADIUS_M) * np.array(
+        [math.cos(math.radians(points[row, 1])), 1.0]
+    )
     start = (segments.start[near] - points[row]) * to_metres
     span = (segments.end[near] - segments.start[near]) * to_metres
     squared = (span**2).sum(axis=1)

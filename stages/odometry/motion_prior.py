@@ -8,14 +8,11 @@ from math import cos, inf, radians, sqrt
 import numpy as np
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Fix, Frame, Pose, PosePrior
+from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
-
-EARTH_M = 6_371_000.0
-"""Mean radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +144,8 @@ def _by_poses(
 
 def fix_distance_m(first: Fix, second: Fix) -> float:
     """Distance between two fixes a few metres apart, on a sphere."""
-    north = radians(second.latitude_deg - first.latitude_deg) * EARTH_M
-    east = radians(second.longitude_deg - first.longitude_deg) * EARTH_M
+    north = radians(second.latitude_deg - first.latitude_deg) * EARTH_RADIUS_M
+    east = radians(second.longitude_deg - first.longitude_deg) * EARTH_RADIUS_M
     east *= cos(radians(first.latitude_deg))
     up = second.altitude_m - first.altitude_m
     return float(np.sqrt(north * north + east * east + up * up))
