@@ -28,7 +28,7 @@ from wayside.stages.detection import (
 FILTERS, POOLED, HIDDEN = (24, 32, 64), (True, True, True), 96
 """Filters of each layer, the layers that are halved, units behind them."""
 
-BATCH, ROUNDS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 256, 6.0, 4e-3, 1e-2, 0.3
+BATCH, ROUNDS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 256, 3.5, 4e-3, 1e-2, 0.3
 """Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
 
 TOGETHER = 4096

@@ -56,7 +56,7 @@ class MergeSettings:
     )  # fmt: skip
     misread: float = setting(
         0.03, "", "probability that a drive gives a face another colour, and the same of its shape and size", low=1e-6,
-        high=0.5, origin="rendered drives held out",
+        high=0.5, origin="judgement: of 263 panels on rendered drives held out none; roads are harder",
     )  # fmt: skip
     same_by_chance: float = setting(
         0.3, "", "probability that two panels have the same colour by chance, and the same of the shape", low=1e-3,
