@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -99,7 +99,6 @@ class Models:
     external: DetectorFile | BoxFile | None = None
     trajectory_density: MixtureModel | None = None
     face_classes: ConvolutionModel | None = None
-    _digests: dict[str, str] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sign_confidence(self, setting: float) -> float:
         """Confidence from which a face counts as a sign: `setting`, its log odds counted from the model's decision."""
@@ -107,13 +106,11 @@ class Models:
         return float(expit(logit(setting) + decision)) if decision else setting
 
     def digests(self) -> dict[str, str]:
-        """SHA-256 of each model's text, by the name of its file; computed once, as it takes longer than a short log."""
-        if not self._digests:
-            self._digests.update(self._computed_digests())
-        return dict(self._digests)
-
-    def _computed_digests(self) -> dict[str, str]:
-        digests = {name: digest(model_to_json(model)) for name, model in self._named().items()}
+        """SHA-256 of each model's file, by its name; of the text it would have where settings changed the model."""
+        digests = {
+            name: model.text_digest or digest(model_to_json(model))
+            for name, model in self._named().items()
+        }
         if self.detection_network is not None:
             digests["network"] = self.detection_network.sha256
         if isinstance(self.external, DetectorFile):

@@ -126,12 +126,16 @@ def model_to_json(model: Model) -> str:
 def model_from_json(text: str, name: str = "model") -> Model:
     """Read a model, every number and link of it checked; raises InputError with the name where the text is not one."""
     try:
-        return _model_of(json.loads(text), name)
+        model = _model_of(json.loads(text), name)
+        object.__setattr__(
+            model, "text_digest", digest(text)
+        )  # frozen, and no argument of its kind
     except _FAULTS as error:
         raise InputError(
             f"{name}: wanted a wayside model file, found {type(error).__name__}: {error}; "
             "write one with the learning script or leave the setting out for the model that ships"
         ) from error
+    return model
 
 
 def _model_of(data: dict[str, Any], name: str) -> Model:

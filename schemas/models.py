@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isnan
 from typing import Any, ClassVar
 
@@ -76,7 +76,18 @@ class GaussianClass:
 
 
 @dataclass(frozen=True, slots=True)
-class GaussianModel:
+class ModelText:
+    """What the kinds of models share.
+
+    text_digest: SHA-256 of the text that a model was read from; "" where it was made or changed. It is no argument, so
+    that `dataclasses.replace` leaves it out: a changed model has no text yet.
+    """
+
+    text_digest: str = field(default="", init=False, repr=False, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianModel(ModelText):
     """Classes by Mahalanobis distance (report eq. 3.1), in the named space.
 
     curve: operating points of all classes together, by rising false-alarm rate; empty: unknown.
@@ -122,7 +133,7 @@ class GaussianModel:
 
 
 @dataclass(frozen=True, slots=True)
-class MixtureModel:
+class MixtureModel(ModelText):
     """Density of what is typical, in the named space: a sum of k Gaussian components.
 
     weight (k,), of sum 1; mean (k, d); covariance (k, d, d); threshold: smallest accepted mean of the log density over
@@ -180,7 +191,7 @@ class NetworkSum:
 
 
 @dataclass(frozen=True, slots=True)
-class TreeModel:
+class TreeModel(ModelText):
     """Boosted binary trees over named features; the sum over trees plus `bias` is a log odds.
 
     feature, left, right (trees, nodes) int32; split, value (trees, nodes) float32. A node with left < 0 is a leaf. A
@@ -224,7 +235,7 @@ class TreeModel:
 
 
 @dataclass(frozen=True, slots=True)
-class NetworkModel:
+class NetworkModel(ModelText):
     """Network with one hidden layer over named features: relu(z W + b) V + c, z the scaled features.
 
     classes (c,): names of the outputs, or of the classes whose probabilities their softmax is; mean, scale (f,):
@@ -246,7 +257,7 @@ class NetworkModel:
 
 
 @dataclass(frozen=True, slots=True)
-class ConvolutionModel:
+class ConvolutionModel(ModelText):
     """Convolutional network over a square patch and named features, with one output or one for each of `classes`.
 
     side: samples of the patch each way; tree_threshold: log odds of the trees from which it is evaluated; tree_weight:
@@ -277,7 +288,7 @@ class ConvolutionModel:
 
 
 @dataclass(frozen=True, slots=True)
-class LinearModel:
+class LinearModel(ModelText):
     """Weights (f,) float64 of named features: the value of a candidate is their weighted sum."""
 
     kind: ClassVar[str] = "linear"
@@ -291,7 +302,7 @@ class LinearModel:
 
 
 @dataclass(frozen=True, slots=True)
-class EvidenceModel:
+class EvidenceModel(ModelText):
     """Log-likelihood ratios of terms of evidence, each a bounded sum over its features.
 
     A feature x adds weight * (min(max(x, low), high) - middle) to its term: nothing outside what was learned from says

@@ -83,11 +83,13 @@ def start_viewer(files: Sequence[Path], *, serve: bool = False) -> str:
     """
     if not serve:
         require_display()
-    port, web = free_port(), free_port()
+    port, web = free_ports(2)
     options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
     process = _start(files, port, options, dict(os.environ))
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
-    _wait_for_port(process, port)
+    _wait_for_ports(
+        process, (port, web) if serve else (port,)
+    )  # two servers, which start one after the other
     where = (
         f"in a browser: http://{LOOPBACK}:{web}/?url={address}" if serve else "the viewer is open"
     )
@@ -115,12 +117,12 @@ def headless(files: Sequence[Path], size: tuple[int, int]) -> Iterator[ViewerCli
     OutputError
         Where no software Vulkan is installed, or the viewer does not come up.
     """
-    port = free_port()
+    (port,) = free_ports(1)
     options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
     environment = dict(os.environ, WGPU_BACKEND="vulkan", VK_ICD_FILENAMES=str(software_vulkan()))
     process = _start(files, port, options, environment)
     try:
-        _wait_for_port(process, port)
+        _wait_for_ports(process, (port,))
         client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
         wait_until_loaded(client)
         yield client
@@ -167,11 +169,13 @@ def view_errors(client: ViewerClient) -> list[str]:
     ]
 
 
-def free_port() -> int:
-    """A port of loopback that nobody listens at."""
-    with socket.socket() as one:
-        one.bind((LOOPBACK, 0))
-        return int(one.getsockname()[1])
+def free_ports(count: int) -> list[int]:
+    """Different ports of loopback that nobody listens at."""
+    with contextlib.ExitStack() as held:
+        sockets = [held.enter_context(socket.socket()) for _ in range(count)]
+        for one in sockets:
+            one.bind((LOOPBACK, 0))
+        return [int(one.getsockname()[1]) for one in sockets]
 
 
 def import_log(log: Path, recording_id: str, target: Path) -> None:
@@ -213,14 +217,16 @@ def _start(
     )
 
 
-def _wait_for_port(process: subprocess.Popen[bytes], port: int) -> None:
-    late = time.monotonic() + START_S
+def _wait_for_ports(process: subprocess.Popen[bytes], ports: Sequence[int]) -> None:
+    late, closed = time.monotonic() + START_S, list(ports)
     while time.monotonic() < late and process.poll() is None:
         try:
-            socket.create_connection((LOOPBACK, port), 0.2).close()
-            return
+            socket.create_connection((LOOPBACK, closed[0]), 0.2).close()
+            closed.pop(0)
         except OSError:
             time.sleep(0.1)
+        if not closed:
+            return
     end(process)
     raise OutputError(
         f"wanted the viewer to come up within {START_S:g} s, found "

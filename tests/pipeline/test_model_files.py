@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -206,6 +207,14 @@ def test_digests_are_those_of_the_files_and_the_same_each_time():
     one, other = load_models(settings()).digests(), load_models(settings()).digests()
     assert one == other
     assert one["judge"] == digest((shipped_models() / "judge.json").read_text())
+
+
+def test_a_changed_model_has_the_digest_of_its_new_text():
+    models = load_models(settings())
+    trees = replace(models.box_classifier, threshold=7.0)
+    found = replace(models, box_classifier=trees).digests()
+    assert found["judge"] == digest(model_to_json(trees)) != models.digests()["judge"]
+    assert found["back"] == models.digests()["back"]
 
 
 def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path):

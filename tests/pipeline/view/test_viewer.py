@@ -6,9 +6,11 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import pytest
@@ -17,7 +19,13 @@ import rerun as rr
 from wayside.pipeline.cli_viewing import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
-from wayside.pipeline.view.viewer import import_log, probe, require_display, software_vulkan
+from wayside.pipeline.view.viewer import (
+    import_log,
+    probe,
+    require_display,
+    software_vulkan,
+    start_viewer,
+)
 from wayside.schemas.errors import InputError, OutputError, UsageError
 
 WAYSIDE = (sys.executable, "-c", "from wayside.pipeline.cli import main; main()")
@@ -148,6 +156,25 @@ def test_a_sign_or_frame_that_is_not_there_is_named(result, asked, words):
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 2
     assert words in done.stderr
+
+
+def test_an_address_is_told_once_both_its_servers_answer(monkeypatch):
+    servers, fake = [], SimpleNamespace(pid=0, poll=lambda: None)
+
+    def late(port):
+        time.sleep(0.3)
+        servers.append(socket.create_server(("127.0.0.1", port)))
+
+    def start(files, port, options, environment):
+        servers.append(socket.create_server(("127.0.0.1", port)))
+        threading.Thread(target=late, args=(int(options[-1]),)).start()
+        return fake
+
+    monkeypatch.setattr(viewer, "_start", start)
+    start_viewer((), serve=True)
+    assert len(servers) == 2
+    for server in servers:
+        server.close()
 
 
 def test_what_rerun_cannot_import_is_refused(tmp_path):
