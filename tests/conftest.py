@@ -2,7 +2,34 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from subprocess import CompletedProcess
+
+import pytest
 from hypothesis import settings
+
+from wayside.pipeline import cli
 
 settings.register_profile("untimed", deadline=None, max_examples=50)  # a busy machine is no fault
 settings.load_profile("untimed")
+
+
+@pytest.fixture
+def command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., CompletedProcess[str]]:
+    """Calls the entry point of `wayside` with these arguments, in this process; its exit status and words."""
+
+    def call(*arguments: object) -> CompletedProcess[str]:
+        line = ["wayside", *map(str, arguments)]
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", line)
+            patch.setattr(cli, "interrupt_on_signals", lambda: None)  # signals stay as they are
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+        assert isinstance(end.value.code, int)
+        said = capsys.readouterr()
+        return CompletedProcess(line, end.value.code, said.out, said.err)
+
+    return call

@@ -1,4 +1,7 @@
-"""The installed command as a person calls it: each exit status, with the words that come with it."""
+"""The command as a person calls it: each exit status, with the words that come with it.
+
+Where the process itself matters, as the installed program; else by its entry point.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,12 @@ from pathlib import Path
 
 import pytest
 
+from wayside.pipeline import flow
+
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 SHORT = ("--until", "0.7s")
 TABLES = {"signs.parquet", "observations.parquet", "frames.parquet"}
-
-
-def wayside(*arguments):
-    return subprocess.run(
-        [WAYSIDE, *map(str, arguments)], capture_output=True, text=True, timeout=300, check=False
-    )
 
 
 def files_in(folder):
@@ -31,7 +30,13 @@ def files_in(folder):
 def test_0_a_run_that_is_done_says_what_it_found_and_leaves_its_tables(tmp_path):
     log = tmp_path / "learn_alley.mcap"
     log.symlink_to(DEMO)
-    done = wayside("run", log, *SHORT, "-o", tmp_path / "out")
+    done = subprocess.run(
+        [WAYSIDE, "run", log, *SHORT, "-o", tmp_path / "out"],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert "3 used, 21 outside" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
@@ -40,25 +45,14 @@ def test_0_a_run_that_is_done_says_what_it_found_and_leaves_its_tables(tmp_path)
     assert "judge" in about["learned_from_log"]
 
 
-def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(tmp_path):
-    broken = (
-        "import wayside.pipeline.flow as flow\n"
-        "def decode(frames):\n"
-        "    for frame in frames:\n"
-        "        raise RuntimeError('made up')\n"
-        "        yield frame\n"
-        "flow.decode = decode\n"
-        "from wayside.pipeline.cli import main\n"
-        "main()\n"
-    )
-    arguments = ["run", str(DEMO), *SHORT, "-o", str(tmp_path / "out")]
-    done = subprocess.run(
-        [sys.executable, "-c", broken, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(command, tmp_path, monkeypatch):
+    def decode(frames):
+        for frame in frames:
+            raise RuntimeError("made up")
+            yield frame
+
+    monkeypatch.setattr(flow, "decode", decode)
+    done = command("run", DEMO, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 1
     assert "wayside: stage decode failed" in done.stderr
     assert "RuntimeError: made up" in done.stderr
@@ -74,18 +68,18 @@ def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(tmp_path):
         (("run", DEMO, "-o", "out", "--spacing", "8 parsecs"), "8 parsecs"),
     ],
 )
-def test_2_wrong_arguments_are_named(arguments, words):
-    done = wayside(*arguments)
+def test_2_wrong_arguments_are_named(command, arguments, words):
+    done = command(*arguments)
     assert done.returncode == 2
     assert words in done.stderr
     assert "Traceback" not in done.stderr
 
 
-def test_3_an_input_that_cannot_be_used_is_named(tmp_path):
+def test_3_an_input_that_cannot_be_used_is_named(command, tmp_path):
     text = tmp_path / "notes.mcap"
     text.write_text("not a log")
     for log, words in ((tmp_path / "absent.mcap", "No such file"), (text, "notes.mcap")):
-        done = wayside("run", log, "-o", tmp_path / "out")
+        done = command("run", log, "-o", tmp_path / "out")
         assert done.returncode == 3
         assert done.stderr.startswith(f"wayside: {log}")
         assert words in done.stderr
@@ -93,19 +87,19 @@ def test_3_an_input_that_cannot_be_used_is_named(tmp_path):
         assert not files_in(tmp_path / "out")
 
 
-def test_4_a_damaged_log_gives_what_can_be_read_and_says_what_is_lost(tmp_path):
+def test_4_a_damaged_log_gives_what_can_be_read_and_says_what_is_lost(command, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(DEMO.read_bytes()[:1_500_000])
-    done = wayside("run", cut, *SHORT, "-o", tmp_path / "out")
+    done = command("run", cut, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 4, done.stderr
     assert "lost:" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
 
 
-def test_5_a_folder_that_cannot_be_written_is_named(tmp_path):
+def test_5_a_folder_that_cannot_be_written_is_named(command, tmp_path):
     file = tmp_path / "file"
     file.write_text("in the way")
-    done = wayside("run", DEMO, "-o", file / "out")
+    done = command("run", DEMO, "-o", file / "out")
     assert done.returncode == 5
     assert f"wayside: {file / 'out'}: wanted a folder" in done.stderr
     assert "choose another folder with -o" in done.stderr

@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-SHORT_S = "2"
+SHORT = ("--until", "0.7", "--set", "models.network=")
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def run_with(run_demo, tmp_path_factory):
         for name, change in changes.items():
             text = (files("wayside.pipeline") / "models" / f"{name}.json").read_text()
             (folder / f"{name}.json").write_text(json.dumps(change(json.loads(text))))
-        return run_demo("--until", SHORT_S, "--set", f"models.folder={folder}")
+        return run_demo(*SHORT, "--set", f"models.folder={folder}")
 
     return run
 
@@ -40,7 +40,7 @@ def test_where_the_location_model_has_no_sign_is_evidence_against_one(run_with):
 
 
 def test_a_panel_larger_than_the_settings_allow_is_none(run_demo):
-    result = run_demo("--until", SHORT_S, "--set", "locate.largest_side_m=1.2")
+    result = run_demo(*SHORT, "--set", "locate.largest_side_m=1.2")
     assert max(row["panel_width_m"] for row in result.signs) <= 1.2
     assert result.verdicts["panel_size"] > 0
 

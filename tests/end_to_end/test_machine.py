@@ -210,7 +210,7 @@ def test_a_run_that_was_killed_goes_on_and_gives_the_same_bytes(tmp_path):
     assert json.loads((out / "run.json").read_text())["times"]["replayed_frames"] >= 4
 
 
-def test_resuming_and_viewing_exclude_each_other(tmp_path):
-    done = run(tmp_path / "out", "--resume", "--view", "file")
+def test_resuming_and_viewing_exclude_each_other(command, tmp_path):
+    done = command("run", DEMO, "-o", tmp_path / "out", "--resume", "--view", "file")
     assert done.returncode == 2
     assert "leave one out" in done.stderr

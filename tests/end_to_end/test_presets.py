@@ -210,6 +210,23 @@ def test_each_generation_of_the_report_refuses_by_its_own_gate(
         assert gates & result.verdicts.keys() == own
 
 
+def codes(result):
+    return [row["mutcd"] for row in result.signs if row["status"] == "sign"]
+
+
+def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
+    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", "S", "W", "D9", "D"]
+    assert default_demo.about["us_probability"] > 0.99
+    limit = next(row for row in default_demo.signs if row["mutcd"] == "R2-1")
+    assert limit["legend"] == "45"
+    stop = next(row for row in default_demo.signs if row["mutcd"] == "R1-1")
+    assert (stop["nominal_width_in"], stop["nominal_height_in"]) == (36, 36)
+
+
+def test_the_classes_of_preset_report_tell_series(report_demo):
+    assert any(codes(report_demo))
+
+
 def write_pinned():
     """Run all presets and write what they find."""
     from conftest import run_demo_log  # the folder of this file is on the path of a script

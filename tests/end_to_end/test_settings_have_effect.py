@@ -11,7 +11,7 @@ DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 def sigmas(settings: dict[str, object]) -> list[float]:
     """The stated error along the road of every sign at the start of the demo drive."""
-    found = wayside.run(DEMO, settings={"read.until_s": 2.0, "models.network": "", **settings})
+    found = wayside.run(DEMO, settings={"read.until_s": 0.7, "models.network": "", **settings})
     return [round(value, 9) for value in found.signs["sigma_along_m"].to_pylist()]
 
 

@@ -37,14 +37,11 @@ def test_help_has_a_short_name_and_fits_into_80_columns(command, monkeypatch):
         ["info", "none.mcap", "--debug"],
     ],
 )
-def test_debug_may_stand_anywhere(line, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["wayside", *line])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    said = capsys.readouterr().err
-    assert end.value.code == 3
-    assert "Traceback" in said
-    assert "none.mcap: wanted a log to read" in said
+def test_debug_may_stand_anywhere(line, command):
+    done = command(*line)
+    assert done.returncode == 3
+    assert "Traceback" in done.stderr
+    assert "none.mcap: wanted a log to read" in done.stderr
 
 
 def python(code, *words, **env):

@@ -23,7 +23,7 @@ from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "recordings" / "demo.mcap"
-SHORT = {"read.until_s": 0.8}
+SHORT = {"read.until_s": 0.3}
 
 
 @pytest.fixture(scope="module")

@@ -101,7 +101,7 @@ def killed(work, at):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(0, 60), again=st.integers(0, 30))
 def test_a_kill_at_any_step_leaves_the_old_result_or_the_new(tmp_path_factory, at, again):
     """Also a kill while the next command finishes the replacement."""

@@ -150,7 +150,7 @@ def choices_by(weights, count, drives=("a", "b"), seed=0):
 
 def test_the_weights_of_a_conditional_logit_come_back():
     weights = np.linspace(-2, 2, len(OUTLINE_FEATURES))
-    model = learn_outlines(choices_by(weights, 1500), "made up")
+    model = learn_outlines(choices_by(weights, 750), "made up")
     assert model.features == OUTLINE_FEATURES
     assert np.corrcoef(model.weights, weights)[0, 1] > 0.99
     assert "held out by drive right for" in model.provenance

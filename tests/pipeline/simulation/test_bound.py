@@ -73,7 +73,7 @@ def test_adjusting_all_together_reaches_it():
     sigma, deviations = 0.5 / 1400, np.sqrt(np.diag(LOOSE[0]))
     true = np.stack([((POINT - c) / (POINT - c)[2])[:2] for c in CENTRES])
     found = []
-    for _ in range(150):
+    for _ in range(75):
         measured = rng.normal(0, deviations, (FRAMES - 1, 6))
         rays = true + rng.normal(0, sigma, true.shape)
 

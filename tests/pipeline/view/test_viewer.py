@@ -16,6 +16,7 @@ import cv2
 import pytest
 import rerun as rr
 
+from wayside.pipeline.cli import app
 from wayside.pipeline.cli_viewing import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
@@ -28,7 +29,6 @@ from wayside.pipeline.view.viewer import (
 )
 from wayside.schemas.errors import InputError, OutputError, UsageError
 
-WAYSIDE = (sys.executable, "-c", "from wayside.pipeline.cli import main; main()")
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 
 
@@ -109,8 +109,8 @@ def has_vulkan():
 
 
 def recorded(folder, *options):
-    command = [*WAYSIDE, "run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "2.5s"]
-    subprocess.run([*command, *options], check=True, capture_output=True)
+    line = ["run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "0.7s", *options]
+    assert not app(line, standalone_mode=False)
     return folder
 
 
@@ -125,17 +125,14 @@ def bare(tmp_path_factory):
 
 
 @pytest.mark.skipif(not has_vulkan(), reason="no software Vulkan: install mesa-vulkan-drivers")
-@pytest.mark.parametrize("asked", [["--frame", "6"], ["--sign", "demo-0001"]])
+@pytest.mark.parametrize("asked", [["--frame", "2"], ["--sign", "demo-0001"]])
 @pytest.mark.parametrize("over", [False, True])
 def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
-    result, bare, tmp_path, asked, over
+    command, result, bare, tmp_path, asked, over
 ):
     result, asked = (bare, [*asked, "--over", str(DEMO)]) if over else (result, asked)
     png = tmp_path / "drawn.png"
-    command = [*WAYSIDE, "picture", str(result), "-o", str(png)]
-    done = subprocess.run(
-        [*command, "--size", "900x600", *asked], check=False, capture_output=True, text=True
-    )
+    done = command("picture", result, "-o", png, "--size", "900x600", *asked)
     assert done.returncode == 0, done.stderr
     drawn = cv2.imread(str(png))
     assert drawn.shape[0] >= 600
@@ -151,9 +148,8 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
         (["--over", str(DEMO)], "holds images of its own"),
     ],
 )
-def test_a_sign_or_frame_that_is_not_there_is_named(result, asked, words):
-    command = [*WAYSIDE, "view", str(result), "--serve", *asked]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
+def test_a_sign_or_frame_that_is_not_there_is_named(command, result, asked, words):
+    done = command("view", result, "--serve", *asked)
     assert done.returncode == 2
     assert words in done.stderr
 
@@ -184,8 +180,9 @@ def test_what_rerun_cannot_import_is_refused(tmp_path):
 
 
 def test_a_result_is_served_to_browsers_on_loopback(result):
-    command = [*WAYSIDE, "view", str(result), "--serve", "--sign", "demo-0001"]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    code = "from wayside.pipeline.cli import main; main()"
+    line = [sys.executable, "-c", code, "view", str(result), "--serve", "--sign", "demo-0001"]
+    done = subprocess.run(line, check=True, capture_output=True, text=True)
     address, pid = re.search(
         r"(http://127\.0\.0\.1:\d+/)\S*; to end it: kill (\d+)", done.stderr
     ).groups()

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 import rerun as rr
 
@@ -51,7 +53,7 @@ from wayside.stages.georeference.path import PathPoint
 from .everything import EVERYTHING
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
-FRAMES, SHORT_S = 24, 2.0
+FRAMES, SHORT_S = 24, 1.0
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
 OUTLINES = "/world/vehicle/camera/outlines"
@@ -79,7 +81,8 @@ TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
 
 def run(folder, viewing=None, workers=2, until_s=None, preset="default"):
     rr.set_strict_mode(True)
-    options = {"run.workers": workers} | ({} if until_s is None else {"read.until_s": until_s})
+    options = {"run.workers": workers, "models.network": ""}  # its boxes have no view of their own
+    options |= {} if until_s is None else {"read.until_s": until_s}
     settings, _ = load_settings(preset, options=options)
     models = load_models(settings)
 
@@ -204,13 +207,17 @@ def filled_paths(chunks):
     """Entities with a component that has a value in some row; what only clears others is none."""
     found = set()
     for chunk in chunks:
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if ":" in name and not name.startswith("Clear"):
-                if any(batch.column(name).to_pylist()):
-                    found.add(chunk.entity_path)
-                    break
+        names = chunk.to_record_batch().schema.names
+        if any(filled(chunk, n) for n in names if ":" in n and not n.startswith("Clear")):
+            found.add(chunk.entity_path)
     return found
+
+
+def filled(chunk, name):
+    """Whether a component has a value in some row; each row is a list."""
+    batch = chunk.to_record_batch()
+    rows = batch.column(name) if name in batch.schema.names else pa.array([], pa.list_(pa.int8()))
+    return bool(pc.max(pc.list_value_length(rows)).as_py())
 
 
 def test_outlines_are_shown_with_their_circle_ellipse_and_six_terms(report_chunks):
@@ -286,7 +293,7 @@ def test_layers_hold_something(chunks):
         ("/residuals/straight", "Scalars:scalars"),
         ("/residuals/adjusted", "Scalars:scalars"),
     ):
-        assert any(column(chunks, path, name)), path
+        assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path), path
 
 
 def test_all_rows_of_a_frame_have_all_timelines(chunks):
@@ -483,7 +490,7 @@ def test_the_recording_verifies(recorded):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(("images", "fewest", "most"), [("none", 0, 0), ("signs", 1, 7)])
+@pytest.mark.parametrize(("images", "fewest", "most"), [("none", 0, 0), ("signs", 1, 4)])
 def test_images_are_recorded_as_asked(tmp_path, images, fewest, most):
     result = run(tmp_path, Viewing(file=True, images=images), until_s=SHORT_S)
     found = sum(
