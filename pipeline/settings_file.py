@@ -63,9 +63,10 @@ def load_settings(
         that cannot be read.
     """
     values: dict[str, Any] = {}
-    origins = dict.fromkeys(_leaves(), DEFAULT)
+    leaves = _leaves()
+    origins = dict.fromkeys(leaves, DEFAULT)
     for origin, name, value in _layers(preset, file, assignments, options or {}):
-        values[name] = _convert(name, value, origin)
+        values[name] = _convert(name, value, origin, leaves)
         origins[name] = origin
     settings = _assemble(values)
     _check_together(settings)
@@ -196,9 +197,8 @@ def _leaves() -> dict[str, Field[Any]]:
     }
 
 
-def _convert(name: str, value: Any, origin: str) -> Any:
+def _convert(name: str, value: Any, origin: str, leaves: Mapping[str, Field[Any]]) -> Any:
     """Value of a setting in its own type, within its limits."""
-    leaves = _leaves()
     if name not in leaves:
         raise UsageError(
             f"unknown setting {name} ({origin}){_nearest(name, leaves)}; "

@@ -90,7 +90,7 @@ def test_3_an_input_that_cannot_be_used_is_named(command, tmp_path):
 def test_4_a_damaged_log_gives_what_can_be_read_and_says_what_is_lost(command, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(DEMO.read_bytes()[:1_500_000])
-    done = command("run", cut, *SHORT, "-o", tmp_path / "out")
+    done = command("run", cut, *SHORT, "--set", "models.network=", "-o", tmp_path / "out")
     assert done.returncode == 4, done.stderr
     assert "lost:" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}

@@ -17,10 +17,10 @@ PINNED = Path(__file__).with_name("pinned")
 PRESETS = {
     "default": (),
     "report": (),
-    "report-shape": ("--set", "read.until_s=3"),
-    "report-2d": ("--set", "read.until_s=3"),
+    "report-shape": ("--set", "read.until_s=2"),
+    "report-2d": ("--set", "read.until_s=2"),
 }
-"""Options of each run: the two earlier generations of the report are pinned on the first half of the log."""
+"""Options of each run: the two earlier generations of the report are pinned on the first third of the log."""
 EXACT = ("assembly", "status", "color", "shape", "frames")
 OBSERVED = ("source", "color", "shape")
 """Columns of observations whose values are counted."""
