@@ -22,11 +22,13 @@ from wayside.schemas.detections import COLORS as SIGN_COLORS
 
 def share_of(face: Face, color: str) -> float:
     pixels = face.image[face.alpha() > 127].astype(np.int64)
+    packed, count = np.unique(pixels @ (1 << 16, 1 << 8, 1), return_counts=True)
+    colors = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1)
     sheeting = np.array(list(COLORS.values()))
     nearest = np.concatenate(
-        [((some[:, None] - sheeting) ** 2).sum(2).argmin(1) for some in np.array_split(pixels, 20)]
+        [((some[:, None] - sheeting) ** 2).sum(2).argmin(1) for some in np.array_split(colors, 20)]
     )
-    return float((nearest == list(COLORS).index(color)).mean())
+    return float(count[nearest == list(COLORS).index(color)].sum() / count.sum())
 
 
 @pytest.mark.parametrize("group", GROUPS)
