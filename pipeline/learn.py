@@ -25,6 +25,7 @@ from wayside.pipeline.learning.backs import learn_back_classifier
 from wayside.pipeline.learning.camera_augmentation import through_other_cameras
 from wayside.pipeline.learning.detector import learn_detector
 from wayside.pipeline.learning.detector_images import LabelledImage
+from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
 from wayside.pipeline.learning.face_naming import learn_name_network
 from wayside.pipeline.learning.faces import FaceSample
 from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
@@ -46,6 +47,7 @@ from wayside.pipeline.learning.scenes import (
     real_faces,
     real_sources,
     scene_drive,
+    with_drawn_faces,
 )
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -126,7 +128,9 @@ def gather(
     drives = for_each(rendered, logs)
     sources = real_sources(real) if real else {}
     shown = {name: labelled_images(read) for name, read in sources.items()}
-    scenes = for_each(recorded, shown.items())
+    library = read_face_library(real) if real else FaceLibrary((), ())
+    drawn = {name: with_drawn_faces(images, library, seed) for name, images in shown.items()}
+    scenes = for_each(recorded, drawn.items())
     crops = (face for name in FACE_SOURCES for face in real_faces(shown.get(name, ())))
     return TrainingData(tuple(drives), tuple(scenes), tuple(crops), reread)
 

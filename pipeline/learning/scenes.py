@@ -6,14 +6,17 @@ of the right order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from wayside.pipeline.learning.detector_crops import make_noise
 from wayside.pipeline.learning.detector_images import (
     BACK,
     FRONT,
@@ -21,6 +24,9 @@ from wayside.pipeline.learning.detector_images import (
     real_drive_images,
     scene_set_images,
 )
+from wayside.pipeline.learning.distractor_drawings import draw_distractor
+from wayside.pipeline.learning.face_compositing import beside_the_road, draw_faces
+from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.pipeline.learning.faces import FaceSample, real_face
 from wayside.pipeline.learning.samples import SignViews, TrainingDrive, TrueFaces, read_drive_images
 from wayside.schemas.detections import COLORS, NONE, SHAPES
@@ -32,6 +38,9 @@ FOCAL_FRACTION = 0.9
 
 FEW, COPIES = 100, 3
 """A source of fewer images is read several times, mostly altered."""
+
+DRAWN_FRACTION, MOST_POSTS, MOST_DISTRACTORS = 0.5, 6, 2
+"""Fraction of the real images into which faces are drawn; most posts with faces, and things that are none, in one."""
 
 
 def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]]]:
@@ -57,14 +66,56 @@ def labelled_images(source: Callable[[], Iterator[LabelledImage]]) -> list[Label
     return images * (COPIES if len(images) < FEW else 1)
 
 
+def with_drawn_faces(
+    labelled: Sequence[LabelledImage], library: FaceLibrary, seed: int
+) -> list[LabelledImage]:
+    """The images, some with further faces drawn in beside the road: real ones show few kinds of signs."""
+    side = max(max(one.rgb.shape[:2]) for one in labelled) + 1
+    noise = make_noise(np.random.default_rng(seed), side).smooth
+    shown = []
+    for index, one in enumerate(labelled):
+        rng = np.random.default_rng((seed, index, zlib.crc32(one.source.encode())))
+        shown.append(
+            _with_faces(one, library, noise, rng) if rng.random() < DRAWN_FRACTION else one
+        )
+    return shown
+
+
+def _with_faces(
+    one: LabelledImage,
+    library: FaceLibrary,
+    noise: NDArray[np.float32],
+    rng: np.random.Generator,
+) -> LabelledImage:
+    rgb = one.rgb.copy()
+    posts = int(rng.integers(1, MOST_POSTS + 1))
+    taken = np.concatenate([one.box, one.ignored])
+    drawn = draw_faces(rgb, taken, library, noise, rng, posts, beside_the_road(camera_of(one)))
+    box = np.concatenate([one.box, np.array([d.box for d in drawn], np.float32).reshape(-1, 4)])
+    for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
+        draw_distractor(rgb, np.concatenate([box, one.ignored]), rng)
+    return replace(
+        one,
+        rgb=rgb,
+        box=box,
+        side=np.append(one.side, [d.side for d in drawn]).astype(np.int8),
+        color=np.append(one.color, [d.color for d in drawn]).astype(np.int8),
+        shape=np.append(one.shape, [d.shape for d in drawn]).astype(np.int8),
+    )
+
+
+def camera_of(one: LabelledImage) -> Camera:
+    """The camera of an image; a common one where it is not known."""
+    height, width = one.rgb.shape[:2]
+    focal = FOCAL_FRACTION * max(width, height)
+    return one.camera or Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+
+
 def as_images(labelled: Iterable[LabelledImage]) -> Iterator[Image]:
     """The images as a run would have them, numbered from 0."""
     for index, one in enumerate(labelled):
         height, width = one.rgb.shape[:2]
-        focal = FOCAL_FRACTION * max(width, height)
-        camera = one.camera or Camera(
-            width, height, focal, focal, (width - 1) / 2, (height - 1) / 2
-        )
+        camera = camera_of(one)
         frame = Frame(index, index, None, USED, "jpeg", b"", camera, width, height)
         yield Image(frame, one.rgb, np.asarray(cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY), np.uint8))
 

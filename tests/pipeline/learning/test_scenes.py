@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
+from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON, FaceLabel
 from wayside.pipeline.learning.scenes import (
     COPIES,
@@ -13,7 +14,9 @@ from wayside.pipeline.learning.scenes import (
     real_faces,
     real_sources,
     scene_drive,
+    with_drawn_faces,
 )
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.settings import Settings
 
 SIGN, THING = [300, 215, 330, 245], [400, 215, 430, 245]
@@ -83,3 +86,25 @@ def test_a_face_in_an_unknown_place_is_still_a_face(ignored):
     labelled = [image(ignored=ignored)]
     drive = scene_drive(as_images(labelled), "two", labelled, Settings())
     assert ON in drive.candidates.label
+
+
+def test_faces_are_drawn_beside_the_road_off_what_is_known_and_become_examples():
+    yellow = np.full((64, 64, 4), 255, np.uint8)
+    yellow[..., :3] = (250, 190, 10)
+    face = FaceDrawing(yellow, COLORS.index("yellow"), SHAPES.index("rectangle"))
+    labelled = [image(str(n), ignored=[[0, 0, 640, 100]]) for n in range(12)]
+    shown = with_drawn_faces(labelled, FaceLibrary((face,), (face,)), seed=1)
+    altered = [one for one, plain in zip(shown, labelled, strict=True) if one is not plain]
+    assert 0 < len(altered) < len(labelled)
+    for one in altered:
+        np.testing.assert_array_equal(one.box[0], SIGN)
+        np.testing.assert_array_equal(one.rgb[215:245, 300:330], labelled[0].rgb[215:245, 300:330])
+        assert (one.rgb[:100] == labelled[0].rgb[:100]).all()
+    drawn = np.concatenate([one.box[1:] for one in altered])
+    assert len(drawn) == sum(len(one.color) - 1 for one in altered) > len(altered)
+    # hardly any straight ahead, where the road is
+    assert (np.abs(drawn[:, [0, 2]].mean(axis=1) - 320) > 10).mean() > 0.8
+    again = with_drawn_faces(labelled, FaceLibrary((face,), (face,)), seed=1)
+    assert all((a.rgb == b.rgb).all() for a, b in zip(shown, again, strict=True))
+    drive = scene_drive(as_images(shown), "two", shown, Settings())
+    assert len(drive.wanted) == sum((one.side == FRONT).sum() for one in shown)
