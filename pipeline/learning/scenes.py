@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_crops import make_noise
+from wayside.pipeline.learning.detector_crops import MOST_DISTRACTORS, make_noise
 from wayside.pipeline.learning.detector_images import (
     BACK,
     FRONT,
@@ -39,8 +39,8 @@ FOCAL_FRACTION = 0.9
 FEW, COPIES = 100, 3
 """A source of fewer images is read several times, mostly altered."""
 
-DRAWN_FRACTION, MOST_POSTS, MOST_DISTRACTORS = 0.5, 6, 2
-"""Fraction of the real images into which faces are drawn; most posts with faces, and things that are none, in one."""
+DRAWN_FRACTION, MOST_POSTS = 0.5, 6
+"""Fraction of the real images into which faces are drawn; most posts with faces in one."""
 
 
 def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]]]:

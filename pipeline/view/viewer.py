@@ -87,9 +87,8 @@ def start_viewer(files: Sequence[Path], *, serve: bool = False) -> str:
     options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
     process = _start(files, port, options, dict(os.environ))
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
-    _wait_for_ports(
-        process, (port, web) if serve else (port,)
-    )  # two servers, which start one after the other
+    # the server of the page starts after that of the data
+    _wait_for_ports(process, (port, web) if serve else (port,))
     where = (
         f"in a browser: http://{LOOPBACK}:{web}/?url={address}" if serve else "the viewer is open"
     )
