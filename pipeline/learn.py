@@ -158,7 +158,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     logs = learning_logs(drives)
     settings, _ = load_settings()
     samples = gather(logs, real, settings, seed, notify)
-    origin = _origin(samples.drives, samples.crops, seed)
+    origin = _origin(samples, seed)
     models = gaussian_models(samples.drives, samples.crops, origin)
     candidates = settings.candidates
     detector = learn_detector(
@@ -251,11 +251,20 @@ def _shown_scenes(labelled: Sequence[LabelledImage], seed: int) -> Iterator[Imag
     return through_other_cameras(as_images(labelled), seed)
 
 
-def _origin(drives: Sequence[TrainingDrive], crops: Sequence[FaceSample], seed: int) -> str:
-    counted = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
-    real = f"; {len(crops)} faces of real images" if crops else ""
+def _origin(samples: TrainingData, seed: int) -> str:
+    """What was learned from, as `learned_from` finds it: each source with its number of images."""
+    rendered = ", ".join(
+        f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in samples.drives
+    )
+    real = ", ".join(f"{d.name} ({d.frames} images, {len(d.signs)} faces)" for d in samples.scenes)
+    seen = f"rendered drives {rendered}"
+    if samples.scenes:
+        seen += (
+            f"; real images, with copies of small sources and drawn faces, {real}; "
+            f"{len(samples.crops)} clear faces of theirs"
+        )
     packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn", "torch"))
-    return f"rendered drives {counted}{real}; seed {seed}; {packages}"
+    return f"{seen}; seed {seed}; {packages}"
 
 
 def _version(package: str) -> str:

@@ -1,12 +1,14 @@
-"""Learn the landmark classifiers from rendered drives: `python -m wayside.pipeline.learn_landmarks`.
+"""Learn the landmark classifiers from drives: `python -m wayside.pipeline.learn_landmarks`.
 
 The drives are others than those of `learn.py`: on images that a detector has learned from, its scores are higher than
-on the road.
+on the road. Real ones weigh as they are: how far the views of shop fronts and lorries look like signs, rendered drives
+do not tell.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -24,6 +26,7 @@ from wayside.pipeline.learning.landmarks import (
     ACCEPT_BACK,
     FALSE_ALARM,
     FALSE_ALARM_BACK,
+    KnownPanels,
     LandmarkSamples,
     PosedDrive,
     gather_landmarks,
@@ -38,16 +41,22 @@ from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.stages.odometry import estimate_motion
 
+REAL_DRIVES = ("ca_city_garmin",)
+"""Real drives with labels that may be learned from and that no model of one image has learned from."""
+
 LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of the box classifier is lowered: else few landmarks are no signs."""
 
 Notify = Callable[[str], None]
 
 
-def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str]:
+def learn_landmarks(
+    drives: Path, real: Path | None, folder: Path, notify: Notify
+) -> dict[str, str]:
     """Learn `place.json` and `back_place.json` from the drives of a folder; the digests by file name.
 
-    folder: the models that the drives are tracked with; what is learned is written there.
+    real: folder of real drives with labels; folder: the models that the drives are tracked with; what is learned is
+    written there.
 
     Raises
     ------
@@ -57,6 +66,8 @@ def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str
         If a file cannot be written.
     """
     logs = learning_logs(drives)
+    if real is not None:
+        logs += [log for log in (real / f"{name}.mcap" for name in REAL_DRIVES) if log.is_file()]
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
@@ -81,9 +92,7 @@ def provenance(names: list[str], samples: LandmarkSamples) -> str:
     """What a model was learned from: drives by name, with the number of landmarks of each."""
     counts = [int((samples.drive == number).sum()) for number in range(len(names))]
     listed = ", ".join(f"{n} ({count} landmarks)" for n, count in zip(names, counts, strict=True))
-    return (
-        f"rendered drives {listed}; a name ends in what was added to the seed of its specification"
-    )
+    return f"drives {listed}; the name of a rendered one ends in what was added to the seed of its specification"
 
 
 def _landmarks_of(folder: Path, log: Path) -> LandmarkSamples:
@@ -91,10 +100,10 @@ def _landmarks_of(folder: Path, log: Path) -> LandmarkSamples:
 
 
 def _posed(folder: Path, log: Path) -> Iterator[PosedDrive]:
-    """A drive up to its motion, with its truth, once for each threshold of the box classifier."""
+    """A drive up to its motion, with its panels, once for each threshold of the box classifier."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    truth = read_truth(log.with_suffix(".truth.json"))
+    known = _known_panels(log)
     for lower in LENIENT:
         classifier = models.box_classifier
         if classifier is None:
@@ -106,13 +115,21 @@ def _posed(folder: Path, log: Path) -> Iterator[PosedDrive]:
             flow.detect(frames), settings.motion, settings.ties, settings.adjustment
         )
         yield PosedDrive(
+            log.stem,
             moved,
             classifier,
             models.back_classifier,
-            truth,
+            known,
             flow.panel_method(),
             models.location_classes,
         )
+
+
+def _known_panels(log: Path) -> KnownPanels:
+    labels = log.with_suffix(".labels.json")
+    if labels.is_file():
+        return KnownPanels.of_labels(json.loads(labels.read_text(encoding="utf-8")))
+    return KnownPanels.of(read_truth(log.with_suffix(".truth.json")))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -121,11 +138,12 @@ def main(arguments: list[str] | None = None) -> int:
         prog="python -m wayside.pipeline.learn_landmarks", description=__doc__
     )
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
+    parser.add_argument("--real", type=Path, help="folder of real drives with labels")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
-        learn_landmarks(given.drives, given.out, lambda text: print(text, flush=True))
+        learn_landmarks(given.drives, given.real, given.out, lambda text: print(text, flush=True))
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

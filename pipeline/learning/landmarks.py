@@ -55,7 +55,7 @@ EVIDENCE = (
 nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
-FALSE_ALARM, FALSE_ALARM_BACK = 0.03, 0.1
+FALSE_ALARM, FALSE_ALARM_BACK = 0.01, 0.1
 """Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
@@ -64,19 +64,22 @@ ACCEPT, ACCEPT_BACK = -1.4, 0.0
 is reported where that is likelier than not."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
 Values = NDArray[np.float64]
+SignId = int | str
+"""As a `truth.json` or a `labels.json` has it."""
 
 
 @dataclass(frozen=True, slots=True)
 class PosedDrive:
-    """A drive with truth up to its motion: frames with candidates, and the box classifiers that scored them.
+    """A drive with known panels up to its motion: frames with candidates, and the box classifiers that scored them.
 
     panel: how panels are measured; None: they are not. location: where signs stand.
     """
 
+    name: str
     moved: Iterable[PosedDetections]
     face: TreeModel | None
     back: TreeModel | None
-    truth: dict[str, Any]
+    known: KnownPanels
     panel: PanelMethod | None = None
     location: GaussianModel | None = None
 
@@ -110,7 +113,6 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     names: list[str] = []
     backs: list[bool] = []
     for drive in drives:
-        known = KnownPanels.of(drive.truth)
         settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
         front, back = (
             SideClassifiers(
@@ -123,8 +125,8 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
         for frame in track(iter(drive.moved), settings, front, behind, drive.panel):
             for landmark in frame.landmarks:
                 values.append(landmark.features)
-                labels.append(label_of(landmark, known))
-                names.append(drive.truth["name"])
+                labels.append(label_of(landmark, drive.known))
+                names.append(drive.name)
                 backs.append(landmark.back)
     return LandmarkSamples(
         np.array(values, np.float32).reshape(-1, len(FEATURES)),
@@ -254,17 +256,21 @@ class KnownPanels:
     """Panels of a drive with truth: boxes by frame, and where each stands from the camera of a frame.
 
     boxes: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel; centres:
-    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame.
+    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame. Of labels made by hand: where a
+    sign stands is not known, it has boxes in some of the frames that show it (`in_all_frames` False), and some are
+    neither right nor wrong (`doubtful`), as groups of plates that are there one by one.
     """
 
-    boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]]
-    centres: dict[int, Values]
+    boxes: dict[int, list[tuple[SignId, bool, tuple[float, float, float, float]]]]
+    centres: dict[SignId, Values]
     poses: dict[int, tuple[Values, Values]]
+    in_all_frames: bool = True
+    doubtful: frozenset[SignId] = frozenset()
 
     @classmethod
     def of(cls, truth: dict[str, Any]) -> KnownPanels:
         """From the content of a `truth.json`."""
-        boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]] = {}
+        boxes: dict[int, list[tuple[SignId, bool, tuple[float, float, float, float]]]] = {}
         for sign in truth["signs"]:
             for view in sign["frames"]:
                 back = view["side"] == "back"
@@ -279,7 +285,22 @@ class KnownPanels:
         poses = {frame["index"]: camera_pose(frame) for frame in truth["frames"]}
         return cls(boxes, centres, poses)
 
-    def stands_at(self, landmark: Landmark, sign: int) -> bool:
+    @classmethod
+    def of_labels(cls, labels: dict[str, Any]) -> KnownPanels:
+        """From the content of a `labels.json`."""
+        boxes: dict[int, list[tuple[SignId, bool, tuple[float, float, float, float]]]] = {}
+        for sign in labels["signs"]:
+            for view in sign["boxes"]:
+                entry = (sign["id"], sign["facing"] == "back", tuple(view["box"]))
+                boxes.setdefault(view["i"], []).append(entry)
+        doubtful = {
+            sign["id"]
+            for sign in labels["signs"]
+            if not (sign["wanted"] or sign["facing"] == "back")
+        }
+        return cls(boxes, {}, {}, in_all_frames=False, doubtful=frozenset(doubtful))
+
+    def stands_at(self, landmark: Landmark, sign: SignId) -> bool:
         """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them.
 
         Of a sign without a position its boxes alone tell.
@@ -298,7 +319,8 @@ def label_of(landmark: Landmark, known: KnownPanels) -> int:
     depth, or rays that met by chance, are no signs either.
     """
     there = {s: on for s, on in _faces(landmark, known).items() if known.stands_at(landmark, s)}
-    return SIGN if any(there.values()) else NEITHER if there else NOTHING
+    sure = any(on_face for sign, on_face in there.items() if sign not in known.doubtful)
+    return SIGN if sure else NEITHER if there else NOTHING
 
 
 def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
@@ -307,17 +329,22 @@ def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
     return SIGN if any(touched.values()) else NEITHER if touched else NOTHING
 
 
-def _faces(landmark: Landmark, known: KnownPanels) -> dict[int, bool]:
-    """The signs that a landmark touches in its nearest views, and whether it lies on their face."""
-    near = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
-    overlaps: dict[int, list[float]] = {}
-    for view in near:
+def _faces(landmark: Landmark, known: KnownPanels) -> dict[SignId, bool]:
+    """The signs that a landmark touches in its nearest views, and whether it lies on their face.
+
+    Where a sign has boxes in some frames only, the nearest views are those of these frames.
+    """
+    views = sorted(landmark.views, key=lambda view: -view.frame)
+    overlaps: dict[SignId, list[float]] = {}
+    for view in views[:NEAREST] if known.in_all_frames else views:
         for sign, back, box in known.boxes.get(view.frame, ()):
             if back == landmark.back:
                 overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
                 overlaps.setdefault(sign, []).append(float(overlap))
+    nearest = {sign: own[:NEAREST] for sign, own in overlaps.items()}
+    without_box = min(NEAREST, len(views)) if known.in_all_frames else 0
     return {
-        sign: float(np.median([*own, *[0.0] * (len(near) - len(own))])) >= ON_FACE
-        for sign, own in overlaps.items()
+        sign: float(np.median([*own, *[0.0] * (without_box - len(own))])) >= ON_FACE
+        for sign, own in nearest.items()
         if max(own) > NEAR_FACE
     }

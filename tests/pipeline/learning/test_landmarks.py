@@ -77,6 +77,25 @@ def test_what_is_followed_as_a_back_is_one_where_a_panel_is_seen_from_behind():
     assert label(SeenAt(AWAY, AWAY, AWAY, back=True), side="back") == NOTHING
 
 
+def label_by_hand(landmark, **changed):
+    boxes = [{"i": i, "box": [100, 100, 140, 140]} for i in (1, 3)]
+    sign = {"id": "P1", "facing": "front", "wanted": True, "boxes": boxes} | changed
+    return label_of(landmark, KnownPanels.of_labels({"signs": [sign]}))
+
+
+def test_hand_made_boxes_tell_in_the_frames_that_have_them():
+    assert label_by_hand(SeenAt(AWAY, FACE, AWAY, FACE, AWAY)) == SIGN
+    assert label_by_hand(SeenAt(FACE, AWAY, FACE, AWAY, FACE)) == NOTHING
+    assert label_by_hand(SeenAt(FACE, HALF, FACE, HALF, FACE)) == NEITHER
+
+
+def test_hand_made_labels_that_are_not_wanted_are_nobodys_example_but_backs_are():
+    assert label_by_hand(SeenAt(*[FACE] * 4), wanted=False) == NEITHER
+    behind = {"facing": "back", "wanted": False}
+    assert label_by_hand(SeenAt(*[FACE] * 4, back=True), **behind) == SIGN
+    assert label_by_hand(SeenAt(*[FACE] * 4), **behind) == NOTHING
+
+
 def examples(count=800, seed=4):
     """Landmarks whose scores and misses tell signs from others, with their log odds at even shares."""
     rng = np.random.default_rng(seed)
@@ -117,7 +136,7 @@ def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_lo
     assert model.at_alpha(module.FALSE_ALARM).decision == pytest.approx(0, abs=1e-3)
     low, high = model.threshold_interval
     assert low < 0 < high
-    assert model.threshold_rule.startswith("alpha 0.03: ")
+    assert model.threshold_rule.startswith(f"alpha {module.FALSE_ALARM:g}: ")
     fresh, _ = examples(4000, seed=5)
     others = sums(model, fresh.values)[fresh.label == NOTHING]
     power = []
@@ -167,9 +186,10 @@ def test_landmarks_are_gathered_from_tracked_drives(monkeypatch):
     landmark.features = tuple(range(len(FEATURES)))
     settled = [type("S", (), {"landmarks": (landmark,)})]
     monkeypatch.setattr(module, "track", lambda moved, settings, front, back, panel: iter(settled))
-    known, none = truth() | {"name": "a"}, {"name": "b", "signs": [], "frames": []}
+    known, none = truth(), {"signs": [], "frames": []}
     found = module.gather_landmarks(
-        module.PosedDrive([], None, None, truth) for truth in (known, none, known)
+        module.PosedDrive(name, [], None, None, KnownPanels.of(content))
+        for name, content in (("a", known), ("b", none), ("a", known))
     )
     assert found.label.tolist() == [SIGN, NOTHING, SIGN]
     assert found.drive.tolist() == [0, 1, 0]
