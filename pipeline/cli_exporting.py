@@ -15,7 +15,8 @@ EXPORT_EPILOG = (
     "Examples: `wayside export out -o signs.csv` · "
     "`wayside export out -f gpkg --units us --crs EPSG:26914` · "
     "`wayside export out -o signs.geojson --review review.csv` · "
-    "`wayside export out -f mcap -o drive.signs.mcap`"
+    "`wayside export out -f mcap -o drive.signs.mcap` · "
+    "`wayside export inventory -f gpkg --table supports`"
 )
 
 
@@ -37,6 +38,13 @@ class Units(StrEnum):
     us = "us"
 
 
+class InventoryTable(StrEnum):
+    """Of an inventory."""
+
+    panels = "panels"
+    supports = "supports"
+
+
 Review = Annotated[
     Path | None,
     typer.Option(
@@ -46,13 +54,27 @@ Review = Annotated[
 
 
 def export(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help="Folder written by `wayside run`, or an inventory of `wayside fleet`.",
+        ),
+    ],
     file: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="The file to write.  [default: signs.FORMAT in OUT]"),
+        typer.Option(
+            "-o",
+            "--out",
+            help="The file to write.  [default: signs.FORMAT in OUT; of an inventory TABLE.FORMAT]",
+        ),
     ] = None,
     kind: Annotated[
         Format | None, typer.Option("-f", "--format", help="Default: by the end of the name.")
+    ] = None,
+    table: Annotated[
+        InventoryTable | None,
+        typer.Option(help="Of an inventory: what has a row each.  [default: panels]"),
     ] = None,
     units: Annotated[
         Units, typer.Option(help="`us`: distances in feet, sizes of signs in inches.")
@@ -75,13 +97,28 @@ def export(
 ) -> None:
     """Write the signs for other programs, with corrections beside what was measured."""
     from wayside.pipeline.exporting.export import export as write
-    from wayside.pipeline.reviewing.review import find_review
+    from wayside.pipeline.exporting.sources import is_inventory
+    from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 
     chosen = _format_of(file, kind)
-    target = out / f"signs.{chosen}" if file is None else file
-    said = find_review(out, review)
+    inventory = is_inventory(out)
+    name = (table or InventoryTable.panels).value if inventory else "signs"
+    target = out / f"{name}.{chosen}" if file is None else file
+    if inventory and review is not None:
+        raise UsageError(
+            f"--review {review}: wanted the result of one drive, found the inventory {out}; leave --review out"
+        )
+    said = NO_REVIEW if inventory else find_review(out, review)
     done = write(
-        out, said, target, chosen, units=units.value, crs=crs, log=log, overwrite=overwrite
+        out,
+        said,
+        target,
+        chosen,
+        table=None if table is None else table.value,
+        units=units.value,
+        crs=crs,
+        log=log,
+        overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)
     more = f", {reviewed} of them reviewed" if reviewed else ""

@@ -1,17 +1,27 @@
-"""`wayside export`: the signs of a result as one file for another program."""
+"""`wayside export`: the signs of a result, or of an inventory, as one file for another program."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import filecmp
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wayside.pipeline.exporting.flat_table import flat_table
-from wayside.pipeline.exporting.gis_files import format_gis
-from wayside.pipeline.exporting.place import place_rows, project, with_coordinates
-from wayside.pipeline.exporting.text_files import format_csv, format_geojson
+from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, flat_table
+from wayside.pipeline.exporting.gis_files import GisLayer, made_files
+from wayside.pipeline.exporting.place import Placer
+from wayside.pipeline.exporting.sources import (
+    INVENTORY_TABLES,
+    Source,
+    drive_signs,
+    inventory_rows,
+    is_inventory,
+)
+from wayside.pipeline.exporting.text_files import write_csv, write_geojson
 from wayside.pipeline.exporting.units import in_feet_and_inches
 from wayside.pipeline.reviewing.review import Review
-from wayside.pipeline.writing import refuse, whole_file, write_file
+from wayside.pipeline.writing import refuse, whole_file
 from wayside.schemas.errors import UsageError
 
 FORMATS = {
@@ -42,21 +52,27 @@ def export(
     file: Path,
     kind: str,
     *,
+    table: str | None = None,
     units: str = "metric",
     crs: str | None = None,
     log: Path | None = None,
     overwrite: bool = False,
 ) -> Exported:
-    """Write the signs of a result to a file.
+    """Write the signs of a result, or a table of an inventory, to a file.
+
+    An inventory is read and written area by area, so that memory does not grow with it; only KML is made as a whole, by
+    GDAL.
 
     Parameters
     ----------
     out
-        Folder written by `wayside run`.
+        Folder written by `wayside run`, or by `wayside fleet`.
     review
-        What is said of its rows; a missing sign is a row of its own.
+        What is said of the rows of a result; a missing sign is a row of its own. An inventory has no reviews.
     file, kind
         Where it goes, and a key of `FORMATS`. A Shapefile is several files of one stem.
+    table
+        Of an inventory: one of `INVENTORY_TABLES`; None: the panels.
     units
         One of `UNITS`: as measured, or feet and inches.
     crs
@@ -70,10 +86,10 @@ def export(
     Raises
     ------
     UsageError
-        The format does not go with units, reference system, or a result that has no place on the globe; or its
-        package is not installed.
+        The format does not go with units, reference system, an inventory, or a result that has no place on the globe;
+        a table is named where there is none; or the package of the format is not installed.
     InputError
-        The folder is no result folder, or damaged; the log cannot be read.
+        The folder is no result folder and no inventory, or damaged; the log cannot be read.
     OutputError
         A file cannot be written, or another stands there.
     """
@@ -88,40 +104,81 @@ def export(
         raise UsageError(
             f"--units {units}: wanted another format, found mcap, whose schemas are in metres; leave --units out"
         )
-    table = flat_table(out, review)
+    inventory = is_inventory(out)
+    _require_fitting(out, kind, table, inventory=inventory)
     if kind == "mcap":
         from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
 
+        signs = flat_table(out, review)
         with whole_file(file, overwrite=overwrite) as stream:
-            notes = write_foxglove_log(out, table, log, stream)
-        return Exported(len(table.rows), (file,), tuple(notes))
-    placement = place_rows(out, table)
-    if kind in _ALWAYS_WGS_84 and not placement.on_globe:
+            notes = write_foxglove_log(out, signs, log, stream)
+        return Exported(len(signs.rows), (file,), tuple(notes))
+    if inventory:
+        source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
+    else:
+        source = drive_signs(out, review)
+    if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: wanted signs on the globe for {FORMATS[kind]}, found none with longitude and latitude: the log "
             "has no satellite fixes; export CSV, gpkg or shp, whose x and y are relative to the drive"
         )
-    if crs is not None:
-        placement = project(out, placement, crs)
-        table = with_coordinates(table, placement, crs)
-    if units == "us":
-        table = in_feet_and_inches(table)
-    if kind == "csv":
-        write_file(file, format_csv(table).encode(), overwrite=overwrite)
-        return Exported(len(table.rows), (file,), placement.notes if crs is not None else ())
-    if kind == "geojson":
-        write_file(file, format_geojson(table, placement).encode(), overwrite=overwrite)
-        return Exported(len(table.rows), (file,), placement.notes)
-    made = format_gis(table, placement, kind, file.stem)
-    parts = {file.with_suffix(suffix): content for suffix, content in made.beside.items()}
-    _write_together(parts | {file: made.content}, overwrite=overwrite)
-    return Exported(len(table.rows), (*parts, file), (*placement.notes, *made.notes))
+    written = _Rows(source, crs, units)
+    if kind in ("csv", "geojson"):
+        write = write_csv if kind == "csv" else write_geojson
+        with whole_file(file, overwrite=overwrite) as stream:
+            write(written.columns, written, stream)
+        told = kind != "csv" or crs is not None
+        return Exported(written.count, (file,), written.notes() if told else ())
+    layer = GisLayer(source.table, source.key, written.columns, written, written.crs, source.last)
+    with made_files(layer, kind, file.stem) as (made, cut):
+        targets = [file.with_suffix(path.suffix) for path in made[:-1]] + [file]
+        _write_together(made, targets, overwrite=overwrite)
+    return Exported(written.count, tuple(targets), (*written.notes(), *cut))
 
 
-def _write_together(files: dict[Path, bytes], *, overwrite: bool) -> None:
-    """Write files that belong together; none where one of them would replace something else."""
-    for path, content in files.items():
-        if not overwrite and path.is_file() and path.read_bytes() != content:
-            raise refuse(path, "another file of that name")
-    for path, content in files.items():
-        write_file(path, content, overwrite=overwrite)
+class _Rows:
+    """The rows of a source as they are written, counted: placed, projected, in the wanted units."""
+
+    def __init__(self, source: Source, crs: str | None, units: str) -> None:
+        self._source, self._units = source, units
+        self._placer = Placer(source, crs)
+        self.crs = self._placer.crs
+        self.columns = self._finished(FlatTable(source.columns, ())).table.columns
+        self.count = 0
+
+    def __iter__(self) -> Iterator[Chunk]:
+        for table in self._source.chunks():
+            self.count += len(table.rows)
+            yield self._finished(table)
+
+    def notes(self) -> tuple[str, ...]:
+        """What must be known of the rows so far."""
+        return tuple(self._placer.notes())
+
+    def _finished(self, table: FlatTable) -> Chunk:
+        placed = self._placer.place(table)
+        if self._units == UNITS[0]:
+            return placed
+        return replace(placed, table=in_feet_and_inches(placed.table))
+
+
+def _require_fitting(out: Path, kind: str, table: str | None, *, inventory: bool) -> None:
+    """Refuse what only the result of a drive, or only an inventory, has."""
+    if table is not None and not inventory:
+        raise UsageError(
+            f"--table {table}: wanted an inventory of `wayside fleet`, found the result {out}; leave --table out"
+        )
+    if kind == "mcap" and inventory:
+        raise UsageError(
+            f"{out}: wanted the result of one drive for -f mcap, found an inventory; name a folder in {out / 'drives'}"
+        )
+
+
+def _write_together(made: list[Path], targets: list[Path], *, overwrite: bool) -> None:
+    """Copy files that belong together; none where one of them would replace something else."""
+    for path, target in zip(made, targets, strict=True):
+        if not overwrite and target.is_file() and not filecmp.cmp(path, target, shallow=False):
+            raise refuse(target, "another file of that name")
+    for path, target in zip(made, targets, strict=True):
+        with path.open("rb") as source, whole_file(target, overwrite=overwrite) as stream:
+            shutil.copyfileobj(source, stream)

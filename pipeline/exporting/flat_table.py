@@ -1,4 +1,4 @@
-"""The signs of a result as rows of single values, with what a review says beside what was measured."""
+"""Rows of a table as single values; those of a drive's signs with what a review says beside what was measured."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
 from wayside.schemas.errors import InputError
-from wayside.schemas.tables import FRAMES, SIGNS, Column
+from wayside.schemas.tables import FRAMES, SIGNS, Column, Table
 
 Row = dict[str, Any]
 """Values by column name; one that is absent or None is unknown."""
 
-_PARTS = {
-    "covariance": ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"),
-    "best_box": ("best_x_min", "best_y_min", "best_x_max", "best_y_max"),
-}
-"""Columns of lists, one column an element."""
+Point = tuple[float, ...]
+"""A place: x, y, or x, y and height."""
+
+_BOX = ("best_x_min", "best_y_min", "best_x_max", "best_y_max")
+_WORLD = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
+_EAST_NORTH_UP = ("cov_ee", "cov_en", "cov_eu", "cov_nn", "cov_nu", "cov_uu")
 _REVIEW_COLUMNS = (
     Column("review", pa.string(), "", f"what a reviewer said: {', '.join(REVIEWS)}"),
     Column("reviewed_color", pa.string(), "", "colour by the review"),
@@ -41,6 +42,14 @@ class FlatTable:
     rows: tuple[Row, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Some rows of a table, and where each lies: a point for each row, None where it has no place."""
+
+    table: FlatTable
+    points: tuple[Point | None, ...]
+
+
 def flat_table(out: Path, review: Review) -> FlatTable:
     """All columns of `signs.parquet` but the geometry, those of lists one by one, and then those of the review.
 
@@ -56,34 +65,49 @@ def flat_table(out: Path, review: Review) -> FlatTable:
     InputError
         The folder is no result folder, or damaged.
     """
-    listed = [column for column in SIGNS.columns if column.name != "geometry"]
+    listed = kept_columns(SIGNS)
     signs = read_rows(out, SIGNS, [column.name for column in listed])
-    rows = [_flat(sign) | _said(review.rows.get(sign["sign_id"])) for sign in signs]
+    rows = [flat_row(SIGNS, sign) | _said(review.rows.get(sign["sign_id"])) for sign in signs]
     rows += _missing(out, signs, review)
-    columns = [part for column in listed for part in _parts(column)]
-    return FlatTable((*columns, *_REVIEW_COLUMNS), tuple(rows))
+    return FlatTable((*flat_columns(SIGNS), *_REVIEW_COLUMNS), tuple(rows))
 
 
-def _parts(column: Column) -> Sequence[Column]:
-    """A column, or one for each element of its lists; choices are text."""
-    if column.name in _PARTS:
-        kind = column.type.value_type  # type: ignore[attr-defined]  # of a list, which the stubs do not say
-        return [
-            Column(part, kind, column.unit, f"of `{column.name}`: {column.words}")
-            for part in _PARTS[column.name]
-        ]
-    kind = pa.string() if column.values else column.type
-    return [Column(column.name, kind, column.unit, column.words)]
+def kept_columns(table: Table) -> list[Column]:
+    """The columns of a table that its flat one is made of: all but the geometry."""
+    return [column for column in table.columns if column.name != "geometry"]
 
 
-def _flat(sign: Row) -> Row:
-    flat: Row = {}
-    for name, value in sign.items():
-        if name in _PARTS:
-            flat |= dict(zip(_PARTS[name], value or [None] * len(_PARTS[name]), strict=True))
+def flat_columns(table: Table) -> tuple[Column, ...]:
+    """Columns of single values: one for each element of a list of numbers; choices and lists of names are text."""
+    flat: list[Column] = []
+    for column in kept_columns(table):
+        if parts := _parts(table, column.name):
+            kind = column.type.value_type  # type: ignore[attr-defined]  # of a list, which the stubs do not say
+            words = f"of `{column.name}`: {column.words}"
+            flat += [Column(part, kind, column.unit, words) for part in parts]
         else:
-            flat[name] = value
+            text = column.values or pa.types.is_list(column.type)
+            flat.append(
+                Column(column.name, pa.string() if text else column.type, column.unit, column.words)
+            )
+    return tuple(flat)
+
+
+def flat_row(table: Table, row: Row) -> Row:
+    """A row in the columns of `flat_columns`; names of a list stand behind each other, with commas."""
+    flat: Row = {}
+    for name, value in row.items():
+        if parts := _parts(table, name):
+            flat |= dict(zip(parts, value or [None] * len(parts), strict=True))
+        else:
+            flat[name] = ", ".join(value) if isinstance(value, list) else value
     return flat
+
+
+def _parts(table: Table, name: str) -> tuple[str, ...]:
+    """The columns that a column of lists becomes, one an element."""
+    covariance = _WORLD if table is SIGNS else _EAST_NORTH_UP
+    return {"covariance": covariance, "best_box": _BOX}.get(name, ())
 
 
 def _said(one: Reviewed | None) -> Row:

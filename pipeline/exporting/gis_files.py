@@ -1,12 +1,13 @@
-"""The table as GeoPackage, Shapefile and KML, written by GDAL."""
+"""Rows as GeoPackage, Shapefile and KML, written by GDAL as they come."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -14,12 +15,12 @@ from typing import Any
 
 import pyarrow as pa
 
-from wayside.pipeline.exporting.flat_table import FlatTable
-from wayside.pipeline.exporting.place import Placement
+from wayside.pipeline.exporting.flat_table import Chunk, Point, Row
+from wayside.pipeline.exporting.text_files import plain_value
 from wayside.pipeline.exporting.units import short_names
 from wayside.schemas.errors import UsageError
+from wayside.schemas.tables import Column
 
-LAYER = "signs"
 _GEOMETRY = "geometry"
 _DRIVERS = {"gpkg": "GPKG", "shp": "ESRI Shapefile", "kml": "LIBKML"}
 _LONGEST_TEXT = 254
@@ -46,22 +47,38 @@ def load_pyogrio() -> ModuleType:
 
 
 @dataclass(frozen=True, slots=True)
-class GisFile:
-    """The bytes of a file and of those beside it, by suffix; notes: in words, what the format has no room for."""
+class GisLayer:
+    """What a file of a geographic information system is made of.
 
-    content: bytes
-    beside: dict[str, bytes]
-    notes: tuple[str, ...]
+    Attributes
+    ----------
+    name, key
+        Of the layer, and the column that names a row.
+    columns
+        Of all rows.
+    chunks
+        The rows, read once, while the file is written.
+    crs
+        Of the points, as GDAL reads it.
+    when
+        Where a format wants the time of its writing, it gets this, so that the same rows give the same bytes.
+    """
+
+    name: str
+    key: str
+    columns: tuple[Column, ...]
+    chunks: Iterable[Chunk]
+    crs: str
+    when: datetime
 
 
-def format_gis(table: FlatTable, placement: Placement, kind: str, stem: str) -> GisFile:
-    """The table as a file of a geographic information system.
-
-    The same table gives the same bytes: where a format wants the time of its writing, it gets that of the drive.
+@contextmanager
+def made_files(layer: GisLayer, kind: str, stem: str) -> Iterator[tuple[list[Path], list[str]]]:
+    """The files of a layer in a scratch folder, which goes with the block, the main one last; and what was cut.
 
     Parameters
     ----------
-    table, placement
+    layer
         The rows and where they lie.
     kind
         `gpkg`, `shp` or `kml`.
@@ -74,66 +91,94 @@ def format_gis(table: FlatTable, placement: Placement, kind: str, stem: str) -> 
         pyogrio is not installed.
     """
     pyogrio = load_pyogrio()
-    points = placement.points
-    geometry_type = "Point Z"
     options: dict[str, str] = {}
-    if (
-        kind == "kml"
-    ):  # its heights are above the sea, those here above the ellipsoid: on the ground
-        points = tuple(None if point is None else point[:2] for point in points)
-        geometry_type = "Point"
-    when = _time_of(table)
     if kind == "shp":
-        options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{when:%Y-%m-%d}"}
-    with TemporaryDirectory(prefix="wayside-") as scratch, _dated(pyogrio, when):
+        options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{layer.when:%Y-%m-%d}"}
+    cut: Counter[str] = Counter()
+    schema = _schema(layer, kind)
+    batches = (_batch(chunk, layer, schema, kind, cut) for chunk in layer.chunks)
+    with TemporaryDirectory(prefix="wayside-") as scratch:
         file = Path(scratch) / f"{stem}.{kind}"
-        pyogrio.write_arrow(
-            _arrow(table, points, kind),
-            file,
-            layer=stem if kind == "shp" else LAYER,
-            driver=_DRIVERS[kind],
-            geometry_name=_GEOMETRY,
-            geometry_type=geometry_type,
-            crs=placement.crs,
-            **options,
+        with _dated(pyogrio, layer.when):
+            pyogrio.write_arrow(
+                pa.RecordBatchReader.from_batches(schema, batches),
+                file,
+                layer=stem if kind == "shp" else layer.name,
+                driver=_DRIVERS[kind],
+                geometry_name=_GEOMETRY,
+                geometry_type="Point" if kind == "kml" else "Point Z",
+                crs=layer.crs,
+                **options,
+            )
+        beside = sorted(path for path in Path(scratch).iterdir() if path != file)
+        yield (
+            [*beside, file],
+            [
+                f"{count} texts of {name} are cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
+                for name, count in cut.items()
+            ],
         )
-        written = {part.suffix: part.read_bytes() for part in sorted(Path(scratch).iterdir())}
-    main = written.pop(file.suffix)
-    return GisFile(main, written, tuple(_cut_texts(table)) if kind == "shp" else ())
 
 
-def _arrow(table: FlatTable, points: tuple[tuple[float, ...] | None, ...], kind: str) -> pa.Table:
-    short = short_names(table.columns)
+def _schema(layer: GisLayer, kind: str) -> pa.Schema:
+    """One field a column, and the geometry; those of KML begin with name and description."""
+    short = short_names(layer.columns)
     fields: list[pa.Field[Any]] = []
-    arrays: list[pa.Array[Any]] = []
     if kind == "kml":
         fields += [pa.field(name, pa.string()) for name in ("Name", "description")]
-        arrays += [pa.array([str(row["sign_id"]) for row in table.rows], pa.string())]
-        arrays += [pa.array([_appearance(row) for row in table.rows], pa.string())]
-    for column in table.columns:
-        values = [row.get(column.name) for row in table.rows]
-        if kind == "shp":  # its numbers have 18 digits, times in nanoseconds have 19
-            text = pa.types.is_int64(column.type) or pa.types.is_string(column.type)
-            values = [v if v is None else _cut(str(v)) if text else v for v in values]
-            fields.append(pa.field(short[column.name], pa.string() if text else column.type))
+    for column in layer.columns:
+        if kind == "shp":
+            kept = pa.string() if _is_text(column) else column.type
+            fields.append(pa.field(short[column.name], kept))
         else:
             comment = f"{column.words} [{column.unit}]" if column.unit else column.words
             about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
             fields.append(pa.field(column.name, column.type, metadata=about))
-        arrays.append(pa.array(values, fields[-1].type))
-    fields.append(pa.field(_GEOMETRY, pa.binary()))
-    arrays.append(pa.array([_wkb(point) for point in points], pa.binary()))
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    return pa.schema([*fields, pa.field(_GEOMETRY, pa.binary())])
 
 
-def _wkb(point: tuple[float, ...] | None) -> bytes | None:
+def _batch(
+    chunk: Chunk, layer: GisLayer, schema: pa.Schema, kind: str, cut: Counter[str]
+) -> pa.RecordBatch:
+    """Rows in the fields of `_schema`; counts the texts that are cut by their column."""
+    rows, points = chunk.table.rows, chunk.points
+    arrays: list[list[Any]] = []
+    if (
+        kind == "kml"
+    ):  # its heights are above the sea, those here above the ellipsoid: on the ground
+        points = tuple(None if point is None else point[:2] for point in points)
+        arrays += [[str(row[layer.key]) for row in rows], [_appearance(row) for row in rows]]
+    for column in layer.columns:
+        values = [row.get(column.name) for row in rows]
+        if kind == "shp" and _is_text(column):
+            texts = [None if v is None else str(plain_value(v)) for v in values]
+            values = [None if text is None else _cut(text) for text in texts]
+            if count := sum(text != value for text, value in zip(texts, values, strict=True)):
+                cut[column.name] += count
+        arrays.append(values)
+    arrays.append([_wkb(point) for point in points])
+    return pa.record_batch(
+        [pa.array(v, f.type) for v, f in zip(arrays, schema, strict=True)], schema=schema
+    )
+
+
+def _is_text(column: Column) -> bool:
+    """Whether a dBASE file holds a column as text: its numbers have 18 digits, its dates no time of day."""
+    kind = column.type
+    return pa.types.is_int64(kind) or pa.types.is_timestamp(kind) or pa.types.is_string(kind)
+
+
+def _wkb(point: Point | None) -> bytes | None:
     if point is None:
         return None
     kind = _WKB_POINT if len(point) == 2 else _WKB_POINT_Z
     return struct.pack(f"<BI{len(point)}d", 1, kind, *point)
 
 
-def _appearance(row: dict[str, Any]) -> str:
+def _appearance(row: Row) -> str:
+    """What a row shows, in words for a person: the look of a panel, or how many a support holds."""
+    if "panel_ids" in row:
+        return f"{row['panels']} panels"
     color, shape = (
         row.get(f"reviewed_{name}") or row.get(name) or "" for name in ("color", "shape")
     )
@@ -145,20 +190,6 @@ def _appearance(row: dict[str, Any]) -> str:
 def _cut(text: str) -> str:
     """As much of a text as a dBASE file holds, without half a character at its end."""
     return text.encode()[:_LONGEST_TEXT].decode(errors="ignore")
-
-
-def _cut_texts(table: FlatTable) -> Iterator[str]:
-    for column in table.columns:
-        if pa.types.is_string(column.type):
-            texts = [str(row.get(column.name) or "").encode() for row in table.rows]
-            if count := sum(len(text) > _LONGEST_TEXT for text in texts):
-                yield f"{count} texts of {column.name} are cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
-
-
-def _time_of(table: FlatTable) -> datetime:
-    """The last time of the drive that a row names."""
-    times = [row["best_time_ns"] for row in table.rows if row.get("best_time_ns") is not None]
-    return datetime.fromtimestamp(max(times, default=0) // 10**9, UTC)
 
 
 @contextmanager

@@ -4,98 +4,108 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
 
 import pyarrow as pa
 import pyproj
 from pyproj.exceptions import CRSError
 
-from wayside.pipeline.exporting.flat_table import FlatTable, Row
-from wayside.pipeline.result import read_run
+from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, Point, Row
+from wayside.pipeline.exporting.sources import Source
 from wayside.schemas.errors import UsageError
 from wayside.schemas.tables import Column
 
 WGS_84 = "EPSG:4326"
+_GLOBE, _LOCAL = ("lon_deg", "lat_deg", "alt_m"), ("x", "y", "z")
 _WORLDS = {
     "drive_start": "x forward and y left of the first image",
     "log": "of the poses of the log",
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """A point for each row: x, y, or x, y and height, in the axes of `crs`; None where a row has no place.
+class Placer:
+    """Points of rows in one reference system, and what must be known to trust them.
 
-    crs: as GDAL reads it; on_globe: whether points are longitude and latitude of WGS 84; notes: in words, what must be
-    known to trust the points.
-    """
+    Without fixes points are x, y, z of the world frame, in metres; else longitude, latitude and ellipsoidal height, or
+    their projection, whose heights stay metres above the WGS 84 ellipsoid.
 
-    crs: str
-    points: tuple[tuple[float, ...] | None, ...]
-    on_globe: bool = False
-    notes: tuple[str, ...] = ()
-
-
-def place_rows(out: Path, table: FlatTable) -> Placement:
-    """Longitude, latitude and ellipsoidal height of each row; without fixes x, y, z of the world frame, in metres."""
-    globe = [_point(row, ("lon_deg", "lat_deg", "alt_m")) for row in table.rows]
-    if not table.rows or any(point is not None for point in globe):
-        return Placement(WGS_84, tuple(globe), True, tuple(_unplaced(globe)))
-    world = str(read_run(out).get("world") or "drive_start")
-    name = f"wayside {world}: {_WORLDS.get(world, 'local')}"
-    crs = (
-        f'ENGCRS["{name}",EDATUM["{world}"],CS[Cartesian,2],AXIS["x",unspecified],'
-        'AXIS["y",unspecified],LENGTHUNIT["metre",1]]'
-    )
-    note = "the log has no fixes: geometry is x, y, z of the drive's own frame, in metres"
-    return Placement(crs, tuple(_point(row, ("x", "y", "z")) for row in table.rows), notes=(note,))
-
-
-def project(out: Path, placement: Placement, wanted: str) -> Placement:
-    """The same points in another coordinate reference system; heights stay metres above the WGS 84 ellipsoid.
-
-    Parameters
+    Attributes
     ----------
-    out
-        Folder of the result, for messages.
-    placement
-        On the globe.
-    wanted
-        What PROJ understands: `EPSG:26914`, a PROJ string, WKT.
+    crs
+        As GDAL reads it.
 
     Raises
     ------
     UsageError
-        It is no such system or one with a height of its own, the result has no place on the globe, or the points have
-        none in that system.
+        The wanted system is none, or one with a height of its own, or the source has no place on the globe.
     """
-    crs = _horizontal(wanted)
-    if not placement.on_globe:
-        raise UsageError(
-            f"{out}: wanted signs on the globe for --crs {wanted}, found none with longitude and latitude: the log "
-            "has no satellite fixes; leave --crs out for x, y of the drive"
-        )
-    to_crs = pyproj.Transformer.from_crs(WGS_84, crs, always_xy=True)
-    points: list[tuple[float, ...] | None] = []
-    for point in placement.points:
-        points.append(
-            None if point is None else (*to_crs.transform(point[0], point[1]), *point[2:])
-        )
-    if any(point is not None and not all(map(math.isfinite, point[:2])) for point in points):
-        raise UsageError(
-            f"--crs {wanted}: wanted a system that holds all signs, found that {crs.name} does not; "
-            f"it is made for {_area(crs)}"
-        )
-    notes = [*placement.notes, *_operation(crs, to_crs, points), *_outside(crs, placement)]
-    return replace(
-        placement, crs=crs.to_wkt(), points=tuple(points), on_globe=False, notes=tuple(notes)
-    )
+
+    def __init__(self, source: Source, wanted: str | None) -> None:
+        self._world, self._wanted, self._table = source.world, wanted, source.table
+        self._target = None if wanted is None else _horizontal(wanted)
+        self._placed = self._unplaced = self._outside = 0
+        if source.world is not None:
+            name = f"wayside {source.world}: {_WORLDS.get(source.world, 'local')}"
+            self.crs = (
+                f'ENGCRS["{name}",EDATUM["{source.world}"],CS[Cartesian,2],AXIS["x",unspecified],'
+                'AXIS["y",unspecified],LENGTHUNIT["metre",1]]'
+            )
+            if wanted is not None:
+                raise UsageError(
+                    f"{source.folder}: wanted signs on the globe for --crs {wanted}, found none with longitude and "
+                    "latitude: the log has no satellite fixes; leave --crs out for x, y of the drive"
+                )
+            return
+        self.crs = WGS_84 if self._target is None else self._target.to_wkt()
+        if self._target is not None:
+            self._to_crs = pyproj.Transformer.from_crs(WGS_84, self._target, always_xy=True)
+
+    def place(self, table: FlatTable) -> Chunk:
+        """A point for each row; with `wanted`, coordinates as columns `crs`, `crs_x`, `crs_y` too.
+
+        Raises
+        ------
+        UsageError
+            A point has no place in the wanted system.
+        """
+        names = _GLOBE if self._world is None else _LOCAL
+        points = tuple(_point(row, names) for row in table.rows)
+        unplaced = points.count(None)
+        self._unplaced += unplaced
+        self._placed += len(points) - unplaced
+        if self._target is None:
+            return Chunk(table, points)
+        self._outside += _outside(self._target, points)
+        projected = tuple(None if point is None else self._project(point) for point in points)
+        return Chunk(_with_coordinates(table, projected, self._target), projected)
+
+    def notes(self) -> Iterator[str]:
+        """In words, what the rows placed so far need."""
+        if self._world is not None:
+            yield "the log has no fixes: geometry is x, y, z of the drive's own frame, in metres"
+            return
+        if self._unplaced:
+            yield f"{self._unplaced} rows have no place on the globe: they have no geometry"
+        if self._target is not None and self._placed:
+            yield _operation(self._target, self._to_crs)
+        if self._target is not None and self._outside:
+            yield (
+                f"{self._outside} {self._table} lie outside of the area that {self._target.name} is made for: "
+                f"{_area(self._target)}"
+            )
+
+    def _project(self, point: Point) -> Point:
+        moved = (*self._to_crs.transform(point[0], point[1]), *point[2:])
+        if not all(map(math.isfinite, moved[:2])) and self._target is not None:
+            raise UsageError(
+                f"--crs {self._wanted}: wanted a system that holds all signs, found that {self._target.name} does not; "
+                f"it is made for {_area(self._target)}"
+            )
+        return moved
 
 
-def with_coordinates(table: FlatTable, placement: Placement, wanted: str) -> FlatTable:
-    """The table with the projected coordinates as columns `crs`, `crs_x`, `crs_y`."""
-    crs = _horizontal(wanted)
+def _with_coordinates(
+    table: FlatTable, points: tuple[Point | None, ...], crs: pyproj.CRS
+) -> FlatTable:
     name = ":".join(crs.to_authority() or (crs.name,))
     units = [axis.unit_name for axis in crs.axis_info]
     columns = (
@@ -105,19 +115,14 @@ def with_coordinates(table: FlatTable, placement: Placement, wanted: str) -> Fla
     )
     rows = tuple(
         row if point is None else row | {"crs": name, "crs_x": point[0], "crs_y": point[1]}
-        for row, point in zip(table.rows, placement.points, strict=True)
+        for row, point in zip(table.rows, points, strict=True)
     )
     return FlatTable((*table.columns, *columns), rows)
 
 
-def _point(row: Row, names: tuple[str, str, str]) -> tuple[float, ...] | None:
+def _point(row: Row, names: tuple[str, str, str]) -> Point | None:
     known = [row[name] for name in names if row.get(name) is not None]
     return tuple(known) if len(known) >= 2 else None
-
-
-def _unplaced(points: list[tuple[float, ...] | None]) -> Iterator[str]:
-    if count := points.count(None):
-        yield f"{count} rows have no place on the globe: they have no geometry"
 
 
 def _horizontal(wanted: str) -> pyproj.CRS:
@@ -137,32 +142,27 @@ def _horizontal(wanted: str) -> pyproj.CRS:
     return crs
 
 
-def _operation(
-    crs: pyproj.CRS, transformer: pyproj.Transformer, points: list[tuple[float, ...] | None]
-) -> Iterator[str]:
+def _operation(crs: pyproj.CRS, transformer: pyproj.Transformer) -> str:
     """What PROJ did and how exact that is; a datum that moves with its continent is metres from WGS 84."""
-    if all(point is None for point in points):
-        return
     used = transformer.get_last_used_operation()
     known = used.accuracy >= 0
     accuracy = f"accuracy {used.accuracy:g} m" if known else "accuracy unknown"
-    yield f"coordinates in {crs.name} by {used.description} ({accuracy})"
+    return f"coordinates in {crs.name} by {used.description} ({accuracy})"
 
 
-def _outside(crs: pyproj.CRS, placement: Placement) -> Iterator[str]:
+def _outside(crs: pyproj.CRS, points: tuple[Point | None, ...]) -> int:
+    """How many points, longitude and latitude, lie where a system is not made for."""
     area = crs.area_of_use
     if area is None:
-        return
-    count = sum(
+        return 0
+    return sum(
         not _within(point, area.west, area.east, area.south, area.north)
-        for point in placement.points
+        for point in points
         if point is not None
     )
-    if count:
-        yield f"{count} signs lie outside of the area that {crs.name} is made for: {_area(crs)}"
 
 
-def _within(point: tuple[float, ...], west: float, east: float, south: float, north: float) -> bool:
+def _within(point: Point, west: float, east: float, south: float, north: float) -> bool:
     lon, lat = point[:2]
     across = west <= lon <= east if west <= east else lon >= west or lon <= east
     return across and south <= lat <= north

@@ -1,36 +1,51 @@
-"""The table as CSV and as GeoJSON."""
+"""Rows as CSV and as GeoJSON, written as they come."""
 
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
-from typing import Any
+from collections.abc import Iterable
+from datetime import datetime
+from io import TextIOWrapper
+from typing import Any, BinaryIO
 
-from wayside.pipeline.exporting.flat_table import FlatTable
-from wayside.pipeline.exporting.place import Placement
+from wayside.pipeline.exporting.flat_table import Chunk
+from wayside.schemas.tables import Column
 
 
-def format_csv(table: FlatTable) -> str:
-    """Names of the columns in the first line; empty where a value is unknown."""
-    text = io.StringIO()
-    names = [column.name for column in table.columns]
+def write_csv(columns: Iterable[Column], chunks: Iterable[Chunk], stream: BinaryIO) -> None:
+    """Names of the columns in the first line; empty where a value is unknown; times in ISO 8601, UTC."""
+    text = TextIOWrapper(stream, "utf-8", newline="")
+    names = [column.name for column in columns]
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows({k: "" if v is None else v for k, v in row.items()} for row in table.rows)
-    return text.getvalue()
+    for chunk in chunks:
+        writer.writerows(
+            {k: "" if v is None else plain_value(v) for k, v in row.items()}
+            for row in chunk.table.rows
+        )
+    text.detach()
 
 
-def format_geojson(table: FlatTable, placement: Placement) -> str:
-    """RFC 7946: WGS 84, longitude before latitude; the height is that above the ellipsoid."""
-    names = [column.name for column in table.columns]
-    features = []
-    for row, point in zip(table.rows, placement.points, strict=True):
-        geometry = None if point is None else {"type": "Point", "coordinates": point}
-        values = {name: _finite(row.get(name)) for name in names}
-        features.append({"type": "Feature", "geometry": geometry, "properties": values})
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+def write_geojson(columns: Iterable[Column], chunks: Iterable[Chunk], stream: BinaryIO) -> None:
+    """RFC 7946, a feature a line: WGS 84, longitude before latitude; the height is that above the ellipsoid."""
+    names = [column.name for column in columns]
+    stream.write(b'{"type": "FeatureCollection", "features": [')
+    between = "\n"
+    for chunk in chunks:
+        for row, point in zip(chunk.table.rows, chunk.points, strict=True):
+            geometry = None if point is None else {"type": "Point", "coordinates": point}
+            values = {name: _finite(plain_value(row.get(name))) for name in names}
+            feature = {"type": "Feature", "geometry": geometry, "properties": values}
+            stream.write((between + json.dumps(feature)).encode())
+            between = ",\n"
+    stream.write(b"\n]}\n")
+
+
+def plain_value(value: Any) -> Any:
+    """The value itself, a time in ISO 8601."""
+    return value.isoformat() if isinstance(value, datetime) else value
 
 
 def _finite(value: Any) -> Any:

@@ -50,6 +50,9 @@ _SHORT = {
     "reviewed_color": "rev_color",
     "reviewed_shape": "rev_shape",
     "review_note": "rev_note",
+    "replaced_by": "replacedby",
+    "bearing": "bear",
+    "best_sign_id": "best_sign",
 }
 """Short names of columns with long ones, both without the unit."""
 
