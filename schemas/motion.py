@@ -24,7 +24,8 @@ class Ties:
     frame, metres, nan where it cannot be triangulated. rows (n, 2) int64: corners of both frames that were matched (-1:
     none), by which ties of several steps form a track; warp (n, 3): affine map of the surroundings of `previous` to the
     current frame (stretch along u, shear of u by v, stretch along v); sigma_px (n,): standard deviation of the
-    registration along the patch's worst direction. The last three are None where they were not kept.
+    registration along the patch's worst direction; these three are None where they were not kept. scatter: errors of
+    the ties over those that the settings state, by the residuals of the step (1: as stated).
     """
 
     previous: NDArray[np.float64]
@@ -34,6 +35,7 @@ class Ties:
     rows: NDArray[np.int64] | None = None
     warp: NDArray[np.float64] | None = None
     sigma_px: NDArray[np.float64] | None = None
+    scatter: float = 1.0
 
 
 class StepPrior(NamedTuple):

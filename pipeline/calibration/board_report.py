@@ -9,6 +9,7 @@ import numpy as np
 from wayside.pipeline.calibration.boards import CalibratedImages
 from wayside.pipeline.calibration.coverage import Coverage, image_corners
 from wayside.schemas.frame import Camera
+from wayside.stages.calibration import format_residuals
 from wayside.stages.geometry import distort_points, ideal_points
 
 _LARGEST_GAP_PX = 0.5
@@ -62,6 +63,7 @@ def _closing(found: CalibratedImages, coverage: Coverage) -> list[str]:
         headline(found),
         f"corners in {100 * (1 - coverage.empty):.0f} % of the cells of the image, out to "
         f"{100 * coverage.reach:.0f} % of the distance of its corners",
+        f"residuals by lens model: {format_residuals(found.calibration.by_model)}",
     ]
     if coverage.reach < _FAR:
         lines.append(

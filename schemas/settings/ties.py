@@ -117,6 +117,15 @@ class TieSettings:
     correlation_reach_px: float = setting(
         60.0, "px", "reach of the correlation", origin="measured", expert=True, low=1
     )
+    scatter_quantile: float = setting(
+        0.75,
+        "",
+        "quantile of the residuals of a step's ties, over the normal one, that raises their stated errors",
+        origin="the most that a quarter of gross errors leaves alone",
+        expert=True,
+        low=0.01,
+        high=0.99,
+    )
 
     # Coarse relative pose, from matched corners
     coarse_sigma_px: float = setting(

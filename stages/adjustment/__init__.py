@@ -11,6 +11,7 @@ from wayside.stages.adjustment.residuals import (
     StepConstraints,
     constraint_residuals,
 )
+from wayside.stages.adjustment.scatter import tie_scatter
 from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, translation_px
 
 __all__ = [
@@ -24,5 +25,6 @@ __all__ = [
     "correlated_sigma_px",
     "link_tracks",
     "select_tracks",
+    "tie_scatter",
     "translation_px",
 ]

@@ -8,6 +8,7 @@ from wayside.stages.calibration.board_fit import (
     FittedView,
     Parameter,
     calibrate_boards,
+    format_residuals,
 )
 from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
 from wayside.stages.calibration.lens import LENS, changed_camera
@@ -39,5 +40,6 @@ __all__ = [
     "cut_segments",
     "find_board",
     "focal_correction",
+    "format_residuals",
     "watch_calibration",
 ]

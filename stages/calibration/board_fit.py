@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import degrees, sqrt
+from math import degrees, nan, sqrt
 from typing import NamedTuple
 
 import cv2
@@ -67,11 +67,15 @@ class FittedView:
 
 @dataclass(frozen=True, slots=True)
 class BoardCalibration:
-    """Camera of the used views; rms_px over all their corners; a parameter of each name in `parameters`."""
+    """Camera of the used views; rms_px over all their corners; a parameter of each name in `parameters`.
+
+    by_model: rms_px of the same views with each of `LENS_MODELS`, nan where it cannot be fitted.
+    """
 
     camera: Camera
     parameters: tuple[Parameter, ...]
     rms_px: float
+    by_model: dict[str, float]
     views: tuple[FittedView, ...]
 
 
@@ -107,7 +111,8 @@ def calibrate_boards(
     Raises
     ------
     CalibrationError
-        Too few views, or views that do not determine the focal length.
+        Too few views, or views that do not determine the focal length; then the residuals of all lens models are
+        told, since a lens of another kind looks like that, too.
     """
     kept = list(range(len(views)))
     _require_views(len(kept), settings)
@@ -119,18 +124,20 @@ def calibrate_boards(
         del kept[worst]
         _require_views(len(kept), settings)
         fit = _fit([views[i] for i in kept], board, size, model)
-    spread = _jackknife([views[i] for i in kept], board, size, model)
+    used = [views[i] for i in kept]
+    by_model = {name: _residual_px(used, board, size, name) for name in LENS_MODELS}
+    spread = _jackknife(used, board, size, model)
     placed = [_place(i, view, board, fit, used=i in set(kept)) for i, view in enumerate(views)]
     count = 4 + LENS_MODELS[model]
     values = np.concatenate([fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], fit.distortion])
     parameters = tuple(
         map(Parameter, _NAMES[:count], values.tolist(), fit.sigma.tolist(), spread.tolist())
     )
-    _require_focal_length(parameters, placed, settings)
+    _require_focal_length(parameters, placed, by_model, settings)
     lens = values[4:].tolist() + [0.0] * (LENS_MODELS[model] == 4)
     fx, fy, cx, cy = values[:4].tolist()
     camera = Camera(size[0], size[1], fx, fy, cx, cy, tuple(lens))
-    return BoardCalibration(camera, parameters, fit.rms_px, tuple(placed))
+    return BoardCalibration(camera, parameters, fit.rms_px, by_model, tuple(placed))
 
 
 def _require_views(count: int, settings: BoardSettings) -> None:
@@ -167,6 +174,18 @@ def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) ->
     )
 
 
+def _residual_px(views: list[Array], board: Board, size: tuple[int, int], model: str) -> float:
+    try:
+        return _fit(views, board, size, model).rms_px
+    except CalibrationError:
+        return nan
+
+
+def format_residuals(by_model: dict[str, float]) -> str:
+    """Residual of each lens model in words."""
+    return ", ".join(f"{name} {rms_px:.3f}" for name, rms_px in by_model.items()) + " px RMS"
+
+
 def _jackknife(views: list[Array], board: Board, size: tuple[int, int], model: str) -> Array:
     """Standard errors (4 + coefficients,) by leaving out one view at a time; nan where a fit fails."""
     rows = []
@@ -194,7 +213,10 @@ def _place(index: int, view: Array, board: Board, fit: _Fit, *, used: bool) -> F
 
 
 def _require_focal_length(
-    parameters: tuple[Parameter, ...], views: list[FittedView], settings: BoardSettings
+    parameters: tuple[Parameter, ...],
+    views: list[FittedView],
+    by_model: dict[str, float],
+    settings: BoardSettings,
 ) -> None:
     for one in parameters[:2]:
         error = max(one.sigma, one.spread) / abs(one.value)
@@ -204,5 +226,6 @@ def _require_focal_length(
                 f"wanted views that determine the focal length, found {one.name} = {one.value:.0f} px with a "
                 f"standard error of {100 * error:.1f} % from {sum(v.used for v in views)} boards tilted by "
                 f"{tilt:.0f} degrees at most; photograph the board tilted by 30 to 45 degrees to both sides, "
-                "upwards and downwards, near and large"
+                "upwards and downwards, near and large; residuals by lens model: "
+                f"{format_residuals(by_model)}; where another one leaves far less (a wide lens), give it by --model"
             )

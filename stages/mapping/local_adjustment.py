@@ -59,7 +59,8 @@ class JointAdjustment(NamedTuple):
 class _WindowTies(NamedTuple):
     """Ties of the steps of a window, n rows: step, corners of both frames (n, 2), rays in both (n, 2), warp (n, 3).
 
-    depth (n,): in the earlier frame, m; pixel (n, 2): in the later image; displacement_px (n,): in it, by translation.
+    depth (n,): in the earlier frame, m; pixel (n, 2): in the later image; displacement_px (n,): in it, by translation;
+    scatter (n,): errors over those stated, by step.
     """
 
     step: NDArray[np.int64]
@@ -70,6 +71,7 @@ class _WindowTies(NamedTuple):
     depth: Array
     pixel: Array
     displacement_px: Array
+    scatter: Array
 
     def select(self, rows: NDArray[np.int64]) -> _WindowTies:
         """Those rows."""
@@ -84,6 +86,7 @@ _NO_TIES = _WindowTies(
     np.zeros((0, 3)),
     np.zeros(0),
     np.zeros((0, 2)),
+    np.zeros(0),
     np.zeros(0),
 )
 
@@ -130,7 +133,7 @@ def adjust_jointly(
     ties, track = well_distributed(ties_of(window, settings.sliding_px), settings.cell_px)
     start, anchors = track_starts(ties, track, settings)
     count, seen = len(anchors), int(inside.sum())
-    sigma = np.hypot(
+    sigma = ties.scatter * np.hypot(
         registered_sigma_px(ties, registration.sigma_px),
         settings.displacement_sigma * ties.displacement_px,
     )
@@ -211,6 +214,7 @@ def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> _WindowTies:
                 pose.to_world(ties.point[good])[:, 2],
                 ties.current[good],
                 translation_px(pose.rotation, source, target, window[k].focal),
+                np.full(len(source), ties.scatter),
             )
         )
     return _WindowTies(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -265,7 +269,7 @@ def shared_errors(
     fraction of the displacement was counted in the weights as if independent; it is in the shared error, so its
     independent part is subtracted.
     """
-    displacement = ties.displacement_px
+    displacement, gain = ties.displacement_px, ties.scatter[:, None, None] * gain
     shared = correlated_sigma_px(displacement, registration)[:, None, None] * gain
     alone = (displacement_sigma * displacement)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)

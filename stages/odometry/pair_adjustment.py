@@ -65,6 +65,7 @@ def adjust_pair(
     focal_px: float,
     ties: TieSettings,
     solver: AdjustmentSettings,
+    scatter: float = 1.0,
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
 
@@ -82,6 +83,8 @@ def adjust_pair(
         Errors of ties, and the scale of their robust cost.
     solver
         Limits of the iteration.
+    scatter
+        Errors of these ties over those that the settings state (`tie_scatter`).
 
     Returns
     -------
@@ -96,7 +99,8 @@ def adjust_pair(
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, ties.sigma_px / focal_px)
+    sigma_px = scatter * ties.sigma_px
+    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, sigma_px / focal_px)
     # An error is divided between both images: half of its square is in the second one.
     scale = ties.fine_last_scale_px / ties.sigma_px / np.sqrt(2)
     blocks = ResidualBlocks.joined(
@@ -124,7 +128,8 @@ def adjust_pair(
     direction = found.centres[1] / np.linalg.norm(found.centres[1])
     offset = found.points[:, :2] - direction[:2] / direction[2]
     displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
-    effect = correlated_sigma_px(displacement, ties)[:, None, None] * found.gain[n:] / focal_px
+    shared_px = scatter * correlated_sigma_px(displacement, ties)
+    effect = shared_px[:, None, None] * found.gain[n:] / focal_px
     shared = correlated_covariance(
         current * focal_px, np.zeros(n, np.int64), effect, ties.correlation_reach_px
     )
@@ -135,5 +140,5 @@ def adjust_pair(
         displacement,
         found.covariance + shared,
         found.iterations,
-        ties.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
+        sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
     )

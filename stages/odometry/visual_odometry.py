@@ -130,6 +130,7 @@ class VisualOdometry:
             return _unmeasured(last, expected, self.mount.height_m, self.settings)
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
+        scatter = step.scatter(image.focal_px, self.ties)
         straight_px = self._root_mean(pair_residual(*held, *expected.straight, focal))
         adjusted = adjust_pair(
             *held,
@@ -138,6 +139,7 @@ class VisualOdometry:
             focal_px=image.focal_px,
             ties=self.ties,
             solver=self.adjustment,
+            scatter=scatter,
         )
         carried = self._carried_length(step, adjusted)
         baseline, sigma_m = self._length(carried, expected)
@@ -168,6 +170,7 @@ class VisualOdometry:
                 step.tied.rows,
                 step.tied.warp,
                 step.tied.sigma,
+                scatter,
             ),
             straight_px,
             self._root_mean(pair_residual(*held, rotation, direction, focal)),

@@ -134,6 +134,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
         "rows": HELD,
         "warp": HELD,
         "sigma_px": WEIGHT,
+        "scatter": WEIGHT,
     },
     TrackedFrame: {
         "frame": WITHIN,

@@ -161,6 +161,32 @@ def test_errors_are_as_large_as_the_covariance_says():
     assert (np.abs(pulls) < 2).mean() > 0.92
 
 
+def test_steps_whose_ties_scatter_make_the_place_uncertain():
+    held, true = drive()
+    observed = observed_by(true)
+    start = chained_place(held, observed)
+    stated = adjusted(held, observed, start)
+    for h in held[1:]:
+        h.motion = replace(h.motion, ties=replace(h.motion.ties, scatter=4.0))
+    scattered = adjusted(held, observed, start)
+    # the rays of the landmark are as exact as before, and so is the known length of the steps
+    grown = np.sqrt(np.trace(scattered.covariance) / np.trace(stated.covariance))
+    assert 1.3 < grown < 4.0
+
+
+def test_a_step_whose_ties_scatter_gives_way_to_its_neighbours():
+    held, true = drive(wrong_step=5)
+    observed = observed_by(true)
+    start = chained_place(held, observed)
+    ties = held[5].motion.ties
+    lowered = replace(ties, current=ties.current + np.array([0.0, 1.0]))
+    held[5].motion = replace(held[5].motion, ties=lowered)
+    trusted = error_of(held, adjusted(held, observed, start).point)
+    held[5].motion = replace(held[5].motion, ties=replace(lowered, scatter=10.0))
+    doubted = error_of(held, adjusted(held, observed, start).point)
+    assert abs(doubted[1]) < 0.5 * abs(trusted[1])
+
+
 def test_ties_on_a_vehicle_lose_their_weight():
     held, true = drive(shuttle=0.15)
     observed = observed_by(true)
@@ -178,8 +204,9 @@ def test_patches_that_slide_along_their_edges_do_not_count():
     joint = adjusted(held, observed, chained_place(held, observed))
     for h in held[1:]:
         ties, good = h.motion.ties, h.motion.ties.sigma_px == 0
-        kept = (getattr(ties, field.name)[good] for field in fields(ties))
-        h.motion = replace(h.motion, ties=Ties(*kept))
+        columns = [field.name for field in fields(ties) if field.name != "scatter"]
+        kept = {name: getattr(ties, name)[good] for name in columns}
+        h.motion = replace(h.motion, ties=replace(ties, **kept))
     without = adjusted(held, observed, chained_place(held, observed))
     np.testing.assert_array_equal(joint.point, without.point)
     assert np.linalg.norm(error_of(held, joint.point)) < 0.06

@@ -27,7 +27,7 @@ def pair(noise_px=SIGMA, count=60, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.
     return rotation, direction, points, previous, local[:, :2] / local[:, 2:] + noise[1]
 
 
-def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6):
+def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6, scatter=1.0):
     ties = TieSettings(
         sigma_px=SIGMA,
         fine_last_scale_px=scale_px,
@@ -35,7 +35,9 @@ def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6):
         correlated_fraction=0.0,
     )
     solver = AdjustmentSettings(window_iterations=30, pair_gain=1e-9)
-    return adjust_pair(previous, current, start, prior, focal_px=FOCAL, ties=ties, solver=solver)
+    return adjust_pair(
+        previous, current, start, prior, focal_px=FOCAL, ties=ties, solver=solver, scatter=scatter
+    )
 
 
 def squares(found, previous, current):
@@ -112,6 +114,17 @@ def test_errors_of_many_pairs_are_as_large_as_the_covariance_says():
     spread = np.std(pulls, axis=0)
     assert (spread > 0.7).all()
     assert (spread < 1.35).all()
+
+
+def test_ties_of_larger_errors_count_less_against_the_prior():
+    rotation, direction, _, previous, current = pair(noise_px=3 * SIGMA)
+    start, prior = (rotation, direction), LOOSE._replace(sigma_rotation=1e-5)
+    stated = adjust(previous, current, start=start)
+    true = adjust(previous, current, start=start, scatter=3.0)
+    np.testing.assert_allclose(true.covariance[:3, :3], 9 * stated.covariance[:3, :3], rtol=0.05)
+    np.testing.assert_allclose(true.history_px[-1], stated.history_px[-1], rtol=0.02)
+    held = adjust(previous, current, prior=prior, start=start, scatter=3.0)
+    assert np.sqrt(held.covariance[0, 0]) == pytest.approx(1e-5, rel=0.05)
 
 
 def test_wrong_ties_do_not_pull():
