@@ -8,17 +8,18 @@ import json
 import math
 from typing import Any
 
+from wayside.pipeline.csv_text import guarded
 from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.place import Placement
 
 
 def format_csv(table: FlatTable) -> str:
-    """Names of the columns in the first line; empty where a value is unknown."""
+    """Names of the columns in the first line; empty where a value is unknown; no text is a formula."""
     text = io.StringIO()
     names = [column.name for column in table.columns]
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows({k: "" if v is None else v for k, v in row.items()} for row in table.rows)
+    writer.writerows({k: _cell(v) for k, v in row.items()} for row in table.rows)
     return text.getvalue()
 
 
@@ -31,6 +32,10 @@ def format_geojson(table: FlatTable, placement: Placement) -> str:
         values = {name: _finite(row.get(name)) for name in names}
         features.append({"type": "Feature", "geometry": geometry, "properties": values})
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def _cell(value: Any) -> Any:
+    return "" if value is None else guarded(value) if isinstance(value, str) else value
 
 
 def _finite(value: Any) -> Any:
