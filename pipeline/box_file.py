@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.importing import natural_key
+from wayside.pipeline.input_files import read_input, read_parquet
 from wayside.pipeline.json_text import parse_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass, unnamed
@@ -59,7 +59,7 @@ def load_boxes(settings: Settings) -> BoxFile:
     """
     path = Path(settings.models.detections)
     try:
-        data = path.read_bytes()
+        data = read_input(path)
     except OSError as error:
         raise _refusal(path, "a file of boxes", f"{error.strerror}", "correct the path") from error
     rows = _coco_rows(path, data) if path.suffix.lower() == ".json" else _parquet_rows(path)
@@ -127,7 +127,7 @@ def boxes_by_image(
 
 def _parquet_rows(path: Path) -> BoxRows:
     try:
-        table = pq.read_table(path)
+        table = read_parquet(path)
     except (OSError, pa.ArrowException) as error:
         words = " ".join(str(error).split())[:200]
         raise _refusal(

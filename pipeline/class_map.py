@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from wayside.pipeline.input_files import read_input_text
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError
@@ -24,7 +25,7 @@ def read_class_map(path: Path) -> dict[str, SignClass]:
         The file cannot be read, has another structure, or names a colour or shape that there is not.
     """
     try:
-        content = tomllib.loads(path.read_text("utf-8"))
+        content = tomllib.loads(read_input_text(path))
     except OSError as error:
         raise InputError(
             f"models.classes: wanted a TOML file, found: {error.strerror} at {path}; correct the path"

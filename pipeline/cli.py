@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -71,6 +72,10 @@ app = typer.Typer(
     epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.\n\n"
     + EXIT_STATUSES,
 )
+
+
+_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+"""What a system call says of a path that can name no file, wherever it comes up."""
 
 
 class Listed(StrEnum):
@@ -338,6 +343,13 @@ def main() -> None:
     except WaysideError as error:
         status = report_error(error, debug=debug)
     except OSError as error:
+        if error.errno in _NO_NAMES:
+            found = str(error.filename)
+            shown = (
+                found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
+            )
+            words = f"wanted a path, found: {error.strerror}: {shown}; correct the name"
+            sys.exit(report_error(UsageError(words), debug=debug))
         if error.errno not in UNWRITABLE:
             raise
         words = not_written(

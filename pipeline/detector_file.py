@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.class_map import numbered, read_class_map
+from wayside.pipeline.input_files import read_input
 from wayside.pipeline.onnx_header import FLOAT32, OnnxHeader, OnnxInput, read_onnx_header
 from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError
@@ -40,7 +41,7 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
     """
     path = Path(settings.detector)
     try:
-        data = path.read_bytes()
+        data = read_input(path)
         header = read_onnx_header(data)
     except (OSError, ValueError) as error:
         raise _refusal(

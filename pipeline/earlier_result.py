@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.reading.parts import bag_parts
@@ -142,7 +143,7 @@ def _is_same(run: dict[str, Any], log: Path) -> bool:
 def _read_run(folder: Path) -> dict[str, Any] | None:
     """Content of `run.json`; None where it is none of wayside's."""
     try:
-        run = parse_json((folder / RUN_FILE).read_text("utf-8"))
+        run = parse_json(read_input_text(folder / RUN_FILE))
     except (OSError, ValueError):
         return None
     known = isinstance(run, dict) and "wayside" in run and isinstance(run.get("files"), dict)

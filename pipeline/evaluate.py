@@ -17,6 +17,7 @@ from wayside.pipeline.evaluate_misses import (
     miss_causes,
 )
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation
+from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.result import RUN_FILE, read_rows, read_run, read_table
 from wayside.pipeline.statistics import Interval, Spread, share_interval
 from wayside.pipeline.writing import write_json
@@ -241,7 +242,7 @@ def _percent(value: float | None) -> str:
 
 def _read_truth(file: Path) -> dict[str, Any]:
     try:
-        facts = json.loads(file.read_text("utf-8"))
+        facts = json.loads(read_input_text(file))
     except OSError as error:
         raise InputError(f"truth file {file} cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:

@@ -22,6 +22,7 @@ from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP_FILE
 from mcap.writer import CompressionType, Writer
 from PIL import Image
 
+from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.survey import (
@@ -271,7 +272,7 @@ def date_taken(data: bytes) -> str:
 
 def _bytes_of(file: Path) -> bytes:
     try:
-        return file.read_bytes()
+        return read_input(file)
     except OSError as error:
         raise InputError(
             f"{file}: wanted an image, found: {error.strerror or error}; check the file"

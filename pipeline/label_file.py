@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from wayside.pipeline.input_files import open_input, read_parquet
 from wayside.pipeline.parquet import record_batch
 from wayside.pipeline.writing import whole_file
 from wayside.schemas.errors import InputError
@@ -38,7 +39,8 @@ def write_labels(labels: Labels, path: Path, *, overwrite: bool = False) -> None
 def is_label_file(path: Path) -> bool:
     """Whether a file is Parquet with the columns that labels must have."""
     try:
-        names = set(pq.read_schema(path).names)
+        with open_input(path) as stream:
+            names = set(pq.read_schema(stream).names)
     except (OSError, pa.ArrowException):
         return False
     return {"kind", *CORNERS} <= names
@@ -53,7 +55,7 @@ def read_label_file(path: Path) -> Labels:
         It cannot be read, lacks the boxes or what they are of, or a row says what is no label.
     """
     try:
-        table = pq.read_table(path)
+        table = read_parquet(path)
         missing = {"kind", *CORNERS} - set(table.column_names)
         if missing:
             raise InputError(

@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 import yaml
 
 from wayside.pipeline.importing import natural_key
+from wayside.pipeline.input_files import open_input, read_input, read_input_text
 from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.schemas.detections import COLORS, SHAPES
@@ -151,13 +152,13 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
         if text is None:
             found.leave_out("image_without_text")
             continue
-        with files[inside].open("rb") as stream:
+        with open_input(files[inside]) as stream:
             header = read_image_header(stream.read(_HEADER_BYTES))
         if header is None:
             found.leave_out("image_not_readable")
             continue
         image = LabelledImage(image_name=inside.name, size=(header.width, header.height))
-        for line in text.read_text("utf-8").splitlines():
+        for line in read_input_text(text).splitlines():
             if not line.strip():
                 continue
             number, *values = line.split()
@@ -174,7 +175,7 @@ def read_voc(folder: Path, classes: Classes | None) -> Labels:
     """
     found = Collected(classes, folder.name)
     for path in sorted(folder.rglob("*.xml"), key=natural_key):
-        root = ElementTree.fromstring(path.read_bytes())
+        root = ElementTree.fromstring(read_input(path))
         if root.tag != "annotation":
             found.leave_out("other_xml")
             continue
@@ -289,7 +290,7 @@ def read_marks(marks: Entry) -> Labels:
 
 def read_json(path: Path, classes: Classes | None) -> Labels:
     """Labels of a JSON file of any of these formats, told apart by what it holds; ValueError where it is none."""
-    content = parse_json(path.read_bytes())
+    content = parse_json(read_input(path))
     if isinstance(content, list) and content and "signs" in content[0]:
         return read_scenes(content, path.name)
     if isinstance(content, dict):
@@ -325,7 +326,7 @@ def _yolo_names(folder: Path) -> dict[int, str]:
     for parent in (folder, folder.parent):
         for path in (parent / "data.yaml", parent / "classes.txt"):
             if path.is_file():
-                text = path.read_text("utf-8")
+                text = read_input_text(path)
                 names = (
                     text.splitlines() if path.suffix == ".txt" else yaml.safe_load(text)["names"]
                 )

@@ -16,6 +16,7 @@ from scipy.special import expit, logit
 
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.detector_file import load_detector
+from wayside.pipeline.input_files import read_input
 from wayside.pipeline.model_gates import retraded
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.detections import COLORS, SHAPES
@@ -294,7 +295,7 @@ def _detection_network(folder: Path | None, name: str) -> OnnxFile | None:
     listed = Path(str(_file(folder, name)))
     path = listed if listed.is_file() else Path(name)
     try:
-        content = path.read_bytes()
+        content = read_input(path)
         _verify(path, content)
         held = OnnxFile(str(path), sha256(content).hexdigest())
         DetectionNetwork(held.path)

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from wayside.pipeline.input_files import read_input_text, read_parquet
 from wayside.pipeline.output_folder import finish_replacement
 from wayside.pipeline.reading.parts import is_bag
 from wayside.pipeline.settings_file import load_settings
@@ -65,7 +66,7 @@ def read_table(
             for name, held in (where or {}).items()
         ]
         filters = reduce(and_, conditions) if conditions else None
-        found = pq.read_table(file, columns=[n for n in wanted if n in present], filters=filters)
+        found = read_parquet(file, [n for n in wanted if n in present], filters)
         for column in absent:
             found = found.append_column(column, pa.nulls(len(found), column.type))
         return found.select(wanted)
@@ -97,7 +98,7 @@ def read_run(out: Path) -> dict[str, Any]:
     if not file.is_file():
         raise _no_result(out, RUN_FILE)
     try:
-        run = json.loads(file.read_text("utf-8"))
+        run = json.loads(read_input_text(file))
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{file} cannot be read: {error}; run the log again") from error
     if not isinstance(run, dict):

@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 import pyproj
 from numpy.typing import NDArray
 
+from wayside.pipeline.input_files import read_parquet
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
@@ -88,7 +89,7 @@ class RouteFile:
             geometry = meta["geometry_name"] or "wkb_geometry"
         else:
             geometry = self.geometry
-            table = pq.read_table(self.path, columns=[self.column, geometry])
+            table = read_parquet(self.path, [self.column, geometry])
         if self.settings.name:
             table = table.filter(pc.field(self.column).cast(pa.string()) == self.settings.name)
         table = table.filter(pc.is_valid(pc.field(geometry)))
@@ -223,7 +224,7 @@ def _every_name(file: RouteFile) -> list[str]:
                 file.path, layer=file.layer, columns=[file.column], read_geometry=False
             )
     else:
-        table = pq.read_table(file.path, columns=[file.column])
+        table = read_parquet(file.path, [file.column])
     return [str(name) for name in table.column(file.column).to_pylist()]
 
 

@@ -15,6 +15,7 @@ from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.lengths import parse_length
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, RouteSettings, Settings
@@ -177,7 +178,7 @@ def _tree(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, An
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_text("utf-8"))
+        return tomllib.loads(read_input_text(file))
     except OSError as error:
         raise UsageError(f"settings file {file} cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:

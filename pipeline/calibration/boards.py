@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.importing import image_files, natural_key
+from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.contents import OTHER_LENSES
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import BoardSettings
@@ -166,7 +167,7 @@ def _look(
 
 def _read(file: Path) -> NDArray[np.uint8] | None:
     try:
-        data = np.frombuffer(file.read_bytes(), np.uint8)
+        data = np.frombuffer(read_input(file), np.uint8)
         decoded = cv2.imdecode(data, _AS_STORED) if len(data) else None
     except OSError as error:
         raise InputError(

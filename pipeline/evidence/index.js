@@ -244,10 +244,13 @@ function asJson() {
   return JSON.stringify(whole, null, 1) + "\n";
 }
 
+const formula = /^'*[=+\-@\t\r]/;  // pipeline/csv_text.py
+
 function asCsv() {
   const cell = value => /[",\n\r]/.test(value) ? '"' + value.replaceAll('"', '""') + '"' : value;
   const shared = { result: about.result, reviewer: at("reviewer").value.trim() };
-  const lines = rows().map(row => about.columns.map(name => cell(String({ ...row, ...shared }[name] ?? ""))).join(","));
+  const text = value => typeof value === "string" && formula.test(value) ? "'" + value : String(value ?? "");
+  const lines = rows().map(row => about.columns.map(name => cell(text({ ...row, ...shared }[name]))).join(","));
   return [about.columns.join(","), ...lines].join("\n") + "\n";
 }
 
@@ -257,8 +260,9 @@ function fromCsv(text) {
     table[table.length - 1].push(quoted === undefined ? plain : quoted.replaceAll('""', '"'));
     if (end !== ",") table.push([]);
   }
+  const whole = value => value.startsWith("'") && formula.test(value) ? value.slice(1) : value;
   const names = table[0];
-  return table.slice(1).filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, row[i]])));
+  return table.slice(1).filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, whole(row[i])])));
 }
 
 async function load(file) {

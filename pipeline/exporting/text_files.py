@@ -10,21 +10,19 @@ from datetime import datetime
 from io import TextIOWrapper
 from typing import Any, BinaryIO
 
+from wayside.pipeline.csv_text import guarded
 from wayside.pipeline.exporting.flat_table import Chunk
 from wayside.schemas.tables import Column
 
 
 def write_csv(columns: Iterable[Column], chunks: Iterable[Chunk], stream: BinaryIO) -> None:
-    """Names of the columns in the first line; empty where a value is unknown; times in ISO 8601, UTC."""
+    """Names of the columns in the first line; empty where a value is unknown; no text is a formula, times in ISO 8601, UTC."""
     text = TextIOWrapper(stream, "utf-8", newline="")
     names = [column.name for column in columns]
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
     writer.writeheader()
     for chunk in chunks:
-        writer.writerows(
-            {k: "" if v is None else plain_value(v) for k, v in row.items()}
-            for row in chunk.table.rows
-        )
+        writer.writerows({k: _cell(v) for k, v in row.items()} for row in chunk.table.rows)
     text.detach()
 
 
@@ -46,6 +44,11 @@ def write_geojson(columns: Iterable[Column], chunks: Iterable[Chunk], stream: Bi
 def plain_value(value: Any) -> Any:
     """The value itself, a time in ISO 8601."""
     return value.isoformat() if isinstance(value, datetime) else value
+
+
+def _cell(value: Any) -> Any:
+    plain = plain_value(value)
+    return "" if plain is None else guarded(plain) if isinstance(plain, str) else plain
 
 
 def _finite(value: Any) -> Any:

@@ -21,6 +21,7 @@ from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
 from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import FARTHEST_M, DriveView, read_view
+from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.writing import not_written, refuse
@@ -215,13 +216,11 @@ class _Comparison:
 
     def _cell(self, part: Path) -> list[Row]:
         """One row for each panel, or pair of panels at a place, that a drive of either survey saw."""
-        panels = {
-            row["panel_id"]: row for row in pq.read_table(part, columns=list(_PANEL)).to_pylist()
-        }
+        panels = {row["panel_id"]: row for row in read_parquet(part, list(_PANEL)).to_pylist()}
         sightings = self._inventory / SIGHTINGS.name / part.parent.name / part.name
         seen: dict[str, dict[str, list[Row]]] = {side: defaultdict(list) for side in _SIDES}
         offsets: defaultdict[str, list[list[float]]] = defaultdict(list)
-        for row in pq.read_table(sightings, columns=list(_SIGHTING)).to_pylist():
+        for row in read_parquet(sightings, list(_SIGHTING)).to_pylist():
             offsets[row["drive"]].append(
                 [row[f"offset_{axis}_m"] for axis in ("east", "north", "up")]
             )

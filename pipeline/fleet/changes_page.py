@@ -13,13 +13,13 @@ from string import Template
 from typing import Any
 
 import cv2
-import pyarrow.parquet as pq
 
 from wayside.pipeline.evidence.crops import cut, read_images
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.evidence.sheet import draw_crop
 from wayside.pipeline.file_marks import is_marked, marked_head
 from wayside.pipeline.fleet.changes import DRIVES
+from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
 from wayside.pipeline.writing import write_file
@@ -80,7 +80,7 @@ def write_page(
         raise InputError(
             f"{inventory}: wanted {CHANGES.file}, found none; compare two surveys first"
         )
-    everything: list[Row] = pq.read_table(table).drop_columns(["geometry"]).to_pylist()
+    everything: list[Row] = read_parquet(table).drop_columns(["geometry"]).to_pylist()
     rows = [row for row in everything if every or row["change"] not in QUIET]
     kinds = list(CHANGES_OF_PANELS)
     rows.sort(

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.result import read_table
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.inventory_tables import PANELS
@@ -241,6 +242,6 @@ def _optional(folder: Path, name: str, rows: int) -> pa.Array[Any]:
     """A column of `signs.parquet` that not every version writes."""
     held: list[Any] = [None] * rows
     if name in pq.read_schema(folder / SIGNS.file).names:
-        held = pq.read_table(folder / SIGNS.file, columns=[name])[name].to_pylist()
+        held = read_parquet(folder / SIGNS.file, [name])[name].to_pylist()
     column: pa.Array[Any] = pa.array(held, PANELS.schema.field(name).type)
     return column

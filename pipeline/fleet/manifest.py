@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.fleet.sources import source_name
+from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
@@ -107,7 +108,7 @@ def read_manifest(inventory: Path) -> Manifest:
     """
     file = inventory / MANIFEST
     try:
-        content = json.loads(file.read_text("utf-8"))
+        content = json.loads(read_input_text(file))
         known = {each.name for each in fields(Entry)}
         logs = {
             name: Entry(**{k: v for k, v in entry.items() if k in known})

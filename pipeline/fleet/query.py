@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 
 import pyarrow as pa
 
+from wayside.pipeline.csv_text import FORMULA, guarded
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest, read_manifest
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import TABLES
@@ -67,6 +68,8 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
     """
     with _prepared(inventory, sql) as (connection, question), TemporaryDirectory() as scratch:
         file = Path(scratch) / "answer"
+        if kind == "csv":
+            question = _without_formulas(connection, question)
         connection.execute(f"COPY ({question}\n) TO {_quoted(file)} (FORMAT {FORMATS[kind]})")
         with file.open("rb") as answer:
             shutil.copyfileobj(answer, stream)
@@ -134,5 +137,18 @@ def _create_view(
     return True
 
 
-def _quoted(path: Path) -> str:
-    return "'" + str(path).replace("'", "''") + "'"
+def _without_formulas(connection: duckdb.DuckDBPyConnection, question: str) -> str:
+    """The same question with its texts, names of columns too, as `guarded` gives them."""
+    columns, listed = connection.sql(question).description, []
+    for number, (name, kind, *_) in enumerate(columns):
+        value = f"c{number}"
+        if str(kind).startswith(("VARCHAR", "STRING", "ENUM")):
+            mark = f"regexp_matches({value}, {_quoted(FORMULA)})"
+            value = f"CASE WHEN {mark} THEN chr(39) || {value} ELSE {value} END"
+        listed.append(f'{value} AS "{guarded(name).replace(chr(34), 2 * chr(34))}"')
+    names = ", ".join(f"c{number}" for number in range(len(columns)))
+    return f"SELECT {', '.join(listed)} FROM ({question}\n) AS answer({names})"
+
+
+def _quoted(text: object) -> str:
+    return "'" + str(text).replace("'", "''") + "'"

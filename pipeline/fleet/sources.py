@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from wayside.pipeline.earlier_result import stream_fingerprint
+from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import InputError, UsageError
 
@@ -120,7 +121,7 @@ def _expanded(text: str) -> list[str]:
 
 def _listed(file: Path) -> list[str]:
     try:
-        lines = [line.strip() for line in file.read_text("utf-8").splitlines()]
+        lines = [line.strip() for line in read_input_text(file).splitlines()]
     except (OSError, ValueError) as error:
         raise UsageError(f"@{file}: wanted a list of logs, one a line, found: {error}") from error
     entries = [line for line in lines if line and not line.startswith("#")]

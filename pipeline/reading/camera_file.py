@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from wayside.pipeline.input_files import open_input
 from wayside.pipeline.reading.contents import ContentError, make_camera
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -50,8 +51,8 @@ def read_camera_file(path: Path) -> Camera:
         The file cannot be read or is no calibration of that form.
     """
     try:
-        with path.open(encoding="utf-8") as stream:
-            text = stream.read(LARGEST_FILE + 1)
+        with open_input(path) as stream:
+            text = stream.read(LARGEST_FILE + 1).decode("utf-8")
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text"
         raise InputError(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import yaml
 
+from wayside.pipeline.input_files import read_input_text
 from wayside.schemas.errors import InputError
 
 BAG_METADATA = "metadata.yaml"
@@ -67,7 +68,7 @@ def bag_parts(folder: Path) -> list[Path]:
     """
     file = folder / BAG_METADATA
     try:
-        content = yaml.safe_load(file.read_text("utf-8"))
+        content = yaml.safe_load(read_input_text(file))
         listed = content["rosbag2_bagfile_information"]["relative_file_paths"]
         parts = [folder / Path(str(name)).name for name in listed]
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:

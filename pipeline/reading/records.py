@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from wayside.pipeline.input_files import open_input
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
 from wayside.pipeline.reading.parts import LogParts, log_parts
@@ -60,7 +61,7 @@ def _scan_file(
     path: Path, report: ScanReport, allowance: Allowance
 ) -> Iterator[Message | Metadata | Attachment]:
     try:
-        stream = path.open("rb")
+        stream = open_input(path)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(
@@ -91,7 +92,7 @@ def messages_at(
     """
     path, place = parts.at(offset)
     try:
-        with path.open("rb") as stream:
+        with open_input(path) as stream:
             scanner = Scanner(path, stream, ScanReport(), allowance or Allowance())
             scanner.definitions.know(channels)
             found = scanner.messages_at(place)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from wayside.pipeline.csv_text import unguarded
+from wayside.pipeline.input_files import open_input, read_input, read_input_text
 from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
@@ -80,7 +83,7 @@ def find_review(out: Path, given: Path | None) -> Review:
 def is_review(path: Path) -> bool:
     """Whether a file is a review, by what it holds."""
     try:
-        with path.open("rb") as stream:
+        with open_input(path) as stream:
             if path.suffix.lower() == ".csv":
                 return b"review" in stream.readline().replace(b'"', b"").strip().split(b",")
             return b'"wayside_review"' in stream.read(4096)
@@ -136,19 +139,19 @@ def result_name(run: Mapping[str, Any]) -> str:
 
 
 def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
-    content = parse_json(path.read_text("utf-8"))
+    content = parse_json(read_input_text(path))
     shared = {"result": content["result"], "reviewer": content.get("reviewer", "")}
     for entry in content["reviews"]:
         yield shared | {name: value for name, value in entry.items() if value is not None}
 
 
 def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
-    with path.open(newline="", encoding="utf-8-sig") as stream:
-        rows = csv.DictReader(stream)
-        if "review" not in (rows.fieldnames or ()):
-            raise ValueError(f"no column review among {', '.join(rows.fieldnames or ())}")
-        for row in rows:
-            yield {name: value for name, value in row.items() if value}
+    text = read_input(path).decode("utf-8-sig")
+    rows = csv.DictReader(io.StringIO(text, newline=""))
+    if "review" not in (rows.fieldnames or ()):
+        raise ValueError(f"no column review among {', '.join(rows.fieldnames or ())}")
+    for row in rows:
+        yield {name: unguarded(value) for name, value in row.items() if value}
 
 
 def _reviewed(entry: Mapping[str, Any]) -> Reviewed:

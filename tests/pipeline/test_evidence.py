@@ -485,7 +485,7 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser)
         document.getElementById("add").click();
         const at = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
         map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...at }));
-        missing[0].note = 'a "stop", hidden';
+        missing[0].note = '=a "stop", hidden';
         document.getElementById("reviewer").value = "Ann";
         remember();
         fields.review.value = "rejected";
@@ -509,7 +509,7 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser)
     assert (missing.x, missing.y) == pytest.approx(
         (40.0, -6.0), abs=0.2
     )  # where the dot of the sign is
-    assert (missing.note, missing.reviewer) == ('a "stop", hidden', "Ann")
+    assert (missing.note, missing.reviewer) == ('=a "stop", hidden', "Ann")
     kept = in_browser(index, "return rows().length;", profile=profile)
     assert kept == 4
 
