@@ -16,7 +16,10 @@ from wayside.schemas.tables import Column
 
 
 def write_csv(columns: Iterable[Column], chunks: Iterable[Chunk], stream: BinaryIO) -> None:
-    """Names of the columns in the first line; empty where a value is unknown; no text is a formula, times in ISO 8601, UTC."""
+    """Names of the columns in the first line; empty where a value is unknown; times in ISO 8601, UTC.
+
+    No text is a formula.
+    """
     text = TextIOWrapper(stream, "utf-8", newline="")
     names = [column.name for column in columns]
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")

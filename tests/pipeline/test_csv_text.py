@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.csv_text import guarded, unguarded
-from wayside.pipeline.exporting.flat_table import FlatTable
-from wayside.pipeline.exporting.text_files import format_csv
+from wayside.pipeline.exporting.flat_table import Chunk, FlatTable
+from wayside.pipeline.exporting.text_files import write_csv
 from wayside.schemas.tables import Column
 
 
@@ -26,5 +26,7 @@ def test_the_apostrophe_is_taken_off_again(text):
 
 def test_an_exported_number_stays_as_it_is_beside_a_text_that_would_be_a_formula():
     columns = tuple(Column(name, pa.string(), "", "") for name in ("log", "y"))
-    text = format_csv(FlatTable(columns, ({"log": '=cmd|"x"', "y": -1.5},)))
-    assert list(csv.reader(io.StringIO(text)))[1] == ["'=cmd|\"x\"", "-1.5"]
+    rows = FlatTable(columns, ({"log": '=cmd|"x"', "y": -1.5},))
+    written = io.BytesIO()
+    write_csv(columns, [Chunk(rows, (None,))], written)
+    assert list(csv.reader(io.StringIO(written.getvalue().decode())))[1] == ['\'=cmd|"x"', "-1.5"]
