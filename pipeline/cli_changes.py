@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline import cli_options
 from wayside.pipeline.visible_text import visible, visible_lines
-from wayside.schemas.errors import PARTS_LOST
+from wayside.schemas.errors import PARTS_LOST, UsageError
 
 CHANGES_EPILOG = (
     "Examples: `wayside changes inventory --before 2024 --after 2025 -o changes.html` · "
@@ -28,6 +29,8 @@ def changes(
     every: Annotated[
         bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
     ] = False,
+    settings: cli_options.SettingsFile = None,
+    assignments: cli_options.Assignments = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace files that stand there.")
     ] = False,
@@ -36,9 +39,16 @@ def changes(
     from wayside.pipeline.fleet.changes import find_changes
     from wayside.pipeline.fleet.changes_page import write_page
     from wayside.pipeline.fleet.surveys import parse_survey
+    from wayside.pipeline.settings_file import load_settings
 
+    chosen, origins = load_settings(file=settings, assignments=assignments or [])
+    if alien := [n for n, o in origins.items() if o == "--set" and not n.startswith("changes.")]:
+        raise UsageError(
+            f"--set {alien[0]}: wanted a setting of the group changes, found one of runs or merging, which are done: "
+            "give it to `wayside fleet`"
+        )
     surveys = parse_survey(before), parse_survey(after)
-    report = find_changes(inventory, *surveys, overwrite=overwrite)
+    report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
     typer.echo(visible_lines(str(report)))
     written = write_page(inventory, page, (before, after), every=every, overwrite=overwrite)
     typer.echo(visible(f"{page}: {written.shown} changes"))

@@ -29,6 +29,8 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 """Values of each preset that differ from the defaults, by group and name."""
 
 DEFAULT = "default"
+_NO_RESULT = ("run", "merge", "changes")
+"""Groups of how a run is carried out, and of what is made of its result afterwards."""
 _SPOKEN_FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
@@ -132,9 +134,10 @@ def settings_values(settings: Settings) -> dict[str, dict[str, Any]]:
 
 
 def settings_digest(settings: Settings) -> str:
-    """SHA-256 of every setting that can change a result (the group `run` cannot)."""
+    """SHA-256 of every setting that can change the result of a drive; those of `_NO_RESULT` cannot."""
     values = settings_values(settings)
-    del values["run"]
+    for group in _NO_RESULT:
+        del values[group]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 

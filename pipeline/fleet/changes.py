@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
+from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import FARTHEST_M, DriveView, read_view
 from wayside.pipeline.input_files import read_parquet
@@ -83,7 +84,8 @@ def find_changes(
 ) -> ChangeReport:
     """Compare two surveys and write `changes.parquet` into the folder of the inventory.
 
-    A panel counts as gone, or as new, only where a drive of the other survey had its place in view: enough images in
+    The settings of the comparison, and those that the inventory was merged with, are in the metadata of the file. A
+    panel counts as gone, or as new, only where a drive of the other survey had its place in view: enough images in
     which it would show whole, from the front, and as high as that drive measures its own panels from on.
 
     Parameters
@@ -123,7 +125,8 @@ def find_changes(
     try:
         with suppress(FileNotFoundError):
             scratch.unlink()
-        with ParquetFile(scratch, CHANGES.schema, geoparquet_metadata([])) as sink:
+        schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
+        with ParquetFile(scratch, schema, geoparquet_metadata([])) as sink:
             for rows in comparison.rows():
                 if rows:
                     sink.write(
@@ -150,12 +153,10 @@ class _Comparison:
         self._inventory = inventory
         self._side: dict[str, str] = {}
         self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
-        self._zoom = MergeSettings().cell_zoom
-        parts = sorted((inventory / PANELS.name).glob("cell=*/part-0.parquet"))
-        if parts:
-            self._zoom = len(parts[0].parent.name.removeprefix("cell="))
-        self._parts = parts
-        self._view = lru_cache(MergeSettings().drives_in_memory)(self._read_view)
+        self._parts = sorted((inventory / PANELS.name).glob("cell=*/part-0.parquet"))
+        self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
+        self._zoom = self.merge.cell_zoom
+        self._view = lru_cache(self.merge.drives_in_memory)(self._read_view)
         for folder in sorted(path for path in (inventory / DRIVES).glob("*") if path.is_dir()):
             self._index(folder, surveys)
         self.report.drives = {side: sum(s == side for s in self._side.values()) for side in _SIDES}
@@ -296,7 +297,7 @@ class _Comparison:
             (g, n)
             for g, some in enumerate(near)
             for n in some
-            if _same_face(gone[g], new[n], self.settings)
+            if _same_face(gone[g], new[n], self.settings, self.merge)
         ]
         between = np.array(pairs, np.int64).reshape(-1, 2)
         away = np.linalg.norm(where[between[:, 0]] - where[len(gone) + between[:, 1]], axis=1)
@@ -355,7 +356,7 @@ def _places(rows: Sequence[Row]) -> PanelPlaces:
     )
 
 
-def _same_face(one: Row, other: Row, settings: ChangeSettings) -> bool:
+def _same_face(one: Row, other: Row, settings: ChangeSettings, merge: MergeSettings) -> bool:
     """Whether two panels look alike: colour, shape, size and facing."""
     same = one["color"] == other["color"] and one["shape"] == other["shape"]
     for name in ("panel_width_m", "panel_height_m"):
@@ -363,7 +364,7 @@ def _same_face(one: Row, other: Row, settings: ChangeSettings) -> bool:
         same &= a is None or b is None or abs(a - b) < settings.same_size * max(a, b)
     a, b = one["bearing_deg"], other["bearing_deg"]
     turn = 0.0 if a is None or b is None else abs((a - b + 180) % 360 - 180)
-    return bool(same and turn < MergeSettings().facing_deg)
+    return bool(same and turn < merge.facing_deg)
 
 
 def _metres(rows: Sequence[Row]) -> NDArray[np.float64]:

@@ -80,8 +80,8 @@ def merge_inventory(
 ) -> MergeReport:
     """Merge the results of drives and write `panels/`, `supports/` and `sightings/` of an inventory.
 
-    They replace those of an earlier merging together. The same results give the same bytes, in whatever order they
-    are given.
+    They replace those of an earlier merging together. The same results and settings give the same bytes, in whatever
+    order the results are given. Every part holds the settings in its metadata.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class _Merging:
             own = self._own_supports(block, merged, cell)
             self._taken.pop(cell, None)
             if own.any():
-                counts = write_cell(part, cell_name(*cell, zoom), block, merged, own)
+                counts = write_cell(part, cell_name(*cell, zoom), block, merged, own, self.settings)
                 self.report.panels += counts.panels
                 self.report.supports += counts.supports
                 self.report.sightings += counts.sightings

@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.inventory_data import DriveSigns
+from wayside.pipeline.fleet.recorded_settings import schema_with_settings
 from wayside.pipeline.parquet import (
     ParquetFile,
     choice,
@@ -22,6 +23,7 @@ from wayside.pipeline.parquet import (
     record_batch,
 )
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
+from wayside.schemas.settings import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.schemas.tables import SIGN_STATUSES, Table
 from wayside.stages.georeference import LocalOrigin
@@ -58,9 +60,14 @@ class CellCounts:
 
 
 def write_cell(
-    part: Path, name: str, block: Block, merged: MergedPanels, own: NDArray[np.bool_]
+    part: Path,
+    name: str,
+    block: Block,
+    merged: MergedPanels,
+    own: NDArray[np.bool_],
+    settings: MergeSettings,
 ) -> CellCounts:
-    """Write the parts of the three tables that hold the sightings `own` (n,) of a block.
+    """Write the parts of the three tables that hold the sightings `own` (n,) of a block, merged by settings.
 
     Raises
     ------
@@ -99,18 +106,22 @@ def write_cell(
         (SUPPORTS, supports, support_id),
         (SIGHTINGS, sightings, ids),
     ):
-        _write(part / table.name / f"cell={name}", table, values, np.argsort(sort, kind="stable"))
+        order = np.argsort(sort, kind="stable")
+        _write(part / table.name / f"cell={name}", table, values, order, settings)
     return CellCounts(len(kept), len(support_id), len(rows))
 
 
-def _write(folder: Path, table: Table, values: dict[str, Any], order: Ints) -> None:
+def _write(
+    folder: Path, table: Table, values: dict[str, Any], order: Ints, settings: MergeSettings
+) -> None:
     folder.mkdir()
     batch = record_batch(table, values).take(order)
     corners = [
         {axis: pc.min_max(batch[axis])[end].as_py() for axis in ("lon_deg", "lat_deg", "alt_m")}
         for end in ("min", "max")
     ]
-    with ParquetFile(folder / "part-0.parquet", table.schema, geoparquet_metadata(corners)) as sink:
+    schema = schema_with_settings(table, merge=settings)
+    with ParquetFile(folder / "part-0.parquet", schema, geoparquet_metadata(corners)) as sink:
         sink.write([batch])
 
 

@@ -10,7 +10,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from wayside.pipeline.earlier_result import is_finished
@@ -51,7 +51,7 @@ from wayside.schemas.errors import (
     StageError,
     WaysideError,
 )
-from wayside.schemas.settings import Settings
+from wayside.schemas.settings import MergeSettings, Settings
 
 _POLL_S, _SAVE_S = 0.5, 2.0
 _READERS = 8
@@ -173,7 +173,7 @@ def run_fleet(
         ]
         if tasks:
             _carry_out(tasks, open_engine or _engine_of(options, inventory, len(tasks)), book)
-        merged = _merge(inventory, book)
+        merged = _merge(inventory, book, settings.merge)
         kept = frozenset(name for name, entry in planned.items() if entry.state == DONE)
         return FleetReport(tuple(book.given()), kept, tuple(copies), merged)
 
@@ -386,14 +386,15 @@ def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine
     return lambda: DaskEngine(run_task, scheduler, options.jobs, shared)
 
 
-def _merge(inventory: Path, book: _Book) -> str | None:
-    """Merge what is done, if it has changed since the last time; what came of it."""
+def _merge(inventory: Path, book: _Book, settings: MergeSettings) -> str | None:
+    """Merge what is done, if it or the settings have changed since the last time; what came of it."""
     done = book.manifest.done()
-    keys = json.dumps([(entry.name, entry.key) for entry in done])
+    keys = json.dumps([[(entry.name, entry.key) for entry in done], asdict(settings)])
     digest = hashlib.sha256(keys.encode()).hexdigest()
     if not done or book.manifest.merged == digest:
         return None
     book.save(merged="")
-    report = merge_inventory([inventory / DRIVES / entry.name for entry in done], inventory)
+    results = [inventory / DRIVES / entry.name for entry in done]
+    report = merge_inventory(results, inventory, settings)
     book.save(merged=digest)
     return str(report)

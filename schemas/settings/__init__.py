@@ -24,6 +24,7 @@ from wayside.schemas.settings.mapping import (
     PredictionSettings,
     TrackSettings,
 )
+from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
@@ -48,6 +49,7 @@ __all__ = [
     "AssociationSettings",
     "BoardSettings",
     "CandidateSettings",
+    "ChangeSettings",
     "CodeSettings",
     "FeatureSettings",
     "GateSettings",
@@ -56,6 +58,7 @@ __all__ = [
     "LocalAdjustmentSettings",
     "LocateSettings",
     "MappingSettings",
+    "MergeSettings",
     "ModelSettings",
     "MotionSettings",
     "PanelOutlineSettings",

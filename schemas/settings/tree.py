@@ -23,6 +23,7 @@ from wayside.schemas.settings.mapping import (
     PredictionSettings,
     TrackSettings,
 )
+from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
@@ -70,6 +71,8 @@ class Settings:
     run: RunSettings = field(default_factory=RunSettings)
     boards: BoardSettings = field(default_factory=BoardSettings)
     calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
+    merge: MergeSettings = field(default_factory=MergeSettings)
+    changes: ChangeSettings = field(default_factory=ChangeSettings)
 
     @property
     def mapping(self) -> MappingSettings:

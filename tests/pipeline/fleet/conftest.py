@@ -98,8 +98,9 @@ def fleet(tmp_path, monkeypatch):
         }
         (folder / "run.json").write_text(json.dumps(about))
 
-    def merge(folders, out):
+    def merge(folders, out, settings):
         seen.merged.append([folder.name for folder in folders])
+        seen.merge_settings = settings
         return f"{len(folders)} drives"
 
     task._equipment.cache_clear()

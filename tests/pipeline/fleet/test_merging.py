@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,9 +21,11 @@ from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
+from wayside.pipeline.fleet.recorded_settings import merge_settings_of
 from wayside.pipeline.fleet.surveys import parse_survey
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
+from wayside.schemas.settings import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES, SIGNS
 
 PARTS = ("panels", "supports", "sightings")
@@ -136,6 +139,32 @@ def test_the_order_of_the_results_changes_no_byte(surveyed: Surveyed, tmp_path: 
     for part in PARTS:
         for file in sorted((tmp_path / part).rglob("*.parquet")):
             assert file.read_bytes() == (surveyed.folder / file.relative_to(tmp_path)).read_bytes()
+
+
+def test_settings_decide_what_is_merged_and_are_recorded_in_every_part(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    drives = sorted((surveyed.folder / "drives").iterdir())
+    apart = MergeSettings(reach_m=0.1, support_m=0.0)
+    report = merge_inventory(drives, tmp_path, apart)
+    assert report.panels > 1.5 * surveyed.report.panels
+    for part in tmp_path.glob("*/cell=*/part-0.parquet"):
+        assert merge_settings_of(part) == apart
+    assert merge_settings_of(next(surveyed.folder.glob("panels/*/*"))) == MergeSettings()
+
+
+def test_the_settings_of_a_comparison_are_those_given_and_recorded_in_it(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    arguments = ["changes", str(surveyed.folder), "--before", "2024", "--after", "2025"]
+    arguments += ["-o", str(tmp_path / "changes.html"), "--set", "changes.moved_m=0"]
+    app(arguments, standalone_mode=False)
+    table = pq.read_table(surveyed.folder / "changes.parquet")
+    assert "moved" not in table["change"].to_pylist()
+    about = json.loads(table.schema.metadata[b"wayside"])
+    assert about["settings"]["changes"] == asdict(ChangeSettings(moved_m=0.0))
+    with pytest.raises(UsageError, match="give it to `wayside fleet`"):
+        app([*arguments, "--set", "merge.support_m=1"], standalone_mode=False)
 
 
 def test_cells_are_those_of_mercantile() -> None:

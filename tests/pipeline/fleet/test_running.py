@@ -95,6 +95,15 @@ def test_results_count_also_where_the_manifest_is_lost(fleet):
     assert read_manifest(seen.inventory).logs["a"].images == 8
 
 
+def test_other_settings_of_merging_merge_anew_and_run_no_log_again(fleet):
+    fleet({"a": "one"})
+    other, _ = load_settings(assignments=["merge.support_m=0.9"])
+    seen = fleet({}, settings=other)
+    assert (seen.began, seen.merged) == ([], [["a"]])
+    assert seen.merge_settings.support_m == 0.9
+    assert fleet({}, settings=other).merged == []
+
+
 def test_logs_are_added_and_all_of_the_inventory_are_merged(fleet, tmp_path):
     fleet({"a": "one"})
     (tmp_path / "later").mkdir()
