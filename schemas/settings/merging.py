@@ -35,8 +35,8 @@ class MergeSettings:
         origin="thickness of a panel and its mount, seen from either side",
     )  # fmt: skip
     probability: float = setting(
-        0.9999, "", "two sightings of one panel pass the gate of position with this probability (chi-square, 3)",
-        low=0.5, high=0.9999999, origin="one panel in 1,000 seen ten times is lost to the gate",
+        0.9999, "", "two sightings of one panel take part in the adjustment of offsets with this probability "
+        "(chi-square, 3)", low=0.5, high=0.9999999, origin="far pairs say nothing of an offset",
     )  # fmt: skip
     reach_m: float = setting(
         30.0, "m", "sightings farther apart are never compared", low=0.1,
@@ -46,9 +46,13 @@ class MergeSettings:
         45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
         origin="between the scatter of a facing and panels back to back or at a corner",
     )  # fmt: skip
-    same_share: float = setting(
-        0.4, "sizes", "centres nearer than this, of panels that face the same way, are one panel's", low=0,
-        origin="as `assembly.same_share`: panels do not overlap",
+    tail_freedom: float = setting(
+        4.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,
+        high=1000, origin="as heavy as one measurement in a hundred that is four times as far off as it states",
+    )  # fmt: skip
+    hidden_m: float = setting(
+        0.3, "m", "standard deviation of the hole around a panel in which no other stands that faces the same way",
+        low=1e-3, origin="half the side of a panel: one of two so near would hide the other",
     )  # fmt: skip
     density: float = setting(
         0.02, "1/m^3", "other panels around a panel", low=1e-9,

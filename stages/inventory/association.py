@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import log, pi, radians
+from math import lgamma, log, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
+from wayside.stages.kernels import compiled, compiled_within, require_array
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,18 +67,56 @@ def size_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     return np.where(np.isfinite(ratio), ratio, 0.0)
 
 
-def place_log_ratio(distance2: Floats, covariance: Floats, settings: MergeSettings) -> Floats:
+def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
+
+    The difference of two measurements of one panel has a multivariate Student distribution, since some are farther off
+    than they state (Lange, Little and Taylor 1989). Neighbours that face the same way stand anywhere with one density,
+    but for a hole of normal shape around each panel: of two so near, one would hide the other.
 
     Parameters
     ----------
-    distance2
-        Squared Mahalanobis distances (m,).
-    covariance
-        (m, 3, 3) of the differences, square metres.
+    apart
+        Differences (m, 3), metres.
+    spread
+        Their covariances (m, 3, 3), square metres.
     """
-    volume = np.linalg.slogdet(2 * pi * covariance)[1]
-    return np.asarray(-0.5 * (distance2 + volume) - log(settings.density))
+    apart, spread = np.ascontiguousarray(apart), np.ascontiguousarray(spread)
+    require_array(apart, "apart", np.float64, (None, 3))
+    require_array(spread, "spread", np.float64, (len(apart), 3, 3))
+    return _place_ratios(apart, spread, *place_terms(settings))
+
+
+def place_terms(settings: MergeSettings) -> tuple[float, float, float]:
+    """What `place_ratio` needs besides: degrees of freedom, the constant term, and the variance of the hole, m^2."""
+    freedom = settings.tail_freedom
+    constant = lgamma((freedom + 3) / 2) - lgamma(freedom / 2) - 1.5 * log(freedom * pi)
+    return freedom, constant - log(settings.density), settings.hidden_m**2
+
+
+@compiled_within
+def place_ratio(
+    apart: Floats, spread: Floats, freedom: float, constant: float, hole2: float
+) -> float:
+    """`place_log_ratio` of one difference (3,) with its covariance (3, 3)."""
+    distance2 = np.dot(apart, np.linalg.solve(spread, apart))
+    one = -0.5 * (np.log(np.linalg.det(spread)) + (freedom + 3) * np.log1p(distance2 / freedom))
+    wide = spread.copy()  # the hole, blurred by the errors of both measurements
+    for axis in range(3):
+        wide[axis, axis] += hole2
+    hole = np.exp(-0.5 * np.dot(apart, np.linalg.solve(wide, apart)))
+    hole *= np.sqrt(hole2**3 / np.linalg.det(wide))
+    return float(constant + one - np.log(1 - hole))
+
+
+@compiled
+def _place_ratios(
+    apart: Floats, spread: Floats, freedom: float, constant: float, hole2: float
+) -> Floats:
+    ratio = np.empty(len(apart))
+    for k in range(len(apart)):
+        ratio[k] = place_ratio(apart[k], spread[k], freedom, constant, hole2)
+    return ratio
 
 
 def mahalanobis2(difference: Floats, covariance: Floats) -> Floats:

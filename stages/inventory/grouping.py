@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
 
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory.association import (
     candidate_pairs,
     face_log_ratio,
-    mahalanobis2,
     place_log_ratio,
+    place_ratio,
+    place_terms,
     size_log_ratio,
 )
 from wayside.stages.inventory.offsets import relative_variance, solve_offsets
@@ -34,7 +34,7 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
 
     First the offsets between the drives are taken out. A place gathers at most one sighting of each drive: pairs in
     order of their log-likelihood ratio (place and face) join the groups they belong to, unless both hold a sighting of
-    one drive, or the groups' positions differ by more than the gate. Faces at a place follow each other in time: a
+    one drive, or the groups' positions are likelier those of two panels. Faces at a place follow each other in time: a
     face that differs for good is another panel (`face_runs`).
 
     A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is
@@ -78,28 +78,21 @@ def _places(
 ) -> Ints:
     """Number of the place of each sighting; pairs (m, 2) with the variance (m, 2) of the drives' relative offset."""
     i, j = pairs.T
-    apart = corrected[i] - corrected[j]
     shared = np.eye(3) * relative[:, None, [0, 0, 1]]
     spread = sightings.covariance[i] + sightings.covariance[j] + shared
-    distance2 = mahalanobis2(apart, spread)
-    score = face_log_ratio(sightings, i, j, settings) + place_log_ratio(distance2, spread, settings)
-    gate = float(chi2.ppf(settings.probability, 3))
-    # panels do not overlap: where the offset is known well, centres so near are of one panel whatever their errors
-    smallest = np.nan_to_num(sightings.size_m.min(axis=1))
-    near = settings.same_share * np.minimum(smallest[i], smallest[j])
-    near[relative.max(axis=1) > np.square(near)] = 0.0
-    kept = ((score > 0) & (distance2 < gate)) | (np.linalg.norm(apart, axis=1) < near)
-    pairs, score, relative, near = pairs[kept], score[kept], relative[kept], near[kept]
-    order = np.lexsort((pairs[:, 1], pairs[:, 0], -score))
+    face = face_log_ratio(sightings, i, j, settings)
+    score = face + place_log_ratio(corrected[i] - corrected[j], spread, settings)
+    order = np.lexsort((j, i, -score))
+    order = order[score[order] > 0]
     information = np.asarray(np.linalg.inv(sightings.covariance), np.float64)
     group = join_groups(
         pairs[order],
         relative[order],
-        near[order],
+        face[order],
         sightings.drive,
         np.einsum("nij,nj->ni", information, corrected),
         information,
-        gate,
+        settings,
     )
     return np.asarray(np.unique(group, return_inverse=True)[1], np.int64)
 
@@ -107,11 +100,11 @@ def _places(
 def join_groups(
     pairs: Ints,
     relative: Floats,
-    near: Floats,
+    face: Floats,
     drive: Ints,
     weighted: Floats,
     information: Floats,
-    gate: float,
+    settings: MergeSettings,
 ) -> Ints:
     """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
 
@@ -119,37 +112,40 @@ def join_groups(
     ----------
     pairs, relative
         Rows (m, 2) to join, best first, with the variance (m, 2), level and up, of the drives' relative offset.
-    near
-        Distance (m,) within which the means of two groups are joined whatever their covariances.
+    face
+        Log-likelihood ratio (m,) of their faces.
     drive
         (n,) of the rows.
     weighted, information
         Position times information (n, 3), and information (n, 3, 3), of the rows.
-    gate
-        Largest squared Mahalanobis distance of the means of two groups that are joined.
+    settings
+        Of `place_log_ratio`: groups are joined where their means are likelier of one panel than of two.
     """
     rows = len(drive)
     require_array(pairs, "pairs", np.int64, (None, 2))
     require_array(relative, "relative", np.float64, (len(pairs), 2))
-    require_array(near, "near", np.float64, (len(pairs),))
+    require_array(face, "face", np.float64, (len(pairs),))
     require_array(drive, "drive", np.int64, (rows,))
     weighted, information = np.ascontiguousarray(weighted), np.ascontiguousarray(information)
     require_array(weighted, "weighted", np.float64, (rows, 3))
     require_array(information, "information", np.float64, (rows, 3, 3))
     if len(pairs) and (pairs.min() < 0 or pairs.max() >= rows):
         raise ValueError(f"pairs name rows 0 to {rows - 1}, found {pairs.min()} to {pairs.max()}")
-    return _join(pairs, relative, near, drive, weighted.copy(), information.copy(), gate)
+    groups = weighted.copy(), information.copy()
+    return _join(pairs, relative, face, drive, *groups, *place_terms(settings))
 
 
 @compiled
 def _join(
     pairs: Ints,
     relative: Floats,
-    near: Floats,
+    face: Floats,
     drive: Ints,
     weighted: Floats,
     information: Floats,
-    gate: float,
+    freedom: float,
+    constant: float,
+    hole2: float,
 ) -> Ints:
     rows = len(drive)
     group = np.arange(rows)
@@ -179,8 +175,7 @@ def _join(
         apart = np.linalg.solve(information[a], weighted[a]) - np.linalg.solve(
             information[b], weighted[b]
         )
-        far = np.dot(apart, np.linalg.solve(spread, apart)) > gate
-        if far and np.dot(apart, apart) > near[k] ** 2:
+        if face[k] + place_ratio(apart, spread, freedom, constant, hole2) <= 0:
             continue
         following[last] = b
         one = b

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
@@ -18,6 +19,7 @@ from wayside.stages.inventory import (
     join_groups,
     match_moved,
     merge_sightings,
+    place_log_ratio,
     relative_variance,
     solve_offsets,
 )
@@ -185,11 +187,48 @@ def test_panels_back_to_back_on_one_post_are_two_on_one_support() -> None:
     assert merged.support[one] == merged.support[other]
 
 
+def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours() -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(0, 0.2, (20, 3, 3))
+    spread = root @ root.transpose(0, 2, 1) + 0.01 * np.eye(3)
+    apart = rng.normal(0, 0.5, (20, 3))
+    found = place_log_ratio(apart, spread, SETTINGS)
+    for k in range(20):
+        one = stats.multivariate_t(shape=spread[k], df=SETTINGS.tail_freedom).logpdf(apart[k])
+        # the hole around a panel, seen through the errors of both measurements: integrated by drawing
+        true = apart[k] + rng.multivariate_normal(np.zeros(3), spread[k], 40_000)
+        hole = np.exp(-0.5 * np.square(true / SETTINGS.hidden_m).sum(axis=1)).mean()
+        assert found[k] == pytest.approx(one - np.log(SETTINGS.density * (1 - hole)), abs=0.05)
+
+
+def off_by(sigmas: float, other_face: bool = False) -> Sightings:
+    """Three drives of a road; the third measured panel 10 so many standard deviations along the road from its place."""
+    sightings = make_sightings(road(20), [[0, 0, 0]] * 3, noise_m=0.02)
+    position, color, shape = sightings.position.copy(), sightings.color.copy(), sightings.shape
+    position[50, 0] += sigmas * 0.05 * 2**0.5
+    if other_face:
+        color[50], shape = color[50] + 1, np.where(np.arange(60) == 50, shape + 1, shape)
+    return replace(sightings, position=position, color=color, shape=shape)
+
+
+def test_a_measurement_farther_off_than_it_states_makes_no_second_panel() -> None:
+    merged = merge_sightings(off_by(6), SETTINGS)
+    assert len(set(merged.panel[[10, 30, 50]].tolist())) == 1
+    assert len(merged.position) == 20
+
+
+def test_a_spurious_sighting_near_a_panel_does_not_join_it() -> None:
+    for sightings in (off_by(30), off_by(14, other_face=True)):
+        merged = merge_sightings(sightings, SETTINGS)
+        assert merged.place[merged.panel[50]] != merged.place[merged.panel[10]]
+        assert merged.panel[10] == merged.panel[30]
+
+
 def test_groups_refuse_rows_out_of_range() -> None:
     with pytest.raises(ValueError, match="pairs name rows"):
         join_groups(
             np.array([[0, 5]]), np.zeros((1, 2)), np.zeros(1), np.zeros(2, np.int64), np.zeros((2, 3)),
-            np.tile(np.eye(3), (2, 1, 1)), 1.0,
+            np.tile(np.eye(3), (2, 1, 1)), SETTINGS,
         )  # fmt: skip
 
 
