@@ -50,13 +50,13 @@ class MergeSettings:
         4.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,
         high=1000, origin="as heavy as one measurement in a hundred that is four times as far off as it states",
     )  # fmt: skip
-    hidden_m: float = setting(
-        0.3, "m", "standard deviation of the hole around a panel in which no other stands that faces the same way",
-        low=1e-3, origin="half the side of a panel: one of two so near would hide the other",
-    )  # fmt: skip
     density: float = setting(
         0.02, "1/m^3", "other panels around a panel", low=1e-9,
         origin="one more within 50 m^3: panels on one support",
+    )  # fmt: skip
+    missed: float = setting(
+        0.1, "", "probability that a drive does not find a panel whose front it passes", low=1e-3, high=1.0,
+        origin="rendered drives held out: 3 %; roads are harder",
     )  # fmt: skip
     misread: float = setting(
         0.03, "", "probability that a drive gives a face another colour, and the same of its shape and size", low=1e-6,

@@ -14,6 +14,7 @@ from wayside.stages.kernels import compiled, compiled_within, require_array
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+YEAR_NS = 365.25 * 86_400e9
 
 
 def candidate_pairs(
@@ -67,12 +68,23 @@ def size_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     return np.where(np.isfinite(ratio), ratio, 0.0)
 
 
+def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
+    """Log-likelihood ratio (m,) of what is not there: if rows i and j are two panels, each drive missed one of them.
+
+    A drive that saw the front of its panel would have seen that of a neighbour which faces the same way, unless it
+    missed it or the neighbour did not stand there at the time. What is seen from behind is missed too often to tell.
+    """
+    years = np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS
+    absent = np.minimum(settings.missed + settings.change_per_year * years, 1.0)
+    fronts = (sightings.color[i] >= 0).astype(np.int64) + (sightings.color[j] >= 0)
+    return np.asarray(-np.log(absent) * fronts)
+
+
 def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
 
     The difference of two measurements of one panel has a multivariate Student distribution, since some are farther off
-    than they state (Lange, Little and Taylor 1989). Neighbours that face the same way stand anywhere with one density,
-    but for a hole of normal shape around each panel: of two so near, one would hide the other.
+    than they state (Lange, Little and Taylor 1989); neighbours that face the same way stand anywhere with one density.
 
     Parameters
     ----------
@@ -87,35 +99,26 @@ def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> F
     return _place_ratios(apart, spread, *place_terms(settings))
 
 
-def place_terms(settings: MergeSettings) -> tuple[float, float, float]:
-    """What `place_ratio` needs besides: degrees of freedom, the constant term, and the variance of the hole, m^2."""
+def place_terms(settings: MergeSettings) -> tuple[float, float]:
+    """What `place_ratio` needs besides: degrees of freedom, and the term that no measurement changes."""
     freedom = settings.tail_freedom
     constant = lgamma((freedom + 3) / 2) - lgamma(freedom / 2) - 1.5 * log(freedom * pi)
-    return freedom, constant - log(settings.density), settings.hidden_m**2
+    return freedom, constant - log(settings.density)
 
 
 @compiled_within
-def place_ratio(
-    apart: Floats, spread: Floats, freedom: float, constant: float, hole2: float
-) -> float:
+def place_ratio(apart: Floats, spread: Floats, freedom: float, constant: float) -> float:
     """`place_log_ratio` of one difference (3,) with its covariance (3, 3)."""
     distance2 = np.dot(apart, np.linalg.solve(spread, apart))
-    one = -0.5 * (np.log(np.linalg.det(spread)) + (freedom + 3) * np.log1p(distance2 / freedom))
-    wide = spread.copy()  # the hole, blurred by the errors of both measurements
-    for axis in range(3):
-        wide[axis, axis] += hole2
-    hole = np.exp(-0.5 * np.dot(apart, np.linalg.solve(wide, apart)))
-    hole *= np.sqrt(hole2**3 / np.linalg.det(wide))
-    return float(constant + one - np.log(1 - hole))
+    volume = np.log(np.linalg.det(spread))
+    return float(constant - 0.5 * (volume + (freedom + 3) * np.log1p(distance2 / freedom)))
 
 
 @compiled
-def _place_ratios(
-    apart: Floats, spread: Floats, freedom: float, constant: float, hole2: float
-) -> Floats:
+def _place_ratios(apart: Floats, spread: Floats, freedom: float, constant: float) -> Floats:
     ratio = np.empty(len(apart))
     for k in range(len(apart)):
-        ratio[k] = place_ratio(apart[k], spread[k], freedom, constant, hole2)
+        ratio[k] = place_ratio(apart[k], spread[k], freedom, constant)
     return ratio
 
 

@@ -13,8 +13,10 @@ from scipy.spatial import cKDTree
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory.association import (
+    YEAR_NS,
     candidate_pairs,
     face_log_ratio,
+    miss_log_ratio,
     place_log_ratio,
     place_ratio,
     place_terms,
@@ -26,7 +28,6 @@ from wayside.stages.kernels import compiled, require_array
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _SIGMAS = 4.0
-YEAR_NS = 365.25 * 86_400e9
 
 
 def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPanels:
@@ -80,7 +81,7 @@ def _places(
     i, j = pairs.T
     shared = np.eye(3) * relative[:, None, [0, 0, 1]]
     spread = sightings.covariance[i] + sightings.covariance[j] + shared
-    face = face_log_ratio(sightings, i, j, settings)
+    face = face_log_ratio(sightings, i, j, settings) + miss_log_ratio(sightings, i, j, settings)
     score = face + place_log_ratio(corrected[i] - corrected[j], spread, settings)
     order = np.lexsort((j, i, -score))
     order = order[score[order] > 0]
@@ -145,7 +146,6 @@ def _join(
     information: Floats,
     freedom: float,
     constant: float,
-    hole2: float,
 ) -> Ints:
     rows = len(drive)
     group = np.arange(rows)
@@ -175,7 +175,7 @@ def _join(
         apart = np.linalg.solve(information[a], weighted[a]) - np.linalg.solve(
             information[b], weighted[b]
         )
-        if face[k] + place_ratio(apart, spread, freedom, constant, hole2) <= 0:
+        if face[k] + place_ratio(apart, spread, freedom, constant) <= 0:
             continue
         following[last] = b
         one = b

@@ -19,6 +19,7 @@ from wayside.stages.inventory import (
     join_groups,
     match_moved,
     merge_sightings,
+    miss_log_ratio,
     place_log_ratio,
     relative_variance,
     solve_offsets,
@@ -195,10 +196,19 @@ def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours()
     found = place_log_ratio(apart, spread, SETTINGS)
     for k in range(20):
         one = stats.multivariate_t(shape=spread[k], df=SETTINGS.tail_freedom).logpdf(apart[k])
-        # the hole around a panel, seen through the errors of both measurements: integrated by drawing
-        true = apart[k] + rng.multivariate_normal(np.zeros(3), spread[k], 40_000)
-        hole = np.exp(-0.5 * np.square(true / SETTINGS.hidden_m).sum(axis=1)).mean()
-        assert found[k] == pytest.approx(one - np.log(SETTINGS.density * (1 - hole)), abs=0.05)
+        assert found[k] == pytest.approx(one - np.log(SETTINGS.density))
+
+
+def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_the_front() -> None:
+    sightings = make_sightings(road(1), [[0, 0, 0]] * 3, apart_ns=0)
+    color = np.array([1, 1, -1])  # the third saw it from behind
+    i, j = np.array([0, 0]), np.array([1, 2])
+    front, behind = miss_log_ratio(replace(sightings, color=color), i, j, SETTINGS)
+    assert front == pytest.approx(-2 * np.log(SETTINGS.missed))
+    assert behind == pytest.approx(front / 2)
+    later = np.array([0, 2, 2]) * 366 * DAY_NS  # the neighbour may have been put up since
+    years = replace(sightings, color=color, time_ns=later)
+    assert 0 < miss_log_ratio(years, i, j, SETTINGS)[0] < front
 
 
 def off_by(sigmas: float, other_face: bool = False) -> Sightings:
