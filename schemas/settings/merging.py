@@ -47,8 +47,8 @@ class MergeSettings:
         origin="between the scatter of a facing and panels back to back or at a corner",
     )  # fmt: skip
     tail_freedom: float = setting(
-        4.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,
-        high=1000, origin="as heavy as one measurement in a hundred that is four times as far off as it states",
+        5.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,
+        high=1000, origin="kurtosis 8: that of normal errors of which one in a hundred is four times as large",
     )  # fmt: skip
     density: float = setting(
         0.02, "1/m^3", "other panels around a panel", low=1e-9,

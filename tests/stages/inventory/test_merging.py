@@ -228,7 +228,7 @@ def test_a_measurement_farther_off_than_it_states_makes_no_second_panel() -> Non
 
 
 def test_a_spurious_sighting_near_a_panel_does_not_join_it() -> None:
-    for sightings in (off_by(30), off_by(14, other_face=True)):
+    for sightings in (off_by(60), off_by(14, other_face=True)):
         merged = merge_sightings(sightings, SETTINGS)
         assert merged.place[merged.panel[50]] != merged.place[merged.panel[10]]
         assert merged.panel[10] == merged.panel[30]
