@@ -74,7 +74,7 @@ app = typer.Typer(
 )
 
 
-_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR)
 """What a system call says of a path that can name no file, wherever it comes up."""
 
 
