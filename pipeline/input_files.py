@@ -7,7 +7,7 @@ import os
 import stat
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -123,7 +123,7 @@ def _stated_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None) -> i
     return total
 
 
-def _spelt_bytes(column: pa.ChunkedArray[pa.Scalar[pa.DataType]]) -> int:
+def _spelt_bytes(column: pa.ChunkedArray[Any]) -> int:
     """What a column of numbered texts takes with every text spelt out; else 0."""
     total = 0
     for chunk in column.chunks:

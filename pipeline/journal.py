@@ -292,14 +292,15 @@ def _arrays(part: str, table: object) -> dict[str, NDArray[Any]]:
     return {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
 
 
+def _named(one: Any) -> tuple[str, str]:
+    return one.__module__, one.__qualname__
+
+
 _OF_STEPS = {
-    (one.__module__, one.__qualname__)
-    for one in (
-        *(OdometryStep, Motion, Ties, StepPrior, Pose, np.ndarray, np.dtype),
-        np.zeros(0).__reduce__()[0],
-        np.zeros(0).__reduce_ex__(pickle.HIGHEST_PROTOCOL)[0],
-        np.float64(0).__reduce__()[0],
-    )
+    *map(_named, (OdometryStep, Motion, Ties, StepPrior, Pose, np.ndarray, np.dtype)),
+    _named(np.zeros(0).__reduce__()[0]),
+    _named(np.zeros(0).__reduce_ex__(pickle.HIGHEST_PROTOCOL)[0]),
+    _named(np.float64(0).__reduce__()[0]),
 }
 """All that a pickled step names."""
 
