@@ -3,11 +3,10 @@
     PYTHONPATH=. .venv/bin/python benchmarks/reliability_paths.py [--only NAME]
 
 Every command is given, in turn for each of its paths: a name that is not there, one too long for the system, one with
-bytes that are no UTF-8, a folder (where a file is wanted), a file (where a folder is wanted), an empty file, a pipe
-nobody writes to, a device, a socket, a link to itself, and a folder that may not be entered. Refused: ended with words
-and the exit status of a wrong argument, input or output. Done: ended with status 0 or 4, as an output may be of a
-name that is no UTF-8. Wrong: a traceback, another status, fifteen seconds without
-any work, or as many of work. Prints a table and every wrong case; ends with status 1 where there is one.
+bytes that are no UTF-8, a folder, an empty file, a path below it, a pipe nobody writes to, a device, a socket, a link
+to itself and no name. Refused: ended with words and the exit status of a wrong argument, input or output. Done: ended
+with status 0 or 4, as an output may be of a name that is no UTF-8. Wrong: a traceback, another status, fifteen seconds
+without any work, or as many of work. Prints a table and every wrong case; ends with status 1 where there is one.
 """
 
 from __future__ import annotations
