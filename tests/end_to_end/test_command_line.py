@@ -129,7 +129,7 @@ def test_130_an_interrupted_run_says_so_and_leaves_no_table(tmp_path):
 @pytest.mark.parametrize(
     "words",
     [["info"], ["run", DEMO, "--settings"], ["export"], ["evaluate", "--truth", "t.json"]],
-    ids=" ".join,
+    ids=["log", "settings", "result of export", "result of evaluate"],
 )
 def test_a_path_that_names_no_file_or_folder_is_refused_at_once(command, tmp_path, words, kind):
     (tmp_path / "file").touch()
