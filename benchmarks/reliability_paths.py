@@ -31,7 +31,7 @@ from wayside.pipeline import cli
 LIMIT_S = 15.0
 IDLE_S = 15.0
 MORE_BYTES = 1 << 30
-HEAVY = ("evaluate", "evidence.write", "exporting.export", "fitting.command", "fleet.query",
+HEAVY = ("evaluate", "evidence.write", "exporting.export", "fitting.command",
          "fleet.running", "fleet.changes", "information", "joining", "labelling.page",
          "report_figures.command", "roc.command", "route_file", "run")  # fmt: skip
 PATH = "PATH"
@@ -207,7 +207,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", default="", help="commands whose name holds this")
-    parser.add_argument("--what", default="", help="kinds of files and names that hold this")
+    parser.add_argument("--what", nargs="*", default=[""], help="kinds that hold one of these")
     args = parser.parse_args()
     wrong = 0
     for name in HEAVY:  # imported once, before the processes
@@ -224,7 +224,8 @@ def main() -> int:
             ends = [
                 tried(name, what, path, result)
                 for what, path in odd_paths(Path(tempfile.mkdtemp(dir=base)), ending_of(words))
-                if args.what in what and not (name in TO_STREAMS and what == "a pipe")
+                if any(one in what for one in args.what)
+                and not (name in TO_STREAMS and what == "a pipe")
             ]  # a pipe waits for a reader, as with every program
             kinds = Counter(end.kind for end in ends)
             wrong += kinds["wrong"]
