@@ -38,6 +38,8 @@ TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 OLD = ("--until", "0.9s", "--set", "models.network=")
 NEW = ("--set", "models.network=", "--view", "file")
 LONGEST_DELAY_S = 0.03
+AFTER_LAST = ("georeference", "focal length", "signs", "route", "codes")
+"""Stages after the last frame, which a run that goes on does for the first time."""
 LATE_OF = {False: 2, True: 4}
 """Every so many-th kill follows the first change of a file; by whether runs are resumed."""
 
@@ -113,18 +115,18 @@ def main() -> int:
 
 def repeated(log: Path, out: Path, options: tuple[str, ...], spent_s: float) -> str:
     """What a run costs that finds all its images in the journal of the run before, in words."""
-    before_s = stages_s(out)
+    before_s = image_stages_s(out)
     again_s = whole_run(log, out, options)
     return (
-        f"processor time of an undisturbed run {spent_s:.2f} s ({before_s:.2f} s in stages), of one that finds all "
-        f"images in the journal {again_s:.2f} s ({stages_s(out):.2f} s in stages)"
+        f"processor time of an undisturbed run {spent_s:.2f} s, {before_s:.2f} s in stages of images; of one that "
+        f"finds all images in the journal {again_s:.2f} s, {image_stages_s(out):.2f} s in these stages"
     )
 
 
-def stages_s(out: Path) -> float:
-    """Processor time of all stages of a run, seconds."""
-    times = json.loads((out / "run.json").read_text())["times"]
-    return float(sum(times["cpu_s_by_stage"].values()))
+def image_stages_s(out: Path) -> float:
+    """Processor time of a run in the stages before the last frame, seconds: what a run that is ended has spent."""
+    stages = json.loads((out / "run.json").read_text())["times"]["cpu_s_by_stage"]
+    return float(sum(seconds for name, seconds in stages.items() if name not in AFTER_LAST))
 
 
 def forked(words: list[str]) -> int:
