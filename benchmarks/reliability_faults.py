@@ -11,7 +11,6 @@ Faults of clocks and positions: reliability_clocks.py; kills, full disks: reliab
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import struct
 import sys
@@ -27,19 +26,24 @@ import lz4.frame
 import numpy as np
 import zstandard
 from mutations import PACKINGS, Attempt, Found, Prepare, Tally, isolated, read, small_log
+from odd_files import (
+    bad_calibration,
+    bad_result,
+    boxes_beyond_measure,
+    deep_settings,
+    no_unit,
+    parquet_bombs,
+)
 from reliability_logs import BARE
 
 from recordings.drives.messages.dialects import DIALECTS
 from wayside.pipeline.earlier_result import check_earlier
 from wayside.pipeline.information import describe_log, format_information
-from wayside.pipeline.lengths import parse_spacing
 from wayside.pipeline.output_folder import OutputFolder
-from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import CHUNK, DATA_END, MAGIC, RECORD_HEAD
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.frame import USED, Frame
 from wayside.stages.imaging import decode
 
@@ -247,43 +251,6 @@ def refused(work: Callable[[Path, random.Random], object]) -> Prepare:
     return prepare
 
 
-def deep_settings(folder: Path, rng: random.Random) -> object:
-    """Settings, nested without end or not text."""
-    path, depth = folder / "deep.toml", rng.randrange(2_000, 100_000)
-    junk = [
-        b"a = " + b"[" * depth,
-        b"a" + b".a" * depth + b" = 1",
-        b"\0\xff\xfe" * 99,
-        b"[segment]\nclusters = 1e999",
-    ]
-    path.write_bytes(rng.choice(junk))
-    return load_settings("default", path)
-
-
-def bad_calibration(folder: Path, rng: random.Random) -> object:
-    """A camera that cannot be, or YAML made to grow."""
-    path = folder / "camera.yaml"
-    fx, cx, width = rng.choice(
-        [(1e-9, 300, 640), (400, 1e9, 640), (400, 300, 30_000), (-4, 300, 640), ("nan", 3, 640)]
-    )
-    text = f"image_width: {width}\nimage_height: {width}\n"
-    text += f"camera_matrix: {{rows: 3, cols: 3, data: [{fx}, 0, {cx}, 0, {fx}, 240, 0, 0, 1]}}\n"
-    text += "distortion_model: plumb_bob\n"
-    text += "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
-    bomb = "a0: &a0 [x,x,x,x,x,x,x,x,x]\n" + "".join(
-        f"a{k}: &a{k} [{','.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 12)
-    )
-    path.write_text(
-        rng.choice([text, text, bomb, "[" * 50_000, "a: !!python/object/apply:os.getpid []\n"])
-    )
-    return read_camera_file(path)
-
-
-def no_unit(_: Path, rng: random.Random) -> object:
-    """A spacing without a unit."""
-    return parse_spacing(f"{rng.uniform(1, 90):.1f}")
-
-
 def of_folders(folder: Path) -> Attempt:
     """Something of the user's in the place of a result: it must stand as before."""
 
@@ -319,22 +286,6 @@ def of_folders(folder: Path) -> Attempt:
     return attempt
 
 
-def bad_result(folder: Path, rng: random.Random) -> object:
-    """`run.json` that is none, deep or odd, in the place of a result."""
-    out = Path(tempfile.mkdtemp(dir=folder))
-    odd = [
-        "[" * 100_000,
-        "{}",
-        "null",
-        json.dumps({"files": {"../../x": {}}}),
-        "\0",
-        '{"log_path": 3, "files": []}',
-    ]
-    (out / "run.json").write_text(rng.choice(odd))
-    (out / "signs.parquet").write_bytes(b"PAR1")
-    return check_earlier(out, folder / "log.mcap")
-
-
 FAULTS: dict[str, Prepare] = {
     "3 chunks that unpack to 5 to 50 MB, or 20 times 4 MB": of_logs(inserted(bomb)),
     "3 records without a kind (opcode 0)": of_logs(inserted(no_record), chunked=False),
@@ -348,6 +299,7 @@ FAULTS: dict[str, Prepare] = {
     "6 a run.json that is none, deep or odd": refused(bad_result),
     "7 settings without end, not text, infinite": refused(deep_settings),
     "7 calibrations that cannot be, YAML made to grow": refused(bad_calibration),
+    "7 boxes in Parquet that unpack beyond measure": refused(boxes_beyond_measure),
     "7 a spacing without a unit": refused(no_unit),
 }
 
@@ -363,7 +315,12 @@ def main() -> int:
     args = parser.parse_args()
     cv2.setNumThreads(1)
     if not args.only:
-        bombs(), sound_logs(True), sound_logs(False)  # made before the processes that are timed
+        (
+            bombs(),
+            parquet_bombs(),
+            sound_logs(True),
+            sound_logs(False),
+        )  # made before the processes that are timed
     wrong = 0
     print(
         "| point and fault | tried | right | told | refused | wrong | slowest, ms of CPU | memory grown, MB |"

@@ -31,12 +31,15 @@ from pathlib import Path
 import numpy as np
 from reliability_attacks import read_log, scaled, write_log
 
+from wayside.pipeline import run
 from wayside.pipeline.cli import app
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 OLD = ("--until", "0.9s", "--set", "models.network=")
-NEW = ("--until", "1.2s", "--set", "models.network=", "--view", "file")
+NEW = ("--set", "models.network=", "--view", "file")
 LONGEST_DELAY_S = 0.03
+AFTER_LAST = ("georeference", "focal length", "signs", "route", "codes")
+"""Stages after the last frame, which a run that goes on does for the first time."""
 LATE_OF = {False: 2, True: 4}
 """Every so many-th kill follows the first change of a file; by whether runs are resumed."""
 
@@ -50,17 +53,26 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=40)
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--scale", type=float, default=1.0, help="size of the images")
+    parser.add_argument("--until", default="1.2s", help="part of the drive that is run")
+    parser.add_argument("--network", action="store_true", help="with the detection network")
     parser.add_argument("--part", type=int, nargs=2, default=(0, 1), help="K N: every N-th, from K")
     args = parser.parse_args()
-    new = (*NEW[:4], "--resume") if args.resume else NEW
+    new = ("--until", args.until, *((*NEW[:2], "--resume") if args.resume else NEW))
+    if args.network:
+        new = tuple(word for word in new if word not in NEW[:2])
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
         log, digests = work / "drive.mcap", {}
         write_log(log, scaled(read_log(args.log), args.scale))
         app(["run", str(log), "-o", str(work / "warm"), *OLD], standalone_mode=False)
+        remove = run.remove_journal
         for name, options in (("old", OLD), ("new", new)):
+            run.remove_journal = lambda folder: None  # what it would repeat is measured
             spent_s = whole_run(log, work / name, options)
             digests[name] = tables_of(work / name)
+        run.remove_journal = remove
+        if args.resume:
+            print(repeated(log, work / "new", new, spent_s))
         left: Counter[tuple[str, str]] = Counter()
         again_s, replayed = [], []
         every = LATE_OF[args.resume]
@@ -93,12 +105,28 @@ def main() -> int:
         print(f"| {lying} | {read} | {count} |")
     if args.resume:
         counts = np.array(replayed)
-        print(f"processor time of an undisturbed run {spent_s:.2f} s; of the command once more, by")
+        print("processor time of the command once more, by")
         for count in np.unique(counts):
             spent = np.array(again_s)[counts == count]
             print(f"images from the journal: {count}: {np.median(spent):.2f} s, {len(spent)} kills")
     good = ("new",) if args.resume else ("old", "new")
     return 0 if all(read in good for _, read in left) else 1
+
+
+def repeated(log: Path, out: Path, options: tuple[str, ...], spent_s: float) -> str:
+    """What a run costs that finds all its images in the journal of the run before, in words."""
+    before_s = image_stages_s(out)
+    again_s = whole_run(log, out, options)
+    return (
+        f"processor time of an undisturbed run {spent_s:.2f} s, {before_s:.2f} s in stages of images; of one that "
+        f"finds all images in the journal {again_s:.2f} s, {image_stages_s(out):.2f} s in these stages"
+    )
+
+
+def image_stages_s(out: Path) -> float:
+    """Processor time of a run in the stages before the last frame, seconds: what a run that is ended has spent."""
+    stages = json.loads((out / "run.json").read_text())["times"]["cpu_s_by_stage"]
+    return float(sum(seconds for name, seconds in stages.items() if name not in AFTER_LAST))
 
 
 def forked(words: list[str]) -> int:

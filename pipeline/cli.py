@@ -74,7 +74,7 @@ app = typer.Typer(
 )
 
 
-_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR)
 """What a system call says of a path that can name no file, wherever it comes up."""
 
 
@@ -344,17 +344,12 @@ def main() -> None:
         status = report_error(error, debug=debug)
     except OSError as error:
         if error.errno in _NO_NAMES:
-            found = str(error.filename)
-            shown = (
-                found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
-            )
-            words = f"wanted a path, found: {error.strerror}: {shown}; correct the name"
-            sys.exit(report_error(UsageError(words), debug=debug))
-        if error.errno not in UNWRITABLE:
+            words: WaysideError = _no_such_path(error)
+        elif error.errno in UNWRITABLE:
+            target = Path(error.filename or "output")
+            words = not_written(target, error, "to write here", "write elsewhere")
+        else:
             raise
-        words = not_written(
-            Path(error.filename or "output"), error, "to write here", "write elsewhere"
-        )
         status = report_error(words, debug=debug)
     except Exception as error:
         show = getattr(error, "show", None)
@@ -365,3 +360,9 @@ def main() -> None:
     silence_standard_streams()
     viewer.leave_stuck_viewer(status)
     sys.exit(status)
+
+
+def _no_such_path(error: OSError) -> UsageError:
+    found = str(error.filename)
+    shown = found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
+    return UsageError(f"wanted a path, found: {error.strerror}: {shown}; correct the name")

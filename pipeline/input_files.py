@@ -7,7 +7,7 @@ import os
 import stat
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -118,16 +118,17 @@ def _stated_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None) -> i
             column = row_group.column(number)
             if columns is None or column.path_in_schema.partition(".")[0] in columns:
                 values = max(column.num_values, row_group.num_rows)
-                width = max(metadata.schema.column(number).length, 8)
+                width = max(metadata.schema.column(number).length or 0, 8)
                 total += max(column.total_uncompressed_size, width * values)
     return total
 
 
-def _spelt_bytes(column: pa.ChunkedArray[pa.Scalar[pa.DataType]]) -> int:
+def _spelt_bytes(column: pa.ChunkedArray[Any]) -> int:
     """What a column of numbered texts takes with every text spelt out; else 0."""
     total = 0
     for chunk in column.chunks:
         if isinstance(chunk, pa.DictionaryArray) and not pa.types.is_integer(chunk.type.value_type):
-            lengths = pc.binary_length(chunk.dictionary)
-            total += int(pc.sum(lengths.take(chunk.indices).cast(pa.int64())).as_py() or 0)
+            texts: Any = chunk.dictionary  # of one of four types
+            lengths = pc.binary_length(texts).take(chunk.indices)
+            total += int(pc.sum(lengths.cast(pa.int64())).as_py() or 0)
     return total

@@ -101,9 +101,10 @@ def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
         yield parts
         return
     ros1 = path.suffix == ".bag"
-    if not ros1 and not path.is_dir():
+    if not path.is_dir() and not (ros1 and path.is_file()):
+        found = "something else" if path.exists() else "no such file"
         raise InputError(
-            f"{path}: wanted an MCAP file, a ROS 2 bag directory or a ROS 1 bag, found something else; "
+            f"{path}: wanted an MCAP file, a ROS 2 bag directory or a ROS 1 bag, found {found}; "
             "of a ROS 2 bag give the directory"
         )
     try:

@@ -1,11 +1,11 @@
-"""What the workers found in each image, kept on disk while a run goes on, so that a run that was killed can go on.
+"""What was found in each image and each step between two, kept on disk, so that a run that was killed can go on.
 
-The stages that need one image alone take most of the time of a run, and their results follow from the image. A run
-that goes on decodes the images again, takes these results from the journal and does the rest anew: the same
-arrays enter the stages that need the order, so the tables have the same bytes.
+The stages that need one image alone and the motion take most of the time of a run. A run that goes on decodes the
+images again, takes these results from the journal and tracks anew: the same arrays enter the stages that follow, so the
+tables have the same bytes.
 
-A journal is a line that says what it belongs to, and then one entry a frame: length and CRC-32 of the content, then
-the content, compressed. A torn entry at the end is cut off.
+A journal is a line that says what it belongs to, and then entries of images and steps: length and CRC-32 of the
+content, then the content, compressed. What follows an entry that is torn or altered is cut off.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import hashlib
 import io
 import json
 import os
+import pickle
 import platform
 import struct
 import threading
@@ -42,12 +43,16 @@ from wayside.schemas.detections import (
     Regions,
     Segmentation,
 )
-from wayside.schemas.errors import UsageError
-from wayside.schemas.frame import Image
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import Image, Pose
+from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import Settings
+from wayside.stages.odometry import OdometryStep
 
 JOURNAL = ".wayside-journal"
 _HEAD = struct.Struct("<II")
+_ENTRY = struct.Struct("<Bq")  # kind, frame
+_IMAGE, _STEP = 0, 1
 _SYNC_S = 2.0
 _PACKAGES = ("lz4", "numba", "numpy", "opencv-python-headless", "scipy")
 
@@ -109,6 +114,8 @@ def _key(fingerprint: str, settings: Settings, digests: dict[str, str]) -> dict[
 class Journal:
     """The results of the first frames of a log, by frame; more are appended in order.
 
+    note: why one that stood there is not used, or not all of it; empty else. replayed: images in it.
+
     Parameters
     ----------
     folder
@@ -124,26 +131,23 @@ class Journal:
 
     def __init__(self, folder: Path, key: dict[str, Any]) -> None:
         self._path = folder / JOURNAL
-        self._entries: dict[int, tuple[int, int, int]] = {}
+        self._entries: dict[tuple[int, int], tuple[int, int]] = {}
+        self.note = ""
         self._reading = threading.Lock()
         head = (json.dumps(key, sort_keys=True) + "\n").encode()
         try:
             self._stream = self._open(head)
         except OSError as error:
             raise not_written(folder, error, "to keep the journal here") from error
-        self.replayed = len(self._entries)
+        self.replayed = sum(kind == _IMAGE for kind, _ in self._entries)
         self._synced = time.monotonic()
 
     def __contains__(self, frame: int) -> bool:
-        return frame in self._entries
+        return (_IMAGE, frame) in self._entries
 
     def replay(self, image: Image) -> Detections:
         """What was found in an image, which has been decoded again; from any thread."""
-        at, length, _ = self._entries[image.frame.index]
-        with self._reading:
-            self._stream.seek(at)
-            content = self._stream.read(length)
-        return _unpacked(content, image)
+        return _unpacked(self._read(_IMAGE, image.frame.index), image)
 
     def record(self, found: Iterator[Detections]) -> Iterator[Detections]:
         """Pass results on, in order, and append those that are new.
@@ -154,14 +158,32 @@ class Journal:
             The disk took no more.
         """
         for one in found:
-            if one.frame.index not in self._entries:
-                try:
-                    self._append(_packed(one))
-                except OSError as error:
-                    raise not_written(
-                        self._path.parent, error, "to keep the journal here"
-                    ) from error
+            if one.frame.index not in self:
+                self._append(_IMAGE, one.frame.index, _packed(one))
             yield one
+
+    def recall(self, frame: int) -> OdometryStep | None:
+        """The step to a frame, None where there is none.
+
+        Raises
+        ------
+        InputError
+            The entry is none that this version has written.
+        """
+        if (_STEP, frame) not in self._entries:
+            return None
+        try:
+            step = _Steps(io.BytesIO(self._read(_STEP, frame))).load()
+        except Exception as error:  # of all kinds, by what the bytes say
+            raise InputError(
+                f"{self._path}: wanted a step of the camera, found {type(error).__name__}: {error}; "
+                "remove the file or leave --resume out"
+            ) from error
+        return step if isinstance(step, OdometryStep) else None
+
+    def keep(self, frame: int, step: OdometryStep) -> None:
+        """Append a new step; raises OutputError where the disk takes no more."""
+        self._append(_STEP, frame, pickle.dumps(step, pickle.HIGHEST_PROTOCOL))
 
     def close(self) -> None:
         """Leave the journal for the run that goes on."""
@@ -173,9 +195,15 @@ class Journal:
             opened = os.open(self._path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
             stream = os.fdopen(opened, "r+b")
             if stream.readline() == head:
-                stream.truncate(self._scan(stream))
+                end = self._scan(stream)
+                if surplus := stream.seek(0, os.SEEK_END) - end:
+                    self.note = (
+                        f"--resume: {surplus} bytes of the journal are cut or altered and not used"
+                    )
+                stream.truncate(end)
                 return stream
             stream.close()
+            self.note = "--resume: the journal there is of another version, log, settings or models and not used"
             self._path.unlink()
         with create(self._path) as fresh:
             fresh.write(head)
@@ -189,18 +217,31 @@ class Journal:
             content = stream.read(length)
             if len(content) < length or zlib.crc32(content) != crc:
                 break
-            self._entries[_frame_of(content)] = (end + _HEAD.size, length, crc)
+            if length < _ENTRY.size:
+                break
+            self._entries[_ENTRY.unpack_from(content)] = (end + _HEAD.size, length)
             end = stream.tell()
         return end
 
-    def _append(self, content: bytes) -> None:
+    def _read(self, kind: int, frame: int) -> bytes:
+        at, length = self._entries[kind, frame]
         with self._reading:
-            self._stream.seek(0, os.SEEK_END)
-            self._stream.write(_HEAD.pack(len(content), zlib.crc32(content)) + content)
-            self._stream.flush()
-        if time.monotonic() > self._synced + _SYNC_S:
-            os.fsync(self._stream.fileno())
-            self._synced = time.monotonic()
+            self._stream.seek(at + _ENTRY.size)
+            content = self._stream.read(length - _ENTRY.size)
+        return bytes(lz4.frame.decompress(content))
+
+    def _append(self, kind: int, frame: int, body: bytes) -> None:
+        content = _ENTRY.pack(kind, frame) + bytes(lz4.frame.compress(body))
+        try:
+            with self._reading:
+                self._stream.seek(0, os.SEEK_END)
+                self._stream.write(_HEAD.pack(len(content), zlib.crc32(content)) + content)
+                self._stream.flush()
+            if time.monotonic() > self._synced + _SYNC_S:
+                os.fsync(self._stream.fileno())
+                self._synced = time.monotonic()
+        except OSError as error:
+            raise not_written(self._path.parent, error, "to keep the journal here") from error
 
 
 def remove_journal(folder: Path) -> None:
@@ -210,7 +251,7 @@ def remove_journal(folder: Path) -> None:
 
 
 def _packed(found: Detections) -> bytes:
-    """Number of the frame, 8 bytes, then the arrays, compressed."""
+    """Counts, and the arrays of a frame, in one piece."""
     arrays = {
         **_arrays("region", found.candidates.regions),
         **_arrays("candidate", found.candidates),
@@ -219,12 +260,10 @@ def _packed(found: Detections) -> bytes:
     names = [(name, a.dtype.str, a.shape) for name, a in arrays.items()]
     seen = found.segmentation
     head = json.dumps([seen.region_count, seen.dropped, names]).encode()
-    body = b"".join([struct.pack("<I", len(head)), head, *(a.tobytes() for a in arrays.values())])
-    return struct.pack("<q", found.frame.index) + bytes(lz4.frame.compress(body))
+    return b"".join([struct.pack("<I", len(head)), head, *(a.tobytes() for a in arrays.values())])
 
 
-def _unpacked(content: bytes, image: Image) -> Detections:
-    body = lz4.frame.decompress(content[8:])
+def _unpacked(body: bytes, image: Image) -> Detections:
     (length,) = struct.unpack_from("<I", body)
     region_count, dropped, names = json.loads(body[4 : 4 + length])
     at, parts = 4 + length, dict[str, dict[str, NDArray[Any]]](region={}, candidate={}, feature={})
@@ -253,8 +292,27 @@ def _arrays(part: str, table: object) -> dict[str, NDArray[Any]]:
     return {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
 
 
-def _frame_of(content: bytes) -> int:
-    return int(struct.unpack_from("<q", content)[0])
+def _named(one: Any) -> tuple[str, str]:
+    return one.__module__, one.__qualname__
+
+
+_OF_STEPS = {
+    *map(_named, (OdometryStep, Motion, Ties, StepPrior, Pose, np.ndarray, np.dtype)),
+    _named(np.zeros(0).__reduce__()[0]),
+    _named(np.zeros(0).__reduce_ex__(pickle.HIGHEST_PROTOCOL)[0]),
+    _named(np.float64(0).__reduce__()[0]),
+}
+"""All that a pickled step names."""
+
+
+class _Steps(pickle.Unpickler):
+    """Reads steps, and calls nothing but what makes these and arrays."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """One of these; UnpicklingError for all else."""
+        if (module, name) not in _OF_STEPS:
+            raise pickle.UnpicklingError(f"{module}.{name} is no part of a step")
+        return super().find_class(module, name)
 
 
 def _code_digest() -> str:

@@ -254,6 +254,8 @@ def _process(
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     statuses: Counter[str] = Counter()
     duplicates: list[str] = []
+    if journal is not None and journal.note:
+        report.notes.append(journal.note)
     source = models.external
     accounting = None if source is None else BoxAccounting(source)
     read = frames if first is None else chain((first,), frames)

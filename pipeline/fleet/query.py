@@ -142,7 +142,8 @@ def _without_formulas(connection: duckdb.DuckDBPyConnection, question: str) -> s
     columns, listed = connection.sql(question).description, []
     for number, (name, kind, *_) in enumerate(columns):
         value = f"c{number}"
-        if str(kind).startswith(("VARCHAR", "STRING", "ENUM")):
+        if str(kind) in ("VARCHAR", "STRING") or re.fullmatch(r"ENUM\(.*\)", str(kind), re.DOTALL):
+            value = f"CAST({value} AS VARCHAR)"
             mark = f"regexp_matches({value}, {_quoted(FORMULA)})"
             value = f"CASE WHEN {mark} THEN chr(39) || {value} ELSE {value} END"
         listed.append(f'{value} AS "{guarded(name).replace(chr(34), 2 * chr(34))}"')

@@ -24,7 +24,7 @@ from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.selection import Selection, WaitingImage
 from wayside.pipeline.reading.series import TimeSeries, blend_fixes
 from wayside.pipeline.reading.survey import topic_key
-from wayside.pipeline.reading.video import VideoDecoder
+from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_POSITION,
@@ -116,7 +116,7 @@ class _Reader:
         self.window_ns = round(settings.late_s * 1e9)
         self.selection = Selection(plan, settings)
         self.decoders = Decoders()
-        self.video = VideoDecoder()
+        self.video = VideoStreams()
         self.waiting: deque[WaitingImage] = deque()
         self.waiting_bytes = 0
         self.problems = 0
@@ -205,6 +205,7 @@ class _Reader:
                 None if capture_ns == (header_ns or message.log_time_ns) else capture_ns,
                 image,
                 after_loss=report.problem_count > self.problems,
+                channel=message.channel.id,
             )
         )
         self.problems = report.problem_count
@@ -233,10 +234,13 @@ class _Reader:
     def _next_frame(self) -> Frame:
         one = self.waiting.popleft()
         self.waiting_bytes -= 0 if one.image is None else len(one.image.data)
-        if one.image is not None and one.image.encoding == H264:
-            fault, image = self.video.decode(one.image, after_loss=one.after_loss)
-            one = replace(one, image=image, fault="" if fault == USED else fault)
         camera = self.plan.camera_given or self.calibrations.latest(one.time_ns)
+        if one.image is not None and one.image.encoding == H264:
+            size = None if camera is None else (camera.width, camera.height)
+            fault, image = self.video.decode(
+                one.channel, one.image, size, after_loss=one.after_loss
+            )
+            one = replace(one, image=image, fault="" if fault == USED else fault)
         pose = None if self.poses is None else self.poses.at(one.time_ns)
         fix = self.fixes.at(one.time_ns, blend_fixes)
         if fix is not None:
@@ -269,7 +273,7 @@ class _Reader:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
-        if self.video.both_ways and not report.statuses[USED]:
+        if self.video.counts.both_ways and not report.statuses[USED]:
             raise InputError(
                 f"{self.plan.survey.path}: wanted images that can be used, found {self.video.notes()[-1]}"
             )

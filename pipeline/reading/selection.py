@@ -35,7 +35,7 @@ class WaitingImage:
 
     arrival_ns: when it came, time_ns: when it was taken, both on continuous clocks; settled_ns: as in `Frame`;
     fault: status of an image that is not to be used, known before anything else of it is looked at; after_loss: the
-    log is damaged between the image before and this one.
+    log is damaged between the image before and this one; channel: number of that which the message is of.
     """
 
     index: int
@@ -47,6 +47,7 @@ class WaitingImage:
     image: ImageContent | None
     fault: str = ""
     after_loss: bool = False
+    channel: int = 0
 
 
 class Selection:

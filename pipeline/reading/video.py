@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264, PictureHead, SequenceSet, read_stream
-from wayside.schemas.frame import NO_KEY_FRAME, UNDECODABLE, USED
+from wayside.schemas.frame import NO_KEY_FRAME, UNDECODABLE, USED, WRONG_SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,9 +18,79 @@ WITHOUT_DECODER = (
 )
 
 
+_MOST_STREAMS = 4
+_BLOCK = 32
+"""Pixels that a coded picture may be larger than the one shown: two rows of macroblocks, of a frame of two fields."""
+
+
 def can_decode_video() -> bool:
     """Whether PyAV is installed."""
     return find_spec("av") is not None
+
+
+@dataclass(slots=True)
+class VideoCounts:
+    """Pictures without the ones that they refer to, B-pictures, and streams."""
+
+    without_key: int = 0
+    both_ways: int = 0
+    streams: int = 0
+
+
+class VideoStreams:
+    """Decodes the pictures of the streams of one topic, each stream by itself.
+
+    A stream is the pictures of one channel and one `frame_id`: those of two cameras may share a topic, and the pictures
+    of one are no references for those of the other. Of the newest `_MOST_STREAMS` the state is kept; another waits for
+    a key frame again.
+    """
+
+    def __init__(self) -> None:
+        self.counts = VideoCounts()
+        self._decoders: dict[tuple[int, str], VideoDecoder] = {}
+        self._known: set[tuple[int, str]] = set()
+
+    def decode(
+        self, channel: int, image: ImageContent, size: tuple[int, int] | None, *, after_loss: bool
+    ) -> tuple[str, ImageContent]:
+        """Status of a picture, and what of it is known: rows of rgb8 where it is `used`.
+
+        size: of the pictures that are wanted; others are `wrong_size` and not decoded. after_loss: something of the log
+        before it was lost, which may have been pictures of any stream.
+        """
+        if after_loss:
+            for one in self._decoders.values():
+                one.lose()
+        key = channel, image.frame_id
+        decoder = self._decoders.pop(key, None) or VideoDecoder(self.counts)
+        self._decoders[key] = decoder
+        if len(self._decoders) > _MOST_STREAMS:
+            del self._decoders[next(iter(self._decoders))]
+        if len(self._known) <= _MOST_STREAMS:
+            self._known.add(key)
+            self.counts.streams = len(self._known)
+        return decoder.decode(image, size)
+
+    def notes(self) -> list[str]:
+        """What of the video has no picture, in words."""
+        counts, words = self.counts, []
+        if counts.streams > 1:
+            several = "more" if counts.streams > _MOST_STREAMS else str(counts.streams)
+            words.append(
+                f"the topic of the video holds {several} streams, of several channels or frames of reference: each is "
+                "decoded by itself, and all are taken for images of one camera"
+            )
+        if counts.without_key:
+            words.append(
+                f"images of the video without a key frame before them, or behind a missing one: {counts.without_key} "
+                f"(status {NO_KEY_FRAME}); they take no part"
+            )
+        if counts.both_ways:
+            words.append(
+                f"B-pictures in the video: {counts.both_ways}; they refer to later images, which the schema excludes, "
+                "and are not decoded: encode without them (x264: bframes=0)"
+            )
+        return words
 
 
 class VideoDecoder:
@@ -30,35 +101,32 @@ class VideoDecoder:
     next key frame. Pictures that refer to later ones (B) are not decoded: `foxglove.CompressedVideo` excludes them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, counts: VideoCounts) -> None:
+        self._counts = counts
         self._context: Any = None
         self._sequence: SequenceSet | None = None
         self._reference: int | None = None
         """Number of the last picture that others refer to; None: wait for a key frame."""
-        self.without_key = 0
-        self.both_ways = 0
 
-    def decode(self, image: ImageContent, *, after_loss: bool = False) -> tuple[str, ImageContent]:
-        """Status of a picture, and what of it is known: rows of rgb8 where it is `used`.
-
-        after_loss: something of the log before it was lost, which may have been pictures.
-        """
-        if after_loss:
-            self._reference = None
+    def decode(self, image: ImageContent, size: tuple[int, int] | None) -> tuple[str, ImageContent]:
+        """Status of a picture, and what of it is known, as of `VideoStreams.decode`."""
         try:
             self._sequence, head = read_stream(image.data, self._sequence)
         except ValueError:
             return self._fail(), image
         if head is not None and head.both_ways:
-            self.both_ways += 1
+            self._counts.both_ways += 1
             return UNDECODABLE, image
         if head is None or not (head.key or self._follows(head)):
             if head is not None:
-                self._reference = None
-            self.without_key += 1
+                self.lose()
+            self._counts.without_key += 1
             return NO_KEY_FRAME, image
-        if head.key:
-            self._context = _new_context()
+        if self._sequence is not None and size not in (None, self._sequence[:2]):
+            self.lose()
+            return WRONG_SIZE, image
+        if head.key and self._sequence is not None:
+            self._context = _new_context(self._sequence)
         pixels = self._pixels(image)
         if pixels is None:
             return self._fail(), image
@@ -68,30 +136,19 @@ class VideoDecoder:
         rows = pixels.reshape(-1).data
         return USED, ImageContent(image.time_ns, image.frame_id, "rgb8", rows, width, height)
 
-    def notes(self) -> list[str]:
-        """What of the video has no picture, in words."""
-        words = []
-        if self.without_key:
-            words.append(
-                f"images of the video without a key frame before them, or behind a missing one: {self.without_key} "
-                f"(status {NO_KEY_FRAME}); they take no part"
-            )
-        if self.both_ways:
-            words.append(
-                f"B-pictures in the video: {self.both_ways}; they refer to later images, which the schema excludes, "
-                "and are not decoded: encode without them (x264: bframes=0)"
-            )
-        return words
+    def lose(self) -> None:
+        """Wait for the next key frame."""
+        self._reference = None
 
     def _follows(self, head: PictureHead) -> bool:
-        """Whether every picture between the last that was decoded and this one was there."""
+        """Whether every picture between the last that was decoded and this one was there, and this one was not."""
         if self._reference is None or self._sequence is None:
             return False
         step = (head.number - self._reference) % self._sequence.modulus
-        return step <= 1 or self._sequence.gaps
+        return step == 1 or self._sequence.gaps
 
     def _fail(self) -> str:
-        self._reference = None
+        self.lose()
         return UNDECODABLE
 
     def _pixels(self, image: ImageContent) -> NDArray[Any] | None:
@@ -107,11 +164,15 @@ class VideoDecoder:
         return pixels
 
 
-def _new_context() -> Any:
-    """A decoder that gives each picture at once, in one thread."""
+def _new_context(sequence: SequenceSet) -> Any:
+    """A decoder that gives each picture at once, in one thread, and none larger than the sequence set says.
+
+    A stream may hold several sequence sets and mean another one than the last.
+    """
     import av
 
     context = av.CodecContext.create(H264, "r")
+    context.options = {"max_pixels": str((sequence.width + _BLOCK) * (sequence.height + _BLOCK))}
     context.flags |= av.codec.context.Flags.low_delay
     context.thread_count = 1
     return context

@@ -7,12 +7,13 @@ from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import RelativePose, fit_relative_pose
 from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
-from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
+from wayside.stages.odometry.visual_odometry import OdometryStep, VisualOdometry, estimate_motion
 
 __all__ = [
     "KeypointImage",
     "MotionPrior",
     "Mount",
+    "OdometryStep",
     "RegisteredTies",
     "RelativePose",
     "VisualOdometry",

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import hypot, inf, nan, radians, sqrt
+from typing import Protocol
 
 import numpy as np
 
@@ -30,15 +31,46 @@ from wayside.stages.odometry.standing import shows_no_motion
 from wayside.stages.odometry.tie_points import KeypointImage
 
 
+@dataclass(frozen=True, slots=True)
+class OdometryStep:
+    """A step and what it leaves behind for the next one: all that changes in a `VisualOdometry` but image and frame.
+
+    motion: None where the image shows none and is left out; nothing else changes then. depths (n,), metres, of the
+    corners of the image; rotation (3, 3) or None where unknown; sigma_m and speed_mps of the step; dropped, doubts:
+    counts; learned: slopes (2,) and heights (n,) that the `Mount` took in, None where it took in nothing.
+    """
+
+    motion: Motion | None
+    depths: Array = field(default_factory=lambda: np.zeros(0))
+    rotation: Array | None = None
+    sigma_m: float = 0.0
+    speed_mps: float = nan
+    dropped: int = 0
+    doubts: int = 0
+    learned: tuple[Array, Array] | None = None
+
+
+class StepMemory(Protocol):
+    """Keeps the steps of a run for one that goes on with it."""
+
+    def recall(self, frame: int) -> OdometryStep | None:
+        """The step to a frame in the run before; None where it did not come so far."""
+
+    def keep(self, frame: int, step: OdometryStep) -> None:
+        """Take a new step, in the order of the frames."""
+
+
 def estimate_motion(
     images: Iterator[Detections],
     settings: MotionSettings,
     ties: TieSettings,
     adjustment: AdjustmentSettings,
+    memory: StepMemory | None = None,
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
     Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
+    Steps that `memory` recalls are not measured again.
     An image that shows no motion since the last used one becomes a frame with the status `duplicate`, without
     candidates: rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up,
     since images are compared with the one that was used last.
@@ -54,10 +86,17 @@ def estimate_motion(
             yield PosedDetections(item, None)
             continue
         image = KeypointImage.of(item)
-        if shows_no_motion(odometry.image, image, settings, ties):
-            yield PosedDetections(_left_out(item), None)
+        step = None if memory is None else memory.recall(item.frame.index)
+        if step is not None:
+            odometry.take(step, image, item.frame)
         else:
-            yield PosedDetections(item, odometry.advance(image, item.frame))
+            step = OdometryStep(None)
+            if not shows_no_motion(odometry.image, image, settings, ties):
+                odometry.advance(image, item.frame)
+                step = odometry.step()
+            if memory is not None:
+                memory.keep(item.frame.index, step)
+        yield PosedDetections(item if step.motion else _left_out(item), step.motion)
 
 
 def _left_out(item: Detections) -> Detections:
@@ -118,6 +157,34 @@ class VisualOdometry:
             self.speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
         self.image, self.frame, self.motion = image, frame, motion
         return motion
+
+    def step(self) -> OdometryStep:
+        """The last step, for `take`."""
+        learned = None
+        if self.motion is not None and self.motion.ties is not None:
+            learned = self.mount.slopes[-1], self.mount.heights[-1]
+        return OdometryStep(
+            self.motion,
+            self.depths,
+            self.rotation,
+            self.sigma_m,
+            self.speed_mps,
+            self.dropped,
+            self.doubts,
+            learned,
+        )
+
+    def take(self, step: OdometryStep, image: KeypointImage | None, frame: Frame) -> None:
+        """Be as `advance` of the same image and frame left it where it gave this step."""
+        if step.motion is None:
+            return
+        self.image, self.frame, self.motion = image, frame, step.motion
+        self.depths, self.rotation = step.depths, step.rotation
+        self.sigma_m, self.speed_mps = step.sigma_m, step.speed_mps
+        self.dropped, self.doubts = step.dropped, step.doubts
+        if step.learned is not None:
+            self.mount.slopes.append(step.learned[0])
+            self.mount.heights.append(step.learned[1])
 
     def _step(self, last: Motion, image: KeypointImage | None, expected: MotionPrior) -> Motion:
         step = None

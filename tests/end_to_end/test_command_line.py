@@ -123,3 +123,21 @@ def test_130_an_interrupted_run_says_so_and_leaves_no_table(tmp_path):
     assert running.returncode == 130, words
     assert "wayside: interrupted; this log's tables were not written" in words
     assert not files_in(out) & TABLES
+
+
+@pytest.mark.parametrize("kind", ["pipe", "long", "loop", "below"])
+@pytest.mark.parametrize(
+    "words",
+    [["info"], ["run", DEMO, "--settings"], ["export"], ["evaluate", "--truth", "t.json"]],
+    ids=["log", "settings", "result of export", "result of evaluate"],
+)
+def test_a_path_that_names_no_file_or_folder_is_refused_at_once(command, tmp_path, words, kind):
+    (tmp_path / "file").touch()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    names = {"long": "x" * 5000, "below": "file/x"}
+    out = [] if words[0] in ("info", "evaluate") else ["-o", str(tmp_path / "out.csv")]
+    done = command(*words, tmp_path / names.get(kind, kind), *out)
+    assert done.returncode in (2, 3)
+    assert "wayside: " in done.stderr
+    assert "Traceback" not in done.stderr

@@ -15,6 +15,8 @@ from mcap_protobuf.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.reading import video
+from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.h264 import read_stream
 from wayside.schemas.errors import InputError
@@ -181,6 +183,61 @@ def test_headers_that_are_cut_are_refused_or_read_and_never_an_accident(cut):
     except ValueError:
         return
     assert sequence is None or sequence[:2] == (WIDTH, HEIGHT)
+
+
+def test_two_videos_in_one_topic_are_decoded_each_by_itself(tmp_path):
+    one, other = images(2 * GROUP), [np.ascontiguousarray(rgb[::-1]) for rgb in images(2 * GROUP)]
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        camera = CameraCalibration(width=WIDTH, height=HEIGHT, distortion_model="plumb_bob")
+        camera.K.extend([200.0, 0, 80, 0, 200.0, 60, 0, 0, 1])
+        writer.write_message("/calibration", camera, START, START)
+        packets = zip(encode(one, WITHOUT_B), encode(other, WITHOUT_B), strict=True)
+        for number, pair in enumerate(packets):
+            for k, (data, frame_id) in enumerate(zip(pair, ("left", "right"), strict=True)):
+                time_ns = START + number * STEP + k * STEP // 2
+                message = video_message(data, time_ns)
+                message.frame_id = frame_id
+                writer.write_message("/camera", message, time_ns, time_ns)
+        writer.finish()
+    frames, report = read(path)
+    shown = [rgb for pair in zip(one, other, strict=True) for rgb in pair]
+    assert [f.status for f in frames] == ["used"] * len(shown)
+    for frame, rgb in zip(frames, shown, strict=True):
+        assert_alike(frame, rgb)
+    assert any("holds 2 streams" in note for note in report.notes)
+
+
+def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path):
+    """Behind a picture of the other video a decoder would go on with the wrong one."""
+    one, other = images(2 * GROUP), [np.ascontiguousarray(rgb[::-1]) for rgb in images(2 * GROUP)]
+    pairs = zip(encode(one, WITHOUT_B), encode(other, WITHOUT_B), strict=True)
+    log = write_log(tmp_path / "a.mcap", [packet for pair in pairs for packet in pair])
+    frames, report = read(log)
+    assert report.statuses["used"] <= 2 * 3
+    assert report.statuses["no_key_frame"] == len(frames) - report.statuses["used"]
+
+
+def test_a_video_of_another_size_than_the_calibration_is_not_decoded(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, "_new_context", None)
+    log = write_log(tmp_path / "a.mcap", encode(images(3), WITHOUT_B), size=(64, 48))
+    with pytest.raises(InputError, match="found 162 x 122"):
+        read(log)
+
+
+def test_a_picture_larger_than_its_last_sequence_set_says_is_not_decoded():
+    """A stream may hold two sequence sets; the picture here means the first, the larger."""
+    data = encode(images(1, 320, 240), WITHOUT_B)[0]
+    small = encode(images(1, 64, 48), WITHOUT_B)[0]
+    head = small[
+        : small.index(b"\0\0\1", 4)
+    ]  # its sequence set, which the decoder takes in its place
+    sound = ImageContent(0, "", "h264", memoryview(data), 0, 0)
+    assert video.VideoDecoder(video.VideoCounts()).decode(sound, (320, 240))[0] == "used"
+    context = video._new_context(read_stream(head, None)[0])
+    with pytest.raises(av.FFmpegError):
+        context.decode(av.Packet(data))
 
 
 def signs_of(result: Result):

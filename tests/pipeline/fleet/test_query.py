@@ -127,9 +127,10 @@ def test_the_command_prints_a_table_and_keeps_files_of_the_user(inventory):
 
 
 def test_an_answer_as_csv_holds_no_formula(inventory):
-    question = """SELECT '=1+1' AS "@name", -1 AS n, '-2' AS n, ['=3'] AS list FROM logs LIMIT 1"""
+    question = """SELECT '=1+1' AS "@name", -1 AS n, '-2' AS n, ['=3'] AS list,
+        '@e'::ENUM ('@e', 'f') AS kind FROM logs LIMIT 1"""
     answer = io.BytesIO()
     write_answer(inventory, question, answer, "csv")
     names, row = csv.reader(io.StringIO(answer.getvalue().decode()))
     assert names[:2] == ["'@name", "n"]
-    assert row == ["'=1+1", "-1", "'-2", "['=3']"]
+    assert row == ["'=1+1", "-1", "'-2", "['=3']", "'@e"]

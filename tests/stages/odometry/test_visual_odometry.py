@@ -1,6 +1,8 @@
 """A drive past textured plates under a textured sky, painted here, and the motion found in it."""
 
+import dataclasses
 import math
+import pickle
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -125,9 +127,9 @@ def detections_of(images, **known):
     return extract_features(classified(), FeatureSettings())
 
 
-def motions(images, settings=None, **known):
+def motions(images, settings=None, memory=None, **known):
     settings = settings or MotionSettings()
-    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings()
+    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings(), memory
     return [m.motion for m in estimate_motion(*given)]
 
 
@@ -434,3 +436,40 @@ def test_images_without_texture_are_no_duplicates():
     blank = np.full((900, 1200), 90, np.uint8)
     found = motions([blank] * 3, spacing_m=[SPACING] * 3)
     assert [m.baseline_m for m in found] == [0, SPACING, SPACING]
+
+
+def flat(value):
+    """Bits of all numbers and arrays of a value."""
+    if dataclasses.is_dataclass(value):
+        return [flat(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    if isinstance(value, tuple | list):
+        return [flat(one) for one in value]
+    if isinstance(value, np.ndarray):
+        return str(value.dtype), value.shape, value.flags.c_contiguous, value.tobytes()
+    return repr(value)
+
+
+class Kept(dict):
+    """Steps by frame, each as its bytes bring it back."""
+
+    def recall(self, frame):
+        return pickle.loads(self[frame]) if frame in self else None
+
+    def keep(self, frame, step):
+        self[frame] = pickle.dumps(step)
+
+
+@pytest.mark.parametrize("known", [1, 4, 6])
+def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(known):
+    _, images = painted(7, 0.0)
+    given = {"status": [USED, USED, SKIPPED, *[USED] * 4], "spacing_m": [SPACING] * 7}
+    whole, again = Kept(), Kept()
+    first = motions(images, **given, memory=whole)
+    again.update({frame: step for frame, step in whole.items() if frame < known})
+    recalled = len(again)
+    second = motions(images, **given, memory=again)
+    assert sorted(again) == [0, 1, 3, 4, 5, 6]
+    assert 0 < recalled < len(again)
+    assert flat(first) == flat(second)
+    for frame in whole:
+        assert flat(whole.recall(frame)) == flat(again.recall(frame))

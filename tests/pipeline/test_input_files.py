@@ -1,0 +1,55 @@
+"""Files that are read whole: none that a command would wait for, and none that unpacks beyond measure."""
+
+import os
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.pipeline import input_files
+from wayside.pipeline.input_files import open_input, read_input, read_parquet
+
+
+def test_a_pipe_and_a_device_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="a pipe, not a file"):
+        open_input(tmp_path / "pipe")
+    with pytest.raises(OSError, match="a device, not a file"):
+        read_input(type(tmp_path)("/dev/zero"))
+
+
+def test_a_file_beyond_the_bound_is_not_read(tmp_path):
+    with (tmp_path / "sparse").open("wb") as stream:
+        stream.truncate(input_files.MOST_BYTES + 1)
+    with pytest.raises(OSError, match="more than"):
+        read_input(tmp_path / "sparse")
+
+
+def test_a_table_is_that_of_pyarrow(tmp_path):
+    texts = pa.array(["a", None, "b", "a"])
+    table = pa.table({"n": [1, 2, 3, 4], "t": texts, "d": texts.dictionary_encode()})
+    pq.write_table(table, tmp_path / "t.parquet")
+    assert read_parquet(tmp_path / "t.parquet").equals(pq.read_table(tmp_path / "t.parquet"))
+    some = read_parquet(tmp_path / "t.parquet", ["t"], pa.compute.field("n") == 3)
+    assert some.to_pydict() == {"t": ["b"]}
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        pa.array(np.zeros(200_000, np.int8)),
+        pa.DictionaryArray.from_arrays(pa.array(np.zeros(1000, np.int32)), ["x" * 5000]).cast(
+            pa.string()
+        ),
+        pa.array([b"x" * 5000] * 1000, pa.binary(5000)),
+    ],
+    ids=["rows", "texts", "fixed width"],
+)
+def test_parquet_that_unpacks_beyond_the_bound_is_refused(tmp_path, monkeypatch, column):
+    path = tmp_path / "bomb.parquet"
+    pq.write_table(pa.table({"frame": column}), path, compression="zstd")
+    monkeypatch.setattr(input_files, "MOST_BYTES", 1_000_000)
+    assert path.stat().st_size < 20_000
+    with pytest.raises(pa.ArrowInvalid, match="unpacks to"):
+        read_parquet(path)
