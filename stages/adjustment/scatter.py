@@ -13,9 +13,9 @@ from wayside.stages.kernels import Array
 def residual_scatter(pulls: Array, quantile: float) -> float:
     """How many times larger errors are than stated; at least 1, also where there are none.
 
-    A quantile of the absolute residuals (n,), in stated standard deviations, over that of a normal distribution: gross
-    errors beyond it have no weight (Huber, Robust Statistics, section 5). Stated errors are never lowered: those that
-    neighbours share hardly show in residuals, since the fit follows them.
+    A quantile of the absolute residuals (n,), in stated standard deviations, over that of a normal distribution: how
+    large gross errors are does not matter (Huber, Robust Statistics, section 5). Stated errors are never lowered: those
+    that neighbours share hardly show in residuals, since the fit follows them.
     """
     if len(pulls) == 0:
         return 1.0
