@@ -121,7 +121,7 @@ class TieSettings:
         0.75,
         "",
         "quantile of the residuals of a step's ties, over the normal one, that raises their stated errors",
-        origin="the most that a quarter of gross errors leaves alone",
+        origin="steps against the truth: the median raises the errors of directions too little",
         expert=True,
         low=0.01,
         high=0.99,

@@ -84,7 +84,7 @@ def adjust_pair(
     solver
         Limits of the iteration.
     scatter
-        Errors of these ties over those that the settings state (`tie_scatter`).
+        Errors of these ties over those that the settings state, 1 or more (`tie_scatter`): the covariance states them.
 
     Returns
     -------
@@ -99,8 +99,7 @@ def adjust_pair(
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    sigma_px = scatter * ties.sigma_px
-    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, sigma_px / focal_px)
+    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, ties.sigma_px / focal_px)
     # An error is divided between both images: half of its square is in the second one.
     scale = ties.fine_last_scale_px / ties.sigma_px / np.sqrt(2)
     blocks = ResidualBlocks.joined(
@@ -128,6 +127,8 @@ def adjust_pair(
     direction = found.centres[1] / np.linalg.norm(found.centres[1])
     offset = found.points[:, :2] - direction[:2] / direction[2]
     displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
+    # Weights stay those of the stated errors: larger ones change what is said of the motion, not the motion.
+    alone = np.sqrt(scatter**2 - 1) * ties.sigma_px / focal_px * found.gain
     shared_px = scatter * correlated_sigma_px(displacement, ties)
     effect = shared_px[:, None, None] * found.gain[n:] / focal_px
     shared = correlated_covariance(
@@ -138,7 +139,7 @@ def adjust_pair(
         direction,
         found.points,
         displacement,
-        found.covariance + shared,
+        found.covariance + np.einsum("nik,nim->km", alone, alone) + shared,
         found.iterations,
-        sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
+        ties.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
     )

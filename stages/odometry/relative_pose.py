@@ -10,7 +10,7 @@ import numpy as np
 
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
-from wayside.stages.adjustment import tie_scatter, translation_px
+from wayside.stages.adjustment import tie_scatter
 from wayside.stages.geometry import halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
@@ -46,7 +46,7 @@ class RelativePose:
         """Errors of the inliers over those that the settings state; see `tie_scatter`."""
         held = self.previous[self.inlier], self.current[self.inlier]
         distance = sampson_px(*held, self.rotation, self.direction, focal_px)
-        return tie_scatter(distance, translation_px(self.rotation, *held, focal_px), settings)
+        return tie_scatter(distance, settings)
 
 
 RelativePoseEstimator = Callable[

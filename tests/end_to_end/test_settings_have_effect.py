@@ -28,6 +28,7 @@ def unchanged() -> list[float]:
         ("adjustment.point_iterations", 1),
         ("ties.correlation_reach_px", 1000.0),
         ("ties.sigma_px", 0.5),
+        ("ties.scatter_quantile", 0.99),
     ],
 )
 def test_a_setting_far_below_the_flow_changes_the_errors(
