@@ -162,13 +162,13 @@ def test_an_address_is_told_once_both_its_servers_answer(monkeypatch):
         time.sleep(0.3)
         servers.append(socket.create_server(("127.0.0.1", port)))
 
-    def start(files, port, options, environment):
+    def start(port, options, environment):
         servers.append(socket.create_server(("127.0.0.1", port)))
         threading.Thread(target=late, args=(int(options[-1]),)).start()
         return fake
 
     monkeypatch.setattr(viewer, "_start", start)
-    start_viewer((), serve=True)
+    start_viewer(serve=True)
     assert len(servers) == 2
     for server in servers:
         server.close()
