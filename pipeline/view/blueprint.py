@@ -48,7 +48,7 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
         background=GROUND,
         overrides={at.POINTS_STRAIGHT: rrb.EntityBehavior(visible=False)},
         eye_controls=rrb.EyeControls3D(
-            position=[0, -6, -10], look_target=[0, 0, 20], eye_up=[0, -1, 0]
+            position=[0, -18, -16], look_target=[0, 0, 20], eye_up=[0, -1, 0]
         ),
     )
     above = rrb.Spatial3DView(

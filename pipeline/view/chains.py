@@ -97,33 +97,34 @@ def closing(
 
 
 def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Batch | Columns]:
-    """Every sign marked in its colour and named in white: all of them, and frame by frame the names of those in view.
+    """Every sign marked in its colour; in white the names of all, and frame by frame of those in view.
 
-    The viewer writes a label in the colour of its point: brown or blue words on a dark ground are not readable.
+    Panels of one assembly share a name, which would lie on each other. The viewer writes a label in the colour of its
+    point, and brown or blue words are not readable on a dark ground: names are points of their own.
     """
     if not inventory.signs or not times:
         return
     landmarks = [sign.landmark for sign in inventory.signs]
     centres = np.array([one.best_pose.to_world(one.position) for one in landmarks])
-    inks = [landmark_color(one) for one in landmarks]
-    words = [sign_name(row) for row in inventory.sign_rows]
-    marks = rr.Points3D(centres, colors=inks, radii=MARK)
-    names = rr.Points3D(centres, colors=[WHITE], labels=words, show_labels=True, radii=THIN)
+    marks = rr.Points3D(centres, colors=[landmark_color(one) for one in landmarks], radii=MARK)
+    panels: dict[str, list[int]] = {}
+    for i, row in enumerate(inventory.sign_rows):
+        panels.setdefault(row["assembly_id"], []).append(i)
+    words = [
+        ", ".join(sign_name(inventory.sign_rows[i]) for i in group) for group in panels.values()
+    ]
+    places = np.array([centres[group].mean(axis=0) for group in panels.values()])
+    names = rr.Points3D(places, colors=[WHITE], labels=words, show_labels=True, radii=THIN)
     shared = rr.Points3D.from_fields(colors=[WHITE], show_labels=True, radii=THIN)
-    yield Batch(
-        None,
-        (
-            Entity(at.MARKS, (marks,)),
-            Entity(at.NAMES, (names,)),
-            Entity(at.NAMES_IN_VIEW, (shared,)),
-        ),
-    )
-    spans = [(one.views[0].frame, one.views[-1].frame) for one in landmarks]
+    named = (Entity(at.NAMES, (names,)), Entity(at.NAMES_IN_VIEW, (shared,)))
+    yield Batch(None, (Entity(at.MARKS, (marks,)), *named))
+    seen = [[landmarks[i].views for i in group] for group in panels.values()]
+    spans = [(min(v[0].frame for v in one), max(v[-1].frame for v in one)) for one in seen]
     frames = sorted(times)
     shown = [[i for i, (a, b) in enumerate(spans) if a <= frame <= b] for frame in frames]
     rows = [i for in_frame in shown for i in in_frame]
     columns = rr.Points3D.columns(
-        positions=centres[rows].reshape(-1, 3),
+        positions=places[rows].reshape(-1, 3),
         labels=[words[i] for i in rows],
     ).partition([len(in_frame) for in_frame in shown])
     yield Columns(at.NAMES_IN_VIEW, tuple(times[frame] for frame in frames), tuple(columns))
