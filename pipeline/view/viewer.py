@@ -9,9 +9,9 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -25,7 +25,8 @@ LOOPBACK = "127.0.0.1"
 """The viewer's own default listens to the whole network."""
 PROBE_S, START_S, LOAD_S, DRAW_S = 0.5, 20.0, 60.0, 1.0
 STEADY_POLLS, POLL_S = 3, 0.3
-DRAWINGS = 8
+ATTEMPTS = 8
+T = TypeVar("T")
 VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
 SOFTWARE = ("lvp_icd.x86_64.json", "lvp_icd.aarch64.json", "lvp_icd.json")
 MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
@@ -154,34 +155,38 @@ def show_time(client: ViewerClient, timeline: str, value: int) -> None:
     """
     late, steady = time.monotonic() + LOAD_S, 0
     while time.monotonic() < late and steady < STEADY_POLLS:
-        recordings = client.get_state().recordings
+        recordings = _answer(client.get_state).recordings
         there = any(r.current_timeline == timeline and r.current_time == value for r in recordings)
         steady = steady + 1 if there else 0
         if not there and timeline == FRAME:
-            client.set_time(timeline, sequence=value)
+            _answer(lambda: client.set_time(timeline, sequence=value))
         elif not there:
-            client.set_time(timeline, timestamp=np.datetime64(value, "ns"))
+            _answer(lambda: client.set_time(timeline, timestamp=np.datetime64(value, "ns")))
         time.sleep(POLL_S)
     time.sleep(DRAW_S)
 
 
 def save_drawn(client: ViewerClient, path: Path) -> None:
-    """Let the viewer write what it shows to a PNG.
+    """Let the viewer write what it shows to a PNG; raises OutputError where it does not."""
+    _answer(lambda: client.save_screenshot(str(path)))
 
-    It gives up on an image after fifteen seconds, which the first one takes on a busy machine without a graphics card:
-    its programs are compiled for it then, and later ones are quick.
+
+def _answer(ask: Callable[[], T]) -> T:
+    """What a viewer answers.
+
+    It gives up after fifteen seconds, which the first image takes on a busy machine without a graphics card: its
+    programs are compiled for it then, and nothing else is answered. Later ones are quick.
 
     Raises
     ------
     OutputError
-        Where none was drawn in several attempts.
+        Where several attempts had no answer.
     """
-    for _ in range(DRAWINGS):
+    for _ in range(ATTEMPTS):
         with contextlib.suppress(TimeoutError):
-            client.save_screenshot(str(path))
-            return
+            return ask()
     raise OutputError(
-        f"wanted the viewer to draw an image, found none in {DRAWINGS} attempts of fifteen seconds; "
+        f"wanted an answer of the viewer, found none in {ATTEMPTS} attempts of fifteen seconds; "
         "try again when the machine has less to do, or give a smaller --size"
     )
 
@@ -190,7 +195,7 @@ def view_errors(client: ViewerClient) -> list[str]:
     """What the viewer could not draw, view by view."""
     return [
         f"{view.name}: {report}"
-        for view in client.get_state().views
+        for view in _answer(client.get_state).views
         for report in view.reports
         if report.severity == "error"
     ]
@@ -278,7 +283,7 @@ def wait_until_loaded(client: ViewerClient) -> None:
     """Return when the loaded recordings have stopped to grow."""
     late, steady, before = time.monotonic() + LOAD_S, 0, ""
     while time.monotonic() < late and steady < STEADY_POLLS:
-        state = client.get_state()
+        state = _answer(client.get_state)
         now = str([(r.store_id, r.timelines) for r in state.recordings])
         loaded = bool(state.recordings) and bool(state.views)
         steady = steady + 1 if loaded and now == before else 0
