@@ -92,7 +92,7 @@ def viewing_of(
         raise UsageError(f"wanted one viewer, found --connect and --view {view}; leave one out")
     address = None if connect is None else probe(connect)
     if view in (ViewMode.live, ViewMode.serve):
-        address = start_viewer((), serve=view is ViewMode.serve)
+        address = start_viewer(serve=view is ViewMode.serve)
     return Viewing(view is ViewMode.file, address, images.value, detail)
 
 
@@ -117,7 +117,9 @@ def view(
 
     target = find_target(out, sign, frame)
     open_result(out, target, over, serve=serve)
-    typer.echo(visible(f"{out}: frame {target.frame}"))
+    # a page opens at the start, whatever is asked for
+    where = "go to it in the time panel: frame" if serve else "frame"
+    typer.echo(visible(f"{out}: {where} {target.frame}"))
 
 
 def picture(

@@ -308,7 +308,7 @@ def _start_viewer(view: str | None) -> str | None:
         return None
     from wayside.pipeline.view.viewer import start_viewer
 
-    return start_viewer((), serve=view == "serve")
+    return start_viewer(serve=view == "serve")
 
 
 def _settings(

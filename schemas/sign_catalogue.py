@@ -1,8 +1,10 @@
 """The catalogue of sign codes: what colour, shape and size a sign of each code has.
 
-Sources: Manual on Uniform Traffic Control Devices 2009 and 11th edition (FHWA), tables of sizes 2B-1, 2C-2, 2D-1, 6F-1,
-7B-1, 8B-1, and Standard Highway Signs; Convention on Road Signs and Signals (Vienna 1968), annex 1, which states
-least sizes only: those here are the common ones of its countries. `weight` is a judgement of how common a sign is.
+Sources: Manual on Uniform Traffic Control Devices, 11th edition (FHWA, 2023), tables of sizes 2B-1, 2C-1, 2D-1, 2I-1,
+6H-1, 7B-1 and 8B-1, with sizes of the 2009 edition and of Standard Highway Signs, which still stand on roads;
+docs/sign_codes.md says what was compared with which text. Convention on Road Signs and Signals (Vienna 1968), annex 1,
+which states least sizes only: those here are the common ones of its countries. `weight` is a judgement of how common a
+sign is.
 """
 
 from __future__ import annotations
@@ -85,6 +87,9 @@ def _sign(
 
 
 _PLATE = ((18.0, 24.0), (24.0, 30.0), (30.0, 36.0), (36.0, 48.0), (48.0, 60.0))
+_PLATE_SKIPPING = ((18.0, 24.0), (24.0, 30.0), (36.0, 48.0), (48.0, 60.0))
+_ARROW_PLAQUES = ((21.0, 15.0), (30.0, 21.0))
+_PLAQUES = ((24.0, 12.0), (30.0, 18.0), (24.0, 18.0), *_ARROW_PLAQUES)
 _SIDES = "left,right"
 _DIAMONDS = _squares(24, 30, 36, 48)
 _ROUTES = ((24.0, 24.0), (30.0, 24.0), (36.0, 36.0), (45.0, 36.0))
@@ -93,18 +98,18 @@ _US_SIGNS = (
     _sign("R1-1", "R", "red octagon", _squares(24, 30, 36, 48), ":stop", 6),
     _sign("R1-2", "R", "red/white triangle", _squares(30, 36, 48, 60), "=", 3),
     _sign("R2-1", "R", "white rectangle", _PLATE, ",".join(map(str, range(15, 80, 5))), 6),
-    *(_sign(f"R3-{k}", "R", "white rectangle", _squares(24, 30, 36, 48), "=") for k in (1, 2, 3, 4)),
+    *(_sign(f"R3-{k}", "R", "white rectangle", _squares(24, 36, 48), "=") for k in (1, 2, 3, 4)),
     _sign("R3-5", "R", "white rectangle", ((30.0, 36.0),), "left,right,straight"),
-    _sign("R4-1", "R", "white rectangle", _PLATE, "="),
-    _sign("R4-7", "R", "white rectangle", _PLATE, "=", 2),
+    _sign("R4-1", "R", "white rectangle", _PLATE_SKIPPING, "="),
+    _sign("R4-7", "R", "white rectangle", _PLATE_SKIPPING, "=", 2),
     _sign("R5-1", "R", "red/white rectangle/circle", _squares(30, 36, 48), "=", 2),
-    _sign("R5-1a", "R", "red rectangle", ((36.0, 24.0), (42.0, 30.0), (48.0, 36.0))),
+    _sign("R5-1a", "R", "red rectangle", ((30.0, 18.0), (36.0, 24.0), (42.0, 30.0))),
     _sign("R5-2", "R", "white rectangle", _squares(24, 30, 36), "="),
-    _sign("R6-1", "R", "white rectangle", ((36.0, 12.0), (54.0, 18.0)), _SIDES),
-    _sign("R6-2", "R", "white rectangle", _PLATE[:4], _SIDES),
+    _sign("R6-1", "R", "white rectangle", ((36.0, 12.0), (48.0, 18.0), (54.0, 18.0), (72.0, 24.0)), _SIDES),
+    _sign("R6-2", "R", "white rectangle", _PLATE, _SIDES),
     _sign("R7-1", "R", "white rectangle", ((12.0, 18.0),), "=", 2),
-    _sign("R8-3", "R", "white rectangle", _squares(24, 30, 36), "=", 2),
-    _sign("R10-11", "R", "white rectangle", _PLATE[1:4], "="),
+    _sign("R8-3", "R", "white rectangle", _squares(12, 24, 30, 36, 48), "=", 2),
+    _sign("R10-11", "R", "white rectangle", ((24.0, 30.0), (36.0, 48.0)), "="),
     _sign("R11-2", "R", "white rectangle", ((48.0, 30.0),), "="),
     _sign("R15-1", "R", "white crossbuck", ((48.0, 9.0),)),
     _sign("R15-2P", "R", "white rectangle", ((27.0, 18.0),)),
@@ -127,15 +132,21 @@ _US_SIGNS = (
         _sign(code, "W", "yellow/fluorescent_yellow_green diamond", _DIAMONDS, "=")
         for code in ("W11-1", "W11-2")
     ),
-    _sign("W10-1", "W", "yellow circle", _squares(30, 36, 48), weight=2),
-    _sign("W13-1P", "W", "yellow rectangle", _squares(18, 24, 30, 36), ",".join(map(str, range(10, 55, 5))), 3),
+    _sign("W10-1", "W", "yellow circle", _squares(36, 48), weight=2),
+    _sign("W13-1P", "W", "yellow rectangle", _squares(18, 24, 30), ",".join(map(str, range(10, 55, 5))), 3),
     _sign("W14-3", "W", "yellow pennant", ((40.0, 30.0), (48.0, 36.0), (64.0, 48.0))),
     _sign("W", "W", "yellow diamond", _DIAMONDS, weight=15),
     _sign("W", "W", "fluorescent_yellow_green diamond", _DIAMONDS, weight=2),
-    _sign("W", "W", "yellow rectangle", ((24.0, 18.0), (30.0, 24.0), (24.0, 12.0), (30.0, 18.0)), weight=2),
-    _sign("W", "W", "fluorescent_yellow_green rectangle", ((24.0, 12.0), (30.0, 18.0), (24.0, 18.0))),
+    _sign("W", "W", "yellow rectangle", (*_PLAQUES, (30.0, 24.0)), weight=2),
+    _sign("W", "W", "fluorescent_yellow_green rectangle", _PLAQUES),
     _sign("S1-1", "S", "fluorescent_yellow_green/yellow pentagon", _squares(30, 36, 48), "=", 2),
-    _sign("S", "S", "fluorescent_yellow_green rectangle", ((24.0, 8.0), (24.0, 10.0), (36.0, 12.0)), weight=2),
+    _sign(
+        "S",
+        "S",
+        "fluorescent_yellow_green rectangle",
+        ((24.0, 8.0), (24.0, 9.0), (24.0, 10.0), (36.0, 12.0)),
+        weight=2,
+    ),
     _sign("W20-1", "TTC", "orange diamond", _squares(30, 36, 48), "=", 2),
     _sign("TTC", "TTC", "orange diamond", _squares(30, 36, 48), weight=6),
     _sign(
@@ -151,9 +162,9 @@ _US_SIGNS = (
     _sign("M1-4", "M", "white shield/rectangle", _ROUTES, "=", 2),
     _sign("M1-5", "M", "white rectangle", _ROUTES, "=", 2),
     _sign("M1-5", "M", "yellow rectangle", _ROUTES, weight=0.5),
-    _sign("M1-6", "M", "blue pentagon", _squares(18, 24, 30)),
+    _sign("M1-6", "M", "blue pentagon", _squares(18, 24, 30, 36)),
     _sign("M3", "M", "white rectangle", ((24.0, 12.0), (30.0, 15.0), (36.0, 18.0)), weight=3),
-    _sign("M6", "M", "white rectangle", ((21.0, 15.0), (30.0, 21.0)), weight=2),
+    _sign("M6", "M", "white rectangle", _ARROW_PLAQUES, weight=2),
     _sign("D1", "D", "green rectangle", faces=":D1-1,:D1-2,:D1-3", weight=3, limits=((40, 15), (140, 60))),
     _sign("D3-1", "D", "green rectangle", faces="=", weight=4, limits=((18, 5.5), (110, 19))),
     _sign(

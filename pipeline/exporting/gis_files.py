@@ -92,6 +92,8 @@ def made_files(layer: GisLayer, kind: str, stem: str) -> Iterator[tuple[list[Pat
     """
     pyogrio = load_pyogrio()
     options: dict[str, str] = {}
+    if kind == "gpkg":  # GDAL before 3.7, that of QGIS 3.22 too, warns of later versions
+        options = {"VERSION": "1.2"}
     if kind == "shp":
         options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{layer.when:%Y-%m-%d}"}
     cut: Counter[str] = Counter()

@@ -48,7 +48,7 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
         background=GROUND,
         overrides={at.POINTS_STRAIGHT: rrb.EntityBehavior(visible=False)},
         eye_controls=rrb.EyeControls3D(
-            position=[0, -6, -10], look_target=[0, 0, 20], eye_up=[0, -1, 0]
+            position=[0, -18, -16], look_target=[0, 0, 20], eye_up=[0, -1, 0]
         ),
     )
     above = rrb.Spatial3DView(
@@ -69,16 +69,14 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
     across = rrb.Spatial2DView(origin=at.LOCATION, name="across the road", background=GROUND)
     residuals = rrb.TimeSeriesView(
         origin=at.RESIDUALS,
-        name="residual, px: straight orange, adjusted green",
+        name="residual, px: straight motion orange, adjusted green",
         plot_legend=NO_LEGEND,
     )
     iterations = rrb.TimeSeriesView(
-        origin=at.ITERATIONS, name="residual by iteration, px", plot_legend=NO_LEGEND
+        origin=at.ITERATIONS, name="by iteration", plot_legend=NO_LEGEND
     )
     gates = rrb.TimeSeriesView(origin=at.GATES, name="candidates by stage", plot_legend=NO_LEGEND)
-    signs = rrb.TimeSeriesView(
-        origin=at.SIGN_RESIDUALS, name="residual of signs, px", plot_legend=NO_LEGEND
-    )
+    signs = rrb.TimeSeriesView(origin=at.SIGN_RESIDUALS, name="of signs", plot_legend=NO_LEGEND)
     window = rrb.TimeSeriesView(
         origin=at.WINDOW_RESIDUALS,
         name="windowed adjustment, sigmas: before orange, after green",
@@ -97,7 +95,8 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
         rrb.Vertical(
             chased,
             rrb.Horizontal(above, rrb.Tabs(across, panels)),
-            rrb.Horizontal(residuals, rrb.Tabs(iterations, gates, signs, window)),
+            # one over the other: beside each other no title has room for the colours that it names
+            rrb.Tabs(residuals, iterations, gates, signs, window),
             row_shares=[1.6, 1.2, 1],
         ),
         follow=live,

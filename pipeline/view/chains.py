@@ -15,6 +15,7 @@ from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
 from wayside.pipeline.view.landmarks import (
+    GREY,
     MARK,
     THIN,
     cross_section,
@@ -50,7 +51,7 @@ def opening(location: GaussianModel) -> Batch:
     for one in location.classes:
         # The plane across the road as an image: right is right, up is up (images count downwards).
         ring = ellipse(one.mean, one.covariance, one.threshold) * (1.0, -1.0)
-        strip = rr.LineStrips2D([ring], colors=[WHITE], labels=[one.name])
+        strip = rr.LineStrips2D([ring], colors=[GREY], labels=[one.name], radii=THIN)
         found.append(Entity(f"{at.LOCATION}/{one.name}", (strip,)))
     found.append(Entity(at.ITERATIONS, (rr.SeriesLines(names=STEPS),)))
     for stage, names in GATE_NAMES.items():
@@ -96,31 +97,46 @@ def closing(
 
 
 def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Batch | Columns]:
-    """Every sign marked with its number and what it is: all of them, and frame by frame those in view."""
+    """Every sign marked in its colour; in white the names of all, and frame by frame of those in view.
+
+    Panels of one assembly share a name, which would lie on each other. The viewer writes a label in the colour of its
+    point, and brown or blue words are not readable on a dark ground: names are points of their own.
+    """
     if not inventory.signs or not times:
         return
     landmarks = [sign.landmark for sign in inventory.signs]
     centres = np.array([one.best_pose.to_world(one.position) for one in landmarks])
-    inks = [landmark_color(one) for one in landmarks]
-    words = [sign_name(row) for row in inventory.sign_rows]
-    marks = rr.Points3D(centres, colors=inks, labels=words, show_labels=True, radii=MARK)
-    shared = rr.Points3D.from_fields(show_labels=True, radii=MARK)
-    yield Batch(None, (Entity(at.NAMES, (marks,)), Entity(at.NAMES_IN_VIEW, (shared,))))
-    spans = [(one.views[0].frame, one.views[-1].frame) for one in landmarks]
+    marks = rr.Points3D(centres, colors=[landmark_color(one) for one in landmarks], radii=MARK)
+    panels: dict[str, list[int]] = {}
+    for i, row in enumerate(inventory.sign_rows):
+        panels.setdefault(row["assembly_id"], []).append(i)
+    words = [
+        ", ".join(sign_name(inventory.sign_rows[i]) for i in group) for group in panels.values()
+    ]
+    places = np.array([centres[group].mean(axis=0) for group in panels.values()])
+    names = rr.Points3D(places, colors=[WHITE], labels=words, show_labels=True, radii=THIN)
+    shared = rr.Points3D.from_fields(colors=[WHITE], show_labels=True, radii=THIN)
+    named = (Entity(at.NAMES, (names,)), Entity(at.NAMES_IN_VIEW, (shared,)))
+    yield Batch(None, (Entity(at.MARKS, (marks,)), *named))
+    seen = [[landmarks[i].views for i in group] for group in panels.values()]
+    spans = [(min(v[0].frame for v in one), max(v[-1].frame for v in one)) for one in seen]
     frames = sorted(times)
     shown = [[i for i, (a, b) in enumerate(spans) if a <= frame <= b] for frame in frames]
     rows = [i for in_frame in shown for i in in_frame]
     columns = rr.Points3D.columns(
-        positions=centres[rows].reshape(-1, 3),
-        colors=[inks[i] for i in rows],
+        positions=places[rows].reshape(-1, 3),
         labels=[words[i] for i in rows],
     ).partition([len(in_frame) for in_frame in shown])
     yield Columns(at.NAMES_IN_VIEW, tuple(times[frame] for frame in frames), tuple(columns))
 
 
 def sign_name(row: Mapping[str, Any]) -> str:
-    """Number, colour and shape of a sign, as it is labelled in space."""
-    return " ".join((row["sign_id"].rpartition("-")[2], *_appearance(row)))
+    """Number and code of a sign, as it is labelled in space; colour and shape where it has no code.
+
+    Short, as the names of signs that stand behind each other lie on each other.
+    """
+    what = code_of(row) or " ".join(_appearance(row))
+    return f"{row['sign_id'].rpartition('-')[2]} {what}"
 
 
 def chain(
@@ -263,7 +279,7 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
 
 def _appearance(row: Mapping[str, Any]) -> tuple[str, str]:
     """Colour and shape in words; a back has no colour."""
-    color = "back" if row["status"] == "back" else row["color"] or "?"
+    color = "back" if row["status"] == "back" else (row["color"] or "?").replace("_", " ")
     return color, row["shape"] or "?"
 
 

@@ -17,7 +17,7 @@ GREY = (150, 150, 150)
 """Of what is no sign, or has no colour."""
 MARK = rr.Radius.ui_points(6)
 """Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
-THIN = rr.Radius.ui_points(1.5)
+THIN, HAIR = rr.Radius.ui_points(1.5), rr.Radius.ui_points(0.75)
 PIXEL_CENTRE = 0.5
 """Where the viewer has the centre of the first pixel, which is 0 elsewhere."""
 _NEAREST_M = 0.5
@@ -62,21 +62,22 @@ def face_in_image(landmark: Landmark, pose: Pose, camera: Camera) -> NDArray[np.
 
 def landmark_words(landmark: Landmark) -> str:
     """A landmark in a few words."""
-    kind = "back" if landmark.back else landmark.color or "?"
-    return (
-        f"{kind} {landmark.shape or '?'} {landmark.width_m:.2f} x {landmark.height_m:.2f} m, "
-        f"{landmark.verdict}, track {landmark.track_id}"
-    )
+    return f"{_appearance(landmark)}, {landmark.verdict}, track {landmark.track_id}"
+
+
+def _appearance(landmark: Landmark) -> str:
+    kind = "back" if landmark.back else (landmark.color or "?").replace("_", " ")
+    return f"{kind} {landmark.shape or '?'} {landmark.width_m:.2f} x {landmark.height_m:.2f} m"
 
 
 def rejection(landmark: Landmark) -> str:
-    """Why a landmark is no sign, in words with the numbers that decided."""
-    score = f"score {landmark.score:.1f}, " if np.isfinite(landmark.score) else ""
+    """Why a landmark is no sign, in words; the numbers that decided come first, as a narrow list cuts the rest."""
+    score = f"; score {landmark.score:.1f}" if np.isfinite(landmark.score) else ""
     return (
-        f"{landmark.verdict}: {landmark_words(landmark)}; "
+        f"{landmark.verdict}: {_appearance(landmark)}{score}{evidence_words(landmark)}; "
         f"{landmark.right_m:+.1f} m right, {landmark.above_m:+.1f} m above the camera, "
-        f"station {landmark.station_m:.1f} m, {len(landmark.views)} views, {score}"
-        f"residual {landmark.residual_px:.2f} px{evidence_words(landmark)}"
+        f"station {landmark.station_m:.1f} m, {len(landmark.views)} views, "
+        f"residual {landmark.residual_px:.2f} px, track {landmark.track_id}"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,6 +20,7 @@ from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.pipeline.view.viewer import (
     headless,
     import_log,
+    save_drawn,
     show_time,
     start_viewer,
     view_errors,
@@ -47,6 +49,7 @@ class Recordings:
     """Files that make one recording; `images`: entity of the images where they come from the imported log."""
 
     own: Path
+    recording_id: str
     imported: Path | None = None
     images: str | None = None
 
@@ -56,7 +59,7 @@ class Recordings:
 
 
 def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
-    """The frame or sign asked for; the first frame where nothing is.
+    """The frame or sign asked for; where nothing is, the first frame that shows most signs.
 
     Raises
     ------
@@ -70,7 +73,7 @@ def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
     rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
     times = {row["frame"]: row["log_time_ns"] for row in rows}
     if sign_id is None:
-        chosen = min(times, default=0) if frame is None else frame
+        chosen = _richest(out, times) if frame is None else frame
         if chosen not in times:
             known = f"{min(times)} to {max(times)}" if times else "none"
             raise UsageError(f"--frame {frame}: wanted a frame of {out}, which holds {known}")
@@ -83,6 +86,14 @@ def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
         raise UsageError(f"--sign {sign_id}: {out} has no such sign among {len(by_id)}{offered}")
     best = by_id[sign_id]["best_frame"]
     return Target(best, times[best], by_id[sign_id])
+
+
+def _richest(out: Path, frames: Iterable[int]) -> int:
+    """The first frame that lies in the spans of most signs; the first of all where there are none."""
+    signs = read_rows(out, SIGNS, ["first_frame", "last_frame"])
+    spans = [(row["first_frame"], row["last_frame"]) for row in signs]
+    ordered = sorted(frames)
+    return max(ordered, key=lambda f: sum(a <= f <= b for a, b in spans), default=0)
 
 
 def recordings_of(out: Path, log: Path | None) -> Recordings:
@@ -102,9 +113,10 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
             f"{path}: wanted the recording of a run, found none; "
             f"run the log again with `wayside run LOG --view file -o {out}`"
         )
-    if log is None:
-        return Recordings(path)
     run = read_run(out)
+    recording_id = Path(run["log"]).stem
+    if log is None:
+        return Recordings(path, recording_id)
     if run.get("view_images") != "none":
         raise UsageError(
             f"--over {log}: {path} holds images of its own and is not laid over others; leave --over out, "
@@ -114,18 +126,18 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     if not imported.is_file():
         with tempfile.TemporaryDirectory(prefix=".wayside-", dir=out) as scratch:
             whole = Path(scratch) / IMPORTED
-            import_log(log, Path(run["log"]).stem, whole)
+            import_log(log, recording_id, whole)
             sync(whole)
             os.replace(whole, imported)
-    return Recordings(path, imported, run["camera_topic"])
+    return Recordings(path, recording_id, imported, run["camera_topic"])
 
 
 def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> None:
     """Open the recording in a viewer; in a window at the target. It stays open when this program ends."""
     found = recordings_of(out, log)
-    # The viewer outlives this program and may read the layout later: the small file stays.
-    layout = _layout(target, found.images, Path(tempfile.mkdtemp(prefix="wayside-")))
-    address = start_viewer(found.files(layout), serve=serve)
+    with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
+        layout = _layout(target, found.images, Path(scratch))
+        address = start_viewer(found.files(layout), found.recording_id, serve=serve)
     if serve:  # a server takes no orders about what its browsers show
         return
     client = ViewerClient.connect(address)
@@ -154,11 +166,11 @@ def save_screenshot(
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         layout = _layout(target, found.images, Path(scratch))
-        with headless(found.files(layout), size) as client:
+        with headless(found.files(layout), found.recording_id, size) as client:
             _show(client, target, found)
             faults = view_errors(client)
             drawn = Path(scratch) / "drawn.png"
-            client.save_screenshot(str(drawn))
+            save_drawn(client, drawn)
             content = marked_png(drawn.read_bytes(), _MARK)
     write_file(png, content, is_own=_is_picture, overwrite=overwrite)
     if faults:

@@ -9,13 +9,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import numpy as np
-import rerun
+import rerun as rr
 from rerun.experimental import ViewerClient
 
 from wayside.pipeline.view.entities import APPLICATION, FRAME
@@ -25,6 +25,8 @@ LOOPBACK = "127.0.0.1"
 """The viewer's own default listens to the whole network."""
 PROBE_S, START_S, LOAD_S, DRAW_S = 0.5, 20.0, 60.0, 1.0
 STEADY_POLLS, POLL_S = 3, 0.3
+ATTEMPTS = 8
+T = TypeVar("T")
 VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
 SOFTWARE = ("lvp_icd.x86_64.json", "lvp_icd.aarch64.json", "lvp_icd.json")
 MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
@@ -33,7 +35,7 @@ MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
 def viewer_program() -> Path:
     """The viewer's own binary; the console script beside it is a wrapper that survives its child."""
     name = "rerun.exe" if os.name == "nt" else "rerun"
-    path = Path(rerun.__file__).resolve().parents[1] / "rerun_cli" / name
+    path = Path(rr.__file__).resolve().parents[1] / "rerun_cli" / name
     if not path.is_file():
         raise InputError(
             f"{path}: wanted the viewer of rerun-sdk, found none; install rerun-sdk again"
@@ -71,10 +73,11 @@ def probe(address: str) -> str:
     return full
 
 
-def start_viewer(files: Sequence[Path], *, serve: bool = False) -> str:
+def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: bool = False) -> str:
     """Start a viewer with a window, or with `serve` one for the browser; its address.
 
     It listens on loopback only and lives on when this program ends; stderr says how to reach and how to end it.
+    files: shown in this order, as parts of the recording of this id; none: the run sends what is shown.
 
     Raises
     ------
@@ -85,10 +88,11 @@ def start_viewer(files: Sequence[Path], *, serve: bool = False) -> str:
         require_display()
     port, web = free_ports(2)
     options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
-    process = _start(files, port, options, dict(os.environ))
+    process = _start(port, options, dict(os.environ))
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
     # the server of the page starts after that of the data
     _wait_for_ports(process, (port, web) if serve else (port,))
+    _send(files, recording_id, address)
     where = (
         f"in a browser: http://{LOOPBACK}:{web}/?url={address}" if serve else "the viewer is open"
     )
@@ -108,7 +112,9 @@ def require_display() -> None:
 
 
 @contextlib.contextmanager
-def headless(files: Sequence[Path], size: tuple[int, int]) -> Iterator[ViewerClient]:
+def headless(
+    files: Sequence[Path], recording_id: str, size: tuple[int, int]
+) -> Iterator[ViewerClient]:
     """A viewer without a window, drawn by a software Vulkan, with the files loaded.
 
     Raises
@@ -119,10 +125,12 @@ def headless(files: Sequence[Path], size: tuple[int, int]) -> Iterator[ViewerCli
     (port,) = free_ports(1)
     options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
     environment = dict(os.environ, WGPU_BACKEND="vulkan", VK_ICD_FILENAMES=str(software_vulkan()))
-    process = _start(files, port, options, environment)
+    process = _start(port, options, environment)
     try:
         _wait_for_ports(process, (port,))
-        client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{port}/proxy")
+        address = f"rerun+http://{LOOPBACK}:{port}/proxy"
+        _send(files, recording_id, address)
+        client = ViewerClient.connect(address)
         wait_until_loaded(client)
         yield client
     finally:
@@ -147,22 +155,47 @@ def show_time(client: ViewerClient, timeline: str, value: int) -> None:
     """
     late, steady = time.monotonic() + LOAD_S, 0
     while time.monotonic() < late and steady < STEADY_POLLS:
-        recordings = client.get_state().recordings
+        recordings = _answer(client.get_state).recordings
         there = any(r.current_timeline == timeline and r.current_time == value for r in recordings)
         steady = steady + 1 if there else 0
         if not there and timeline == FRAME:
-            client.set_time(timeline, sequence=value)
+            _answer(lambda: client.set_time(timeline, sequence=value))
         elif not there:
-            client.set_time(timeline, timestamp=np.datetime64(value, "ns"))
+            _answer(lambda: client.set_time(timeline, timestamp=np.datetime64(value, "ns")))
         time.sleep(POLL_S)
     time.sleep(DRAW_S)
+
+
+def save_drawn(client: ViewerClient, path: Path) -> None:
+    """Let the viewer write what it shows to a PNG; raises OutputError where it does not."""
+    _answer(lambda: client.save_screenshot(str(path)))
+
+
+def _answer(ask: Callable[[], T]) -> T:
+    """What a viewer answers.
+
+    It gives up after fifteen seconds, which the first image takes on a busy machine without a graphics card: its
+    programs are compiled for it then, and nothing else is answered. Later ones are quick.
+
+    Raises
+    ------
+    OutputError
+        Where several attempts had no answer.
+    """
+    for _ in range(ATTEMPTS):
+        with contextlib.suppress(TimeoutError):
+            return ask()
+    raise OutputError(
+        f"wanted an answer of the viewer, found none in {ATTEMPTS} attempts of fifteen seconds; "
+        "try again when the machine has less to do, or give a smaller --size"
+    )
 
 
 def view_errors(client: ViewerClient) -> list[str]:
     """What the viewer could not draw, view by view."""
     return [
         f"{view.name}: {report}"
-        for view in client.get_state().views
+        for view in _answer(client.get_state).views
         for report in view.reports
         if report.severity == "error"
     ]
@@ -207,13 +240,25 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _start(
-    files: Sequence[Path], port: int, options: Sequence[str], environment: dict[str, str]
+    port: int, options: Sequence[str], environment: dict[str, str]
 ) -> subprocess.Popen[bytes]:
     command = [str(viewer_program()), "--bind", LOOPBACK, "--port", str(port), *MEMORY, *options]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen(
-        [*command, *(str(f) for f in files)], env=environment, start_new_session=True, **quiet
-    )
+    return subprocess.Popen(command, env=environment, start_new_session=True, **quiet)
+
+
+def _send(files: Sequence[Path], recording_id: str, address: str) -> None:
+    """Send files to a viewer, one after the other.
+
+    A viewer that is given several files reads them at the same time, and shows the layout of the one that comes last:
+    now that which is asked for, now that inside the recording.
+    """
+    for file in files:
+        stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+        stream.connect_grpc(address)
+        stream.log_file_from_path(str(file))
+        stream.flush()
+        stream.disconnect()
 
 
 def _wait_for_ports(process: subprocess.Popen[bytes], ports: Sequence[int]) -> None:
@@ -238,7 +283,7 @@ def wait_until_loaded(client: ViewerClient) -> None:
     """Return when the loaded recordings have stopped to grow."""
     late, steady, before = time.monotonic() + LOAD_S, 0, ""
     while time.monotonic() < late and steady < STEADY_POLLS:
-        state = client.get_state()
+        state = _answer(client.get_state)
         now = str([(r.store_id, r.timelines) for r in state.recordings])
         loaded = bool(state.recordings) and bool(state.views)
         steady = steady + 1 if loaded and now == before else 0

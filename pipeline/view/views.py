@@ -20,6 +20,7 @@ from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.candidates import verdict_entities
 from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import (
+    HAIR,
     THIN,
     cross_section,
     face_in_image,
@@ -353,9 +354,10 @@ def _view_tracks(
         colors=inks or None,
         labels=labels or None,
         show_labels=False,
+        radii=THIN,
     )
     return [
-        Entity(at.TRACKS, (rr.LineStrips2D(strips, colors=inks or None),)),
+        Entity(at.TRACKS, (rr.LineStrips2D(strips, colors=inks or None, radii=HAIR),)),
         Entity(at.REPROJECTED, (signs,)),
         Entity(at.RAYS, (rr.LineStrips3D(rays, colors=inks or None, radii=THIN),)),
     ]

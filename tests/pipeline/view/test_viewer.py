@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
+import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 
@@ -20,6 +21,7 @@ from wayside.pipeline.cli import app
 from wayside.pipeline.cli_viewing import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
+from wayside.pipeline.view.results import find_target, recordings_of
 from wayside.pipeline.view.viewer import (
     import_log,
     probe,
@@ -162,16 +164,58 @@ def test_an_address_is_told_once_both_its_servers_answer(monkeypatch):
         time.sleep(0.3)
         servers.append(socket.create_server(("127.0.0.1", port)))
 
-    def start(files, port, options, environment):
+    def start(port, options, environment):
         servers.append(socket.create_server(("127.0.0.1", port)))
         threading.Thread(target=late, args=(int(options[-1]),)).start()
         return fake
 
     monkeypatch.setattr(viewer, "_start", start)
-    start_viewer((), serve=True)
+    start_viewer(serve=True)
     assert len(servers) == 2
     for server in servers:
         server.close()
+
+
+class Busy:
+    """A viewer that gives up on its first images."""
+
+    def __init__(self, failures):
+        self.failures = failures
+
+    def save_screenshot(self, path):
+        if self.failures:
+            self.failures -= 1
+            raise TimeoutError
+        Path(path).write_bytes(b"drawn")
+
+
+def test_a_viewer_that_is_still_compiling_is_asked_again(tmp_path):
+    viewer.save_drawn(Busy(2), tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == b"drawn"
+    with pytest.raises(OutputError, match="wanted an answer of the viewer"):
+        viewer.save_drawn(Busy(100), tmp_path / "b.png")
+
+
+@pytest.mark.skipif(not has_vulkan(), reason="no software Vulkan: install mesa-vulkan-drivers")
+def test_the_layout_that_is_asked_for_is_shown_instead_of_that_of_the_recording(result):
+    found = recordings_of(result, None)
+    layout = result.parent / "layout.rbl"
+    sign_layout("demo-0001", 30.0, (10.0, 10.0, 40.0, 30.0)).save("wayside", str(layout))
+    with viewer.headless(found.files(layout), found.recording_id, (400, 300)) as client:
+        names = {view.name for view in client.get_state().views}
+        assert [r.store_id for r in client.get_state().recordings] == ["Recording:wayside:demo"]
+    assert any(name.startswith("demo-0001: box") for name in names)
+
+
+def test_without_a_frame_the_one_that_shows_most_signs_is_opened(result):
+    signs = pq.read_table(result / "signs.parquet").to_pylist()
+
+    def shown(frame):
+        return sum(s["first_frame"] <= frame <= s["last_frame"] for s in signs)
+
+    opened = find_target(result, None, None).frame
+    assert shown(opened) == max(map(shown, range(4))) > 0
+    assert all(shown(before) < shown(opened) for before in range(opened))
 
 
 def test_what_rerun_cannot_import_is_refused(tmp_path):
