@@ -4,9 +4,10 @@
 
 Every command is given, in turn for each of its paths: a name that is not there, one too long for the system, one with
 bytes that are no UTF-8, a folder, an empty file, a path below it, a pipe nobody writes to, a device, a socket, a link
-to itself and no name. Refused: ended with words and the exit status of a wrong argument, input or output. Done: ended
-with status 0 or 4, as an output may be of a name that is no UTF-8. Wrong: a traceback, another status, fifteen seconds
-without any work, or as many of work. Prints a table and every wrong case; ends with status 1 where there is one.
+to itself and no name. Refused: ended with words and the exit status of a wrong argument, input or output; elsewhere:
+likewise, but without the path. Done: ended with status 0 or 4, as an output may be of a name that is no UTF-8. Wrong: a
+traceback, another status, fifteen seconds without any work, or as many of work. Prints a table and every case that is
+wrong or elsewhere; ends with status 1 where one is wrong.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wayside.pipeline import cli
@@ -52,7 +53,8 @@ INPUTS: dict[str, list[str]] = {
     "run --routes": ["run", DEMO, "-o", "{scratch}/new", "--routes", PATH],
     "replay LOG": ["replay", PATH, "--connect", "127.0.0.1:9"],
     "info LOG": ["info", PATH],
-    "import IMAGES": ["import", PATH, "--spacing", "26.4ft", "-o", "{scratch}/new.mcap"],
+    "import IMAGES": ["import", PATH, "--calibration", "{scratch}/camera.yaml",
+                      "--spacing", "26.4ft", "-o", "{scratch}/new.mcap"],
     "join PARTS": ["join", PATH, "-o", "{scratch}/new.mcap"],
     "calibrate LOG": ["calibrate", PATH, "-o", "{scratch}/new.yaml"],
     "calibrate BOARDS": ["calibrate", PATH, *BOARD],
@@ -67,14 +69,21 @@ INPUTS: dict[str, list[str]] = {
     "view OUT": ["view", PATH, "--serve"],
     "picture OUT": ["picture", PATH, "--frame", "1", "-o", "{scratch}/new.png"],
     "fit LABELS": ["fit", PATH, "--images", DEMO, "-o", "{scratch}/models"],
-    "fit --images": ["fit", "{scratch}/labels.json", "--images", PATH, "-o", "{scratch}/models"],
-    "roc LABELS": ["roc", PATH, "-o", "{scratch}/roc"],
+    "fit --images": ["fit", "recordings/demo.truth.json", "--images", PATH,
+                     "-o", "{scratch}/models"],
+    "roc LOG": ["roc", PATH, "--truth", "recordings/demo.truth.json", "-o", "{scratch}/roc"],
     "report-figures LOG": ["report-figures", PATH, "-o", "{scratch}/figures"],
     "fleet LOGS": ["fleet", "run", PATH, "-o", "{scratch}/inventory"],
     "query INVENTORY": ["query", PATH, "FROM logs"],
     "changes INVENTORY": ["changes", PATH, "--before", "2024", "--after", "2025",
                           "-o", "{scratch}/changes.html"],
 }  # fmt: skip
+CAMERA = """image_width: 1600
+image_height: 1200
+camera_matrix: {rows: 3, cols: 3, data: [1398.0, 0, 796.0, 0, 1398.0, 602.5, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
 OUTPUTS: dict[str, list[str]] = {
     "run -o": ["run", DEMO, "-o", PATH, *SHORT],
     "import -o": ["import", "{scratch}/images", "--calibration", "{scratch}/camera.yaml",
@@ -99,10 +108,13 @@ class Ending:
     status: int | None
     said: str
     seconds: float
+    elsewhere: bool = False
 
     @property
     def kind(self) -> str:
-        """`refused`, `done` or `wrong`."""
+        """`refused`, `elsewhere` (for something else than the path), `done` or `wrong`."""
+        if self.elsewhere:
+            return "elsewhere"
         if self.status is None or "Traceback" in self.said:
             return "wrong"
         return {0: "done", 4: "done", 2: "refused", 3: "refused", 5: "refused"}.get(
@@ -187,7 +199,7 @@ def tried(name: str, what: str, path: str, result: Path) -> Ending:
     """Give the command of a name the path."""
     with tempfile.TemporaryDirectory() as scratch:
         (Path(scratch) / "boxes.json").write_text("[]")
-        (Path(scratch) / "labels.json").write_text("{}")
+        (Path(scratch) / "camera.yaml").write_text(CAMERA)
         words = (INPUTS | OUTPUTS)[name]
         filled = [
             path if word == PATH else word.format(scratch=scratch, out=result) for word in words
@@ -195,7 +207,9 @@ def tried(name: str, what: str, path: str, result: Path) -> Ending:
         if words[:2] == ["run", DEMO] and SHORT[0] not in words:
             filled += SHORT  # some paths leave the run as it is
         end = give(filled, Path(scratch) / "said")
-    if end.kind == "wrong":
+    if end.kind == "refused" and path[:30] not in end.said:
+        end = replace(end, elsewhere=True)
+    if end.kind in ("wrong", "elsewhere"):
         last = (end.said.strip().splitlines() or [""])[-1]
         print(f"{name}, {what}: status {end.status}: {last[:300]}", file=sys.stderr, flush=True)
     return end
@@ -212,8 +226,8 @@ def main() -> int:
     wrong = 0
     for name in HEAVY:  # imported once, before the processes
         importlib.import_module(f"wayside.pipeline.{name}")
-    print("| path | tried | refused | done | wrong | slowest, ms of CPU |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: |")
+    print("| path | tried | refused | elsewhere | done | wrong | slowest, ms of CPU |")
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
     with tempfile.TemporaryDirectory() as base:
         result = Path(base) / "out"
         with redirect_stdout(sys.stderr):
@@ -229,8 +243,9 @@ def main() -> int:
             ]  # a pipe waits for a reader, as with every program
             kinds = Counter(end.kind for end in ends)
             wrong += kinds["wrong"]
+            counts = " | ".join(str(kinds[k]) for k in ("refused", "elsewhere", "done", "wrong"))
             print(
-                f"| {name} | {len(ends)} | {kinds['refused']} | {kinds['done']} | {kinds['wrong']} | "
+                f"| {name} | {len(ends)} | {counts} | "
                 f"{1e3 * max((end.seconds for end in ends), default=0):.0f} |",
                 flush=True,
             )
