@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -135,9 +136,12 @@ def _is_same(run: dict[str, Any], log: Path) -> bool:
     if stated is not None:
         return bool(stated == log_fingerprint(log))
     noted = run.get("log_path")
-    if noted is None:
+    if not isinstance(noted, str):
         return bool(run.get("log") == log.name)
-    return bool(Path(noted).resolve() == log.resolve())
+    try:
+        return os.path.realpath(noted) == os.path.realpath(log)
+    except ValueError:  # a name with a NUL
+        return False
 
 
 def _read_run(folder: Path) -> dict[str, Any] | None:

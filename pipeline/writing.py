@@ -132,7 +132,7 @@ def whole_file(
             with path.open("wb") as stream:
                 yield stream
             return
-        target = path.resolve()
+        target = resolved(path)
         if target.is_dir():
             raise OutputError(f"{path}: wanted a file to write, found a folder; name a file in it")
         replaced = overwrite or not target.exists() or is_own(target)
@@ -190,6 +190,14 @@ def write_json(
 
     text = json.dumps(content, indent=1) + "\n"
     write_file(path, text.encode(), is_own=is_own, overwrite=overwrite)
+
+
+def resolved(path: Path) -> Path:
+    """Where a path leads, absolute; raises OSError for a link that leads to itself."""
+    try:
+        return path.resolve()
+    except RuntimeError as error:  # what Python says before 3.13
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from error
 
 
 def _is_stream(path: Path) -> bool:

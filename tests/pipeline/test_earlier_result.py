@@ -140,3 +140,12 @@ def test_logs_of_one_name_would_have_one_folder_and_are_refused(tmp_path):
     line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
     with pytest.raises(UsageError, match="one by one"):
         app(line, standalone_mode=False)
+
+
+@pytest.mark.parametrize("path", ["\0", "loop"])
+def test_a_stated_path_that_can_be_none_is_that_of_another_log(out, log, monkeypatch, path):
+    monkeypatch.chdir(out)
+    (out / "loop").symlink_to("loop")
+    change(out, log_path=path, log_fingerprint="absent")
+    with pytest.raises(OutputError, match="--overwrite"):
+        check_earlier(out, log)

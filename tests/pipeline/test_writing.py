@@ -158,3 +158,9 @@ def test_a_full_disk_leaves_the_file_of_before(tmp_path):
             write_file(disk / "a.bin", bytes(100_000), overwrite=True)
         assert (disk / "a.bin").read_bytes() == bytes(20_000)
         assert names_in(disk) == ["a.bin"]
+
+
+def test_a_link_to_itself_has_words(tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(OutputError, match="symbolic links"):
+        write_file(tmp_path / "loop", b"new")
