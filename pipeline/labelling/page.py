@@ -23,7 +23,7 @@ from wayside.pipeline.file_marks import is_marked, marked_head
 from wayside.pipeline.labelling.items import Item, Questions, questions
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
-from wayside.pipeline.writing import write_file
+from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
 from wayside.schemas.tables import FRAMES
@@ -115,7 +115,10 @@ def write_page(
         "first that the run was least sure of",
         data=json.dumps(data).replace("<", "\\u003c"),
     )
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_written(folder, error, "a folder to write the page to") from error
     path = folder / PAGE_FILE
     write_file(
         path,

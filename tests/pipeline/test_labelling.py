@@ -18,6 +18,7 @@ from wayside.pipeline.labelling.items import margins, questions
 from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS
 from wayside.pipeline.labels import read_labels
 from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.errors import OutputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 CALIBRATION = """image_width: 160
@@ -214,6 +215,13 @@ def test_a_page_of_another_log_is_not_replaced(marked, tmp_path):
     assert page.read_text() == "mine"
     assert CliRunner().invoke(app, [*run, "--overwrite"]).exit_code == 0
     assert page_data(page)["items"]
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(marked, tmp_path):
+    (tmp_path / "file").touch()
+    done = CliRunner().invoke(app, ["label", str(marked[0]), "-o", str(tmp_path / "file")])
+    assert isinstance(done.exception, OutputError)
+    assert "a folder to write the page to" in str(done.exception)
 
 
 def test_a_person_marks_by_keyboard_and_goes_on_another_day(marked, in_browser, tmp_path):
