@@ -57,7 +57,7 @@ from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
-from wayside.schemas.models import Model
+from wayside.schemas.models import GaussianModel, Model
 from wayside.schemas.settings import Settings
 from wayside.stages.imaging import decode
 
@@ -158,8 +158,12 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     logs = learning_logs(drives)
     settings, _ = load_settings()
     samples = gather(logs, real, settings, seed, notify)
-    origin = _origin(samples, seed)
+    rendered, origin = (
+        _origin(samples.drives, (), seed),
+        _origin(samples.drives, samples.scenes, seed),
+    )
     models = gaussian_models(samples.drives, samples.crops, origin)
+    models["location.json"] = learn_locations(samples.drives, rendered)
     candidates = settings.candidates
     detector = learn_detector(
         samples.drives,
@@ -191,7 +195,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
     further: dict[str, Callable[[], Mapping[str, Model]]] = {
         "outline.json": lambda: {
-            "outline.json": learn_outlines(outline_choices(logs, seed), origin)
+            "outline.json": learn_outlines(outline_choices(logs, seed), rendered)
         },
         "trajectory.json": lambda: trajectories.learn(logs, str(out), PROCESSES, notify),
     }
@@ -219,7 +223,7 @@ def gaussian_models(
     crops: Sequence[FaceSample],
     origin: str,
 ) -> dict[str, Model]:
-    """Gaussian classes of colour, shape and location, by the name of their file.
+    """Gaussian classes of colour and shape, by the name of their file.
 
     The report's classes are those of its one camera, as far as there are drives with images of that size.
     """
@@ -228,12 +232,15 @@ def gaussian_models(
     background = np.concatenate(
         [d.candidates.regions.rgb[d.candidates.overlap < BACKGROUND_OVERLAP] for d in drives]
     )
-    places = np.concatenate([d.places for d in drives])
     return {
         "color_rgb.json": color_model(faces, background, origin),
         "shape.json": shape_model(faces, origin),
-        "location.json": location_model(places, origin),
     }
+
+
+def learn_locations(drives: Sequence[TrainingDrive], origin: str) -> GaussianModel:
+    """Gaussian classes of where signs stand beside the path."""
+    return location_model(np.concatenate([d.places for d in drives]), origin)
 
 
 def images(log: Path) -> Iterator[Image]:
@@ -251,20 +258,14 @@ def _shown_scenes(labelled: Sequence[LabelledImage], seed: int) -> Iterator[Imag
     return through_other_cameras(as_images(labelled), seed)
 
 
-def _origin(samples: TrainingData, seed: int) -> str:
+def _origin(drives: Sequence[TrainingDrive], scenes: Sequence[TrainingDrive], seed: int) -> str:
     """What was learned from, as `learned_from` finds it: each source with its number of images."""
-    rendered = ", ".join(
-        f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in samples.drives
-    )
-    real = ", ".join(f"{d.name} ({d.frames} images, {len(d.signs)} faces)" for d in samples.scenes)
-    seen = f"rendered drives {rendered}"
-    if samples.scenes:
-        seen += (
-            f"; real images, with copies of small sources and drawn faces, {real}; "
-            f"{len(samples.crops)} clear faces of theirs"
-        )
+    rendered = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
+    real = ", ".join(f"{d.name} ({d.frames} images, {len(d.signs)} faces)" for d in scenes)
+    if real:
+        real = f"; real images, with copies of small sources and drawn faces, {real}"
     packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn", "torch"))
-    return f"{seen}; seed {seed}; {packages}"
+    return f"rendered drives {rendered}{real}; seed {seed}; {packages}"
 
 
 def _version(package: str) -> str:

@@ -54,6 +54,17 @@ def test_a_model_that_ships_says_where_it_comes_from(name):
     assert drives in provenance
 
 
+def test_the_candidate_models_can_be_used_and_saw_nothing_that_is_for_tests_only():
+    folder = Path(__file__).parents[2] / "benchmarks" / "candidate_models"
+    models = load_models(settings(folder=folder))
+    assert models.box_classifier.with_network is not None
+    said = {
+        file.stem: model_from_json(file.read_text()).provenance for file in folder.glob("*.json")
+    }
+    assert len(said) == 8
+    assert not any(source in text for source in ("mb_", "scenes/mb") for text in said.values())
+
+
 def test_the_box_classifier_knows_the_features_that_the_stage_computes():
     classifier = load_models(settings()).box_classifier
     assert classifier.features == box_feature_names()
