@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Callable
 from subprocess import CompletedProcess
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -33,3 +35,20 @@ def command(
         return CompletedProcess(line, end.value.code, said.out, said.err)
 
     return call
+
+
+def bits_of(value: object) -> object:
+    """Bits of all numbers and arrays of a value."""
+    if dataclasses.is_dataclass(value):
+        return [bits_of(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    if isinstance(value, tuple | list):
+        return [bits_of(one) for one in value]
+    if isinstance(value, np.ndarray):
+        return str(value.dtype), value.shape, value.flags.c_contiguous, value.tobytes()
+    return repr(value)
+
+
+@pytest.fixture(name="bits")
+def _bits() -> Callable[[object], object]:
+    """`bits_of`, to compare by."""
+    return bits_of

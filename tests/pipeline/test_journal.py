@@ -132,18 +132,7 @@ def step(seed):
     )
 
 
-def flat(value):
-    """Bits of all numbers and arrays of a value."""
-    if dataclasses.is_dataclass(value):
-        return [flat(getattr(value, field.name)) for field in dataclasses.fields(value)]
-    if isinstance(value, tuple | list):
-        return [flat(one) for one in value]
-    if isinstance(value, np.ndarray):
-        return str(value.dtype), value.shape, value.flags.c_contiguous, value.tobytes()
-    return repr(value)
-
-
-def test_steps_come_back_bit_by_bit(tmp_path):
+def test_steps_come_back_bit_by_bit(tmp_path, bits):
     steps = {2: step(1), 3: OdometryStep(None), 7: step(2)}
     journal = Journal(tmp_path, KEY)
     for frame, one in steps.items():
@@ -153,7 +142,7 @@ def test_steps_come_back_bit_by_bit(tmp_path):
     assert (again.replayed, again.note) == (0, "")
     assert [frame for frame in range(9) if again.recall(frame)] == list(steps)
     for frame, one in steps.items():
-        assert flat(again.recall(frame)) == flat(one)
+        assert bits(again.recall(frame)) == bits(one)
     again.close()
 
 

@@ -1,6 +1,5 @@
 """A drive past textured plates under a textured sky, painted here, and the motion found in it."""
 
-import dataclasses
 import math
 import pickle
 from dataclasses import replace
@@ -438,17 +437,6 @@ def test_images_without_texture_are_no_duplicates():
     assert [m.baseline_m for m in found] == [0, SPACING, SPACING]
 
 
-def flat(value):
-    """Bits of all numbers and arrays of a value."""
-    if dataclasses.is_dataclass(value):
-        return [flat(getattr(value, field.name)) for field in dataclasses.fields(value)]
-    if isinstance(value, tuple | list):
-        return [flat(one) for one in value]
-    if isinstance(value, np.ndarray):
-        return str(value.dtype), value.shape, value.flags.c_contiguous, value.tobytes()
-    return repr(value)
-
-
 class Kept(dict):
     """Steps by frame, each as its bytes bring it back."""
 
@@ -460,7 +448,7 @@ class Kept(dict):
 
 
 @pytest.mark.parametrize("known", [1, 4, 6])
-def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(known):
+def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(known, bits):
     _, images = painted(7, 0.0)
     given = {"status": [USED, USED, SKIPPED, *[USED] * 4], "spacing_m": [SPACING] * 7}
     whole, again = Kept(), Kept()
@@ -470,6 +458,6 @@ def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(known
     second = motions(images, **given, memory=again)
     assert sorted(again) == [0, 1, 3, 4, 5, 6]
     assert 0 < recalled < len(again)
-    assert flat(first) == flat(second)
+    assert bits(first) == bits(second)
     for frame in whole:
-        assert flat(whole.recall(frame)) == flat(again.recall(frame))
+        assert bits(whole.recall(frame)) == bits(again.recall(frame))
