@@ -189,8 +189,6 @@ class _Tracker:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
         verdict, evidence, seen = self._verdict(one)
-        if verdict == "sign":
-            self._reported.append(fit)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
         measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
@@ -206,6 +204,10 @@ class _Tracker:
             features=tuple(evidence.features.tolist()),
             evidence=evidence.ratios,
         )
+        if verdict == "sign":
+            # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
+            size = np.array([landmark.width_m, landmark.height_m])
+            self._reported.append(replace(fit, point=measured.point, metric=size))
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:

@@ -26,13 +26,14 @@ def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log: str) -> None:
     assert learned_from(log, {"judge": TEXT}) == ()
 
 
-def test_the_detection_network_that_ships_names_the_drives_it_saw() -> None:
+def test_the_models_that_ship_name_the_real_drives_they_saw() -> None:
     settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
-    assert learned_from("us_freeway_challenge", said) == ("network",)
+    of_one_image = {"judge", "network"}
+    assert of_one_image <= set(learned_from("us_freeway_challenge", said))
     assert learned_from("ca_city_garmin", said) == ()
     without, _ = load_settings("default", None, [], {"models.network": ""})
-    assert learned_from("us_freeway_challenge", load_models(without).provenances()) == ()
+    assert "network" not in learned_from("us_freeway_challenge", load_models(without).provenances())
 
 
 def test_the_classifiers_that_ship_name_the_rendered_drives_they_saw() -> None:
