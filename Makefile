@@ -16,7 +16,7 @@ help:
 	@echo 'make test     run the fast tests, in two processes'
 	@echo 'make slow     run the tests marked slow: learning, statistics over many drives'
 	@echo 'make wiring   leave every stage and model out of the flow, one at a time; a test must fail each time'
-	@echo 'make check    lint, format, types, layers'
+	@echo 'make check    lint, format, types, layers, marks of a merge'
 	@echo 'make accept   measure recall, precision and accuracy on rendered drives; fails below the floor'
 	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
 	@echo 'make drives   render all drives into .cache/drives'
@@ -48,6 +48,7 @@ check: .venv/.ready
 	@$(RUN) ruff format --check
 	@$(RUN) mypy
 	@.venv/bin/lint-imports
+	@! git grep -nE '^(<<<<<<<|>>>>>>>)( |$$)' || { echo 'wanted files without marks of a merge, found these; keep one side' >&2; exit 1; }
 
 accept: .venv/.ready
 	@.venv/bin/python benchmarks/accept.py --jobs $(JOBS)
