@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, chi2
+from scipy.special import gammaincinv, ndtri
 
 CONFIDENCE = 0.95
 """Two-sided: half of the rest lies on each side."""
@@ -30,9 +31,14 @@ def share_interval(count: int, total: int) -> Interval | None:
     """
     if total == 0:
         return None
-    test = binomtest(count, total)
-    found = test.proportion_ci(CONFIDENCE, "exact" if count in (0, total) else "wilson")
-    return Interval(float(found.low), float(found.high))
+    tail = (1 - CONFIDENCE) / 2
+    if count == 0:
+        return Interval(0.0, 1 - tail ** (1 / total))
+    if count == total:
+        return Interval(tail ** (1 / total), 1.0)
+    share, z2 = count / total, float(ndtri(1 - tail)) ** 2 / total
+    centre, half = share + z2 / 2, sqrt(z2 * (share * (1 - share) + z2 / 4))
+    return Interval((centre - half) / (1 + z2), (centre + half) / (1 + z2))
 
 
 def rate_interval(count: int, exposure: float) -> Interval | None:
@@ -43,8 +49,8 @@ def rate_interval(count: int, exposure: float) -> Interval | None:
     if exposure <= 0:
         return None
     tail = (1 - CONFIDENCE) / 2
-    low = float(chi2.ppf(tail, 2 * count)) / 2 if count else 0.0
-    return Interval(low / exposure, float(chi2.ppf(1 - tail, 2 * count + 2)) / 2 / exposure)
+    low = float(gammaincinv(count, tail)) if count else 0.0
+    return Interval(low / exposure, float(gammaincinv(count + 1, 1 - tail)) / exposure)
 
 
 @dataclass(frozen=True, slots=True)

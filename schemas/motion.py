@@ -24,17 +24,17 @@ class Ties:
     frame, metres, nan where it cannot be triangulated. rows (n, 2) int64: corners of both frames that were matched (-1:
     none), by which ties of several steps form a track; warp (n, 3): affine map of the surroundings of `previous` to the
     current frame (stretch along u, shear of u by v, stretch along v); sigma_px (n,): standard deviation of the
-    registration along the patch's worst direction; these three are None where they were not kept. scatter: errors of
-    the ties over those that the settings state, by the residuals of the step (1: as stated).
+    registration along the patch's worst direction. scatter: errors of the ties over those that the settings state, by
+    the residuals of the step (1: as stated).
     """
 
     previous: NDArray[np.float64]
     current: NDArray[np.float64]
     inlier: NDArray[np.bool_]
     point: NDArray[np.float64]
-    rows: NDArray[np.int64] | None = None
-    warp: NDArray[np.float64] | None = None
-    sigma_px: NDArray[np.float64] | None = None
+    rows: NDArray[np.int64]
+    warp: NDArray[np.float64]
+    sigma_px: NDArray[np.float64]
     scatter: float = 1.0
 
 

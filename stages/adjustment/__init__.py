@@ -12,12 +12,19 @@ from wayside.stages.adjustment.residuals import (
     constraint_residuals,
 )
 from wayside.stages.adjustment.scatter import tie_scatter
-from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, translation_px
+from wayside.stages.adjustment.tie_tracks import (
+    StepTies,
+    link_tracks,
+    select_tracks,
+    ties_of_step,
+    translation_px,
+)
 
 __all__ = [
     "QUADRATIC",
     "ResidualBlocks",
     "StepConstraints",
+    "StepTies",
     "WindowAdjustment",
     "adjust_window",
     "constraint_residuals",
@@ -26,5 +33,6 @@ __all__ = [
     "link_tracks",
     "select_tracks",
     "tie_scatter",
+    "ties_of_step",
     "translation_px",
 ]

@@ -2,15 +2,80 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.frame import Camera
+from wayside.schemas.motion import Motion
+from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array, compiled
 
 Numbers = NDArray[np.int64]
 
 NEAREST_DEPTH = 1e-6
 """Smallest third coordinate of a turned ray: what would lie beside or behind the camera has no place in its image."""
+
+
+class StepTies(NamedTuple):
+    """Ties of the steps of a window, n rows: step, corners of both frames (n, 2), rays in both (n, 2), warp (n, 3).
+
+    place (n, 3): in the earlier camera, m, nan where unknown; pixel (n, 2): ideal, in the later image; displacement_px
+    (n,): in it, by translation; scatter (n,): errors over those stated, by step.
+    """
+
+    step: Numbers
+    corners: Numbers
+    source: Array
+    target: Array
+    warp: Array
+    place: Array
+    pixel: Array
+    displacement_px: Array
+    scatter: Array
+
+    @staticmethod
+    def joined(parts: Iterable[StepTies]) -> StepTies:
+        """The rows of all parts."""
+        columns = zip(_NO_TIES, *parts, strict=True)
+        return StepTies._make(np.concatenate(column) for column in columns)
+
+    def select(self, rows: Numbers | NDArray[np.bool_]) -> StepTies:
+        """Those rows."""
+        return StepTies._make(np.ascontiguousarray(column[rows]) for column in self)
+
+
+_NO_TIES = StepTies(
+    np.zeros(0, np.int64), np.zeros((0, 2), np.int64), *(np.zeros((0, k)) for k in (2, 2, 3, 3, 2)),
+    np.zeros(0), np.zeros(0),
+)  # fmt: skip
+
+
+def ties_of_step(
+    number: int, motion: Motion, before: Camera, now: Camera, sliding_px: float, *, inliers: bool
+) -> StepTies:
+    """Ties of a step that slide less than `sliding_px`, of the inliers or of all; none without a step."""
+    ties, pose = motion.ties, motion.step
+    if ties is None or pose is None:
+        return _NO_TIES
+    kept = ties.sigma_px < sliding_px
+    if inliers:
+        kept &= ties.inlier
+    source = rays_of_ideal(before, ties.previous[kept])
+    target = rays_of_ideal(now, ties.current[kept])
+    return StepTies(
+        np.full(len(source), number),
+        ties.rows[kept],
+        source,
+        target,
+        ties.warp[kept],
+        pose.to_world(ties.point[kept]),
+        ties.current[kept],
+        translation_px(pose.rotation, source, target, (now.fx + now.fy) / 2),
+        np.full(len(source), ties.scatter),
+    )
 
 
 def translation_px(rotation: Array, before: Array, after: Array, focal_px: float) -> Array:

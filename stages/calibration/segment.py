@@ -10,16 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.motion import Motion, Ties
+from wayside.schemas.motion import Motion
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
 from wayside.schemas.settings.calibration import SelfCalibrationSettings
-from wayside.stages.adjustment import correlated_sigma_px, link_tracks, translation_px
-from wayside.stages.geometry import (
-    distort_points,
-    ideal_points,
-    rays_of_ideal,
-    tangent_basis,
-)
+from wayside.stages.adjustment import StepTies, correlated_sigma_px, link_tracks, ties_of_step
+from wayside.stages.geometry import distort_points, ideal_of_rays, tangent_basis
 from wayside.stages.kernels import Array
 
 KNOWN_TURNS = ("poses", "odometry")
@@ -78,18 +73,6 @@ def cut_segments(
     return found
 
 
-class _Ties(NamedTuple):
-    """Ties of all steps of a segment, as in `Segment`; corners (n, 2) they join; place (n, 3): in the later camera."""
-
-    step: NDArray[np.int64]
-    corners: NDArray[np.int64]
-    start: Array
-    end: Array
-    warp: Array
-    displacement_px: Array
-    place: Array
-
-
 def make_segment(
     motions: Sequence[Motion],
     camera: Camera,
@@ -111,30 +94,26 @@ def make_segment(
     -------
     None without a track over three images.
     """
-    found = [
-        _ties_of(k, m, m.ties, camera, settings.sliding_px)
-        for k, m in enumerate(motions[1:])
-        if m.ties is not None and m.step is not None
-    ]
-    if not found:
-        return None
-    all_ties = _Ties._make(np.concatenate(column) for column in zip(*found, strict=True))
+    all_ties = StepTies.joined(
+        ties_of_step(k, motion, camera, camera, settings.sliding_px, inliers=False)
+        for k, motion in enumerate(motions[1:])
+    )
+    all_ties = all_ties.select((all_ties.corners >= 0).all(axis=1))
     linked = link_tracks(all_ties.step, all_ties.corners)
     long = np.bincount(linked, minlength=1)[linked] >= 2
     if not long.any():
         return None
     order = np.flatnonzero(long)[np.lexsort((all_ties.step[long], linked[long]))]
-    tied = _Ties._make(column[order] for column in all_ties)
+    tied = all_ties.select(order)
     _, head, track = np.unique(linked[order], return_index=True, return_inverse=True)
     poses = [m.pose.relative_to(motions[0].pose) for m in motions]
     rotations = np.array([pose.rotation for pose in poses])
     centres = np.array([pose.centre for pose in poses])
-    early, late = tied.step[head], tied.step[head] + 1
-    rays = rays_of_ideal(camera, ideal_points(camera, tied.start[head]))
-    ray = np.einsum("nij,nj->ni", rotations[early], np.column_stack([rays, np.ones(len(rays))]))
-    ray /= np.linalg.norm(ray, axis=1)[:, None]
-    place = np.einsum("nij,nj->ni", rotations[late], tied.place[head]) + centres[late]
-    distance = np.einsum("ni,ni->n", place - centres[early], ray)
+    early = tied.step[head]
+    local = np.column_stack([tied.source[head], np.ones(len(head))])
+    local /= np.linalg.norm(local, axis=1)[:, None]
+    ray = np.einsum("nij,nj->ni", rotations[early], local)
+    distance = np.einsum("ni,ni->n", tied.place[head], local)
     known = np.isfinite(distance) & (distance > settings.nearest_m)
     inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / settings.farthest_m)
     turns, sigma = _turns(motions)
@@ -147,8 +126,8 @@ def make_segment(
         lengths=np.maximum(gaps, _SHORTEST_M),
         frames=np.stack([tied.step, tied.step + 1], axis=1),
         track=np.asarray(track, np.int64),
-        start=tied.start,
-        end=tied.end,
+        start=distort_points(camera, ideal_of_rays(camera, tied.source)),
+        end=distort_points(camera, tied.pixel),
         warp=tied.warp,
         sigma_px=np.hypot(ties.sigma_px, settings.displacement_sigma * tied.displacement_px),
         shared_px=correlated_sigma_px(tied.displacement_px, ties),
@@ -157,32 +136,6 @@ def make_segment(
         ray=ray,
         basis=np.array([tangent_basis(np.ascontiguousarray(one)) for one in ray]),
         points=np.column_stack([np.zeros((len(head), 2)), inverse]),
-    )
-
-
-def _ties_of(step: int, motion: Motion, ties: Ties, camera: Camera, sliding_px: float) -> _Ties:
-    """Ties of a step that join corners and do not slide; without what tracks need, none."""
-    if ties.rows is None or ties.warp is None or ties.sigma_px is None or motion.step is None:
-        return _Ties(
-            np.zeros(0, np.int64),
-            np.zeros((0, 2), np.int64),
-            np.zeros((0, 2)),
-            np.zeros((0, 2)),
-            np.zeros((0, 3)),
-            np.zeros(0),
-            np.zeros((0, 3)),
-        )
-    kept = (ties.sigma_px < sliding_px) & (ties.rows[:, 0] >= 0) & (ties.rows[:, 1] >= 0)
-    previous, current = ties.previous[kept], ties.current[kept]
-    rays = (rays_of_ideal(camera, previous), rays_of_ideal(camera, current))
-    return _Ties(
-        np.full(len(previous), step, np.int64),
-        ties.rows[kept],
-        distort_points(camera, previous),
-        distort_points(camera, current),
-        ties.warp[kept],
-        translation_px(motion.step.rotation, *rays, 0.5 * (camera.fx + camera.fy)),
-        ties.point[kept],
     )
 
 

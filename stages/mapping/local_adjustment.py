@@ -13,6 +13,7 @@ an error in proportion to it: they weigh less. Ties on vehicles lose their weigh
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,14 +26,14 @@ from wayside.stages.adjustment import (
     QUADRATIC,
     ResidualBlocks,
     StepConstraints,
+    StepTies,
     adjust_window,
     correlated_covariance,
     correlated_sigma_px,
     link_tracks,
     select_tracks,
-    translation_px,
+    ties_of_step,
 )
-from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.window import WindowFrame
 
@@ -54,41 +55,6 @@ class JointAdjustment(NamedTuple):
     point: Array
     covariance: Array
     residual: WindowResidual
-
-
-class _WindowTies(NamedTuple):
-    """Ties of the steps of a window, n rows: step, corners of both frames (n, 2), rays in both (n, 2), warp (n, 3).
-
-    depth (n,): in the earlier frame, m; pixel (n, 2): in the later image; displacement_px (n,): in it, by translation;
-    scatter (n,): errors over those stated, by step.
-    """
-
-    step: NDArray[np.int64]
-    corners: NDArray[np.int64]
-    source: Array
-    target: Array
-    warp: Array
-    depth: Array
-    pixel: Array
-    displacement_px: Array
-    scatter: Array
-
-    def select(self, rows: NDArray[np.int64]) -> _WindowTies:
-        """Those rows."""
-        return _WindowTies._make(np.ascontiguousarray(column[rows]) for column in self)
-
-
-_NO_TIES = _WindowTies(
-    np.zeros(0, np.int64),
-    np.zeros((0, 2), np.int64),
-    np.zeros((0, 2)),
-    np.zeros((0, 2)),
-    np.zeros((0, 3)),
-    np.zeros(0),
-    np.zeros((0, 2)),
-    np.zeros(0),
-    np.zeros(0),
-)
 
 
 def adjust_jointly(
@@ -191,36 +157,16 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
     return first, last
 
 
-def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> _WindowTies:
+def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> StepTies:
     """Ties of all steps of a window that agree with their motion and slide less than `sliding_px`."""
-    parts = [_NO_TIES]
-    for k in range(1, len(window)):
-        motion, before, now = window[k].motion, window[k - 1].frame.camera, window[k].frame.camera
-        ties, pose = motion.ties, motion.step
-        if ties is None or pose is None or before is None or now is None:
-            continue
-        if ties.rows is None or ties.warp is None or ties.sigma_px is None:
-            continue
-        good = ties.inlier & (ties.sigma_px < sliding_px)
-        source = rays_of_ideal(before, ties.previous[good])
-        target = rays_of_ideal(now, ties.current[good])
-        parts.append(
-            _WindowTies(
-                np.full(len(source), k - 1),
-                ties.rows[good],
-                source,
-                target,
-                ties.warp[good],
-                pose.to_world(ties.point[good])[:, 2],
-                ties.current[good],
-                translation_px(pose.rotation, source, target, window[k].focal),
-                np.full(len(source), ties.scatter),
-            )
-        )
-    return _WindowTies(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return StepTies.joined(
+        ties_of_step(k, now.motion, before.frame.camera, now.frame.camera, sliding_px, inliers=True)
+        for k, (before, now) in enumerate(pairwise(window))
+        if before.frame.camera is not None and now.frame.camera is not None
+    )
 
 
-def well_distributed(ties: _WindowTies, cell_px: float) -> tuple[_WindowTies, NDArray[np.int64]]:
+def well_distributed(ties: StepTies, cell_px: float) -> tuple[StepTies, NDArray[np.int64]]:
     """The ties to keep, evenly over the image, and the number of the track of each, from 0."""
     track = link_tracks(ties.step, ties.corners)
     cell = np.floor(ties.pixel / cell_px).astype(np.int64)
@@ -230,23 +176,23 @@ def well_distributed(ties: _WindowTies, cell_px: float) -> tuple[_WindowTies, ND
 
 
 def track_starts(
-    ties: _WindowTies, track: NDArray[np.int64], settings: LocalAdjustmentSettings
+    ties: StepTies, track: NDArray[np.int64], settings: LocalAdjustmentSettings
 ) -> tuple[Array, NDArray[np.int64]]:
     """Coordinates (p, 3) of each track in the frame (p,) where it starts: ray and inverse depth."""
     _, first = np.unique(track, return_index=True)
-    depth = np.nan_to_num(ties.depth[first], nan=settings.farthest_m)
+    depth = np.nan_to_num(ties.place[first, 2], nan=settings.farthest_m)
     inverse = 1 / np.clip(depth, settings.nearest_m, settings.farthest_m)
     return np.column_stack([ties.source[first], inverse]), ties.step[first]
 
 
-def registered_sigma_px(ties: _WindowTies, sigma_px: float) -> Array:
+def registered_sigma_px(ties: StepTies, sigma_px: float) -> Array:
     """Scatter (n,) of the registered pixel by the noise of both images, that of the earlier one magnified."""
     growth = (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2
     return np.asarray(sigma_px * np.sqrt(1 + growth))
 
 
 def tie_rows(
-    ties: _WindowTies, point: NDArray[np.int64], sigma: Array, scale: float
+    ties: StepTies, point: NDArray[np.int64], sigma: Array, scale: float
 ) -> ResidualBlocks:
     """Residuals of ties of these points with these sigmas, and the scale of their robust cost."""
     return ResidualBlocks(
@@ -261,7 +207,7 @@ def tie_rows(
 
 
 def shared_errors(
-    ties: _WindowTies, gain: Array, displacement_sigma: float, registration: TieSettings
+    ties: StepTies, gain: Array, displacement_sigma: float, registration: TieSettings
 ) -> Array:
     """Covariance (3, 3) to add to that of a landmark for errors that neighbouring ties share.
 

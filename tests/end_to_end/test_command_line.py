@@ -19,7 +19,8 @@ from wayside.pipeline import flow
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
-SHORT = ("--until", "0.7s")
+FAST = ("--set", "models.network=")
+SHORT = ("--until", "0.7s", *FAST)
 TABLES = {"signs.parquet", "observations.parquet", "frames.parquet"}
 
 
@@ -90,7 +91,7 @@ def test_3_an_input_that_cannot_be_used_is_named(command, tmp_path):
 def test_4_a_damaged_log_gives_what_can_be_read_and_says_what_is_lost(command, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(DEMO.read_bytes()[:1_500_000])
-    done = command("run", cut, *SHORT, "--set", "models.network=", "-o", tmp_path / "out")
+    done = command("run", cut, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 4, done.stderr
     assert "lost:" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
@@ -109,7 +110,7 @@ def test_5_a_folder_that_cannot_be_written_is_named(command, tmp_path):
 def test_130_an_interrupted_run_says_so_and_leaves_no_table(tmp_path):
     out = tmp_path / "out"
     running = subprocess.Popen(
-        [WAYSIDE, "run", str(DEMO), "-o", str(out)],
+        [WAYSIDE, "run", str(DEMO), *FAST, "-o", str(out)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,

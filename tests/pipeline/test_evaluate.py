@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
+import runpy
 import sys
 from collections.abc import Sequence
 from operator import itemgetter
@@ -585,12 +585,12 @@ def assert_alike_beside(
 
 
 def reference(tmp_path: Path, option: str, file: str) -> dict[str, Any]:
-    command = [sys.executable, str(REFERENCE), str(tmp_path / "out"), option, str(tmp_path / file)]
-    subprocess.run(
-        [*command, "--json", str(tmp_path / "reference.json"), "--quiet"],
-        check=True,
-        capture_output=True,
-    )
+    command = [str(REFERENCE), str(tmp_path / "out"), option, str(tmp_path / file)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [*command, "--json", str(tmp_path / "reference.json")])
+        with pytest.raises(SystemExit) as end:
+            runpy.run_path(str(REFERENCE), run_name="__main__")
+    assert end.value.code == 0
     figures: dict[str, Any] = json.loads((tmp_path / "reference.json").read_text())
     return figures
 

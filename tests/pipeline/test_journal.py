@@ -121,7 +121,10 @@ def step(seed):
     """A step as odometry leaves it, with arrays in both orders of memory, and values that are no Python ones."""
     rng = np.random.default_rng(seed)
     pose = Pose(rng.random((3, 3)).T, rng.random(3))
-    ties = Ties(rng.random((7, 2)), rng.random((7, 2)), rng.random(7) < 0.5, rng.random((7, 3)))
+    ties = Ties(
+        *(rng.random((7, 2)), rng.random((7, 2)), rng.random(7) < 0.5, rng.random((7, 3))),
+        *(rng.integers(-1, 9, (7, 2)), rng.random((7, 3)), rng.random(7)),
+    )
     prior = StepPrior(rng.random((3, 3)), 0.1, rng.random(3), rng.random(2), True, 5.0, np.nan)
     motion = Motion(
         *(pose, pose, rng.random((6, 6)), "straight", np.float64(5), 9.5, ties, 0.3, np.nan),

@@ -1,36 +1,47 @@
-"""The detection network learns, and goes on from a checkpoint as if it had not stopped."""
+"""The detection network learns, and goes on from a checkpoint as if it had not stopped.
+
+PyTorch takes seconds to import, and every process of the tests imports every file of them: fixtures import it.
+"""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-torch = pytest.importorskip(
-    "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
-)
-
-from wayside.pipeline.learning.detector_crops import CELLS, CROP_PX, STRIDE  # noqa: E402
-from wayside.pipeline.learning.detector_network import DetectionNetwork, losses  # noqa: E402
-from wayside.pipeline.learning.detector_training import (  # noqa: E402
-    BATCH_FIELDS,
-    Training,
-    as_tensors,
-    learning_rate,
-    source_kind,
-)
-from wayside.schemas.detections import NONE  # noqa: E402
-from wayside.stages.detection import MAPS  # noqa: E402
+from wayside.pipeline.learning.detector_crops import CELLS, CROP_PX, STRIDE
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import MAPS
 
 SIDE = CROP_PX // STRIDE
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    torch.set_num_threads(1)
+@pytest.fixture
+def torch():
+    found = pytest.importorskip(
+        "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
+    )
+    found.set_num_threads(1)
+    return found
 
 
-def batch(count=2):
+@pytest.fixture
+def network(torch):
+    from wayside.pipeline.learning import detector_network
+
+    return detector_network
+
+
+@pytest.fixture
+def training(torch):
+    from wayside.pipeline.learning import detector_training
+
+    return detector_training
+
+
+@pytest.fixture
+def batch(training):
     """Yellow squares of 32 px, each in the middle of its crop."""
+    count = 2
     rgb = np.full((count, CROP_PX, CROP_PX, 3), 80, np.uint8)
     rgb[:, 112:144, 112:144] = (250, 200, 20)
     heat = np.zeros((count, 2, SIDE, SIDE), np.float16)
@@ -46,53 +57,57 @@ def batch(count=2):
         "shape": np.full((count, CELLS), NONE, np.int64),
     }
     held["color"][:, 0], held["shape"][:, 0] = 1, 2
-    assert tuple(held) == BATCH_FIELDS
-    return as_tensors(held)
+    assert tuple(held) == training.BATCH_FIELDS
+    return training.as_tensors(held)
 
 
-def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces():
+def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, network):
     with torch.no_grad():
-        maps = DetectionNetwork().eval()(torch.rand(1, 3, 64, 128))
+        maps = network.DetectionNetwork().eval()(torch.rand(1, 3, 64, 128))
     assert maps.shape == (1, MAPS, 16, 32)
     assert maps[:, :2].sigmoid().max() < 0.2
 
 
-def test_losses_fall_and_the_average_follows():
-    training, learned = Training(1), batch()
-    first = training.learn(learned, 100000)
+@pytest.mark.slow
+def test_losses_fall_and_the_average_follows(training, batch):
+    learner = training.Training(1)
+    first = learner.learn(batch, 100000)
     for _ in range(25):
-        training.step += 20  # past the slow start
-        last = training.learn(learned, 100000)
+        learner.step += 20  # past the slow start
+        last = learner.learn(batch, 100000)
     assert last["heat"] < 0.5 * first["heat"]
     assert last["box"] < first["box"]
     assert last["color"] < first["color"]
 
 
-def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network_sees_one():
-    one = batch()
+def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network_sees_one(
+    torch, network, training, batch
+):
     maps = torch.zeros(2, MAPS, SIDE, SIDE)
-    held = {name: getattr(one, name) for name in BATCH_FIELDS}
+    held = {name: getattr(batch, name) for name in training.BATCH_FIELDS}
     doubt = {"known": 0, "unsure": 1, "unknown": 2}
     heat = {}
     for name, value in doubt.items():
-        held["doubt"] = torch.full_like(one.doubt, value)
-        heat[name] = float(losses(maps, type(one)(**held), sure=True)["heat"])
+        held["doubt"] = torch.full_like(batch.doubt, value)
+        heat[name] = float(network.losses(maps, type(batch)(**held), sure=True)["heat"])
     assert heat["unknown"] < heat["unsure"] < heat["known"]
 
 
-def test_training_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(tmp_path: Path):
-    learned = batch()
-    whole = Training(1)
+@pytest.mark.slow
+def test_training_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(
+    torch, training, batch, tmp_path: Path
+):
+    whole = training.Training(1)
     for _ in range(4):
-        whole.learn(learned, 10)
-    half = Training(1)
+        whole.learn(batch, 10)
+    half = training.Training(1)
     for _ in range(2):
-        half.learn(learned, 10)
+        half.learn(batch, 10)
     half.save(tmp_path / "checkpoint.pt")
-    resumed = Training(2)
+    resumed = training.Training(2)
     resumed.load(tmp_path / "checkpoint.pt")
     for _ in range(2):
-        resumed.learn(learned, 10)
+        resumed.learn(batch, 10)
     assert resumed.step == 4
     for one, other in zip(
         whole.average.state_dict().values(), resumed.average.state_dict().values(), strict=True
@@ -100,28 +115,27 @@ def test_training_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(tmp_path: P
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 
 
-def test_the_learning_rate_rises_stays_and_falls():
-    rates = [learning_rate(step, 10000) for step in (0, 250, 2000, 6000, 8000, 9999)]
+def test_the_learning_rate_rises_stays_and_falls(training):
+    rates = [training.learning_rate(step, 10000) for step in (0, 250, 2000, 6000, 8000, 9999)]
     assert rates[0] < rates[1] < rates[2] == rates[3] > rates[4] > rates[5] > 0
 
 
-def test_drives_and_sets_are_kinds_of_their_own():
-    assert source_kind("us_freeway_challenge") == "us"
-    assert source_kind("rendered/tune_alley") == "rendered"
-    assert source_kind("scenes_mixed/ro") == "scenes_mixed"
+def test_drives_and_sets_are_kinds_of_their_own(training):
+    assert training.source_kind("us_freeway_challenge") == "us"
+    assert training.source_kind("rendered/tune_alley") == "rendered"
+    assert training.source_kind("scenes_mixed/ro") == "scenes_mixed"
 
 
-def test_the_network_gives_the_same_maps_in_opencv(tmp_path: Path):
+def test_the_network_gives_the_same_maps_in_opencv(torch, network, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.detector_network import export
     from wayside.stages.detection import DetectionNetwork as InOpenCV
 
-    network = DetectionNetwork()
-    network.eval()
+    fresh = network.DetectionNetwork()
+    fresh.eval()
     with pytest.warns():
-        export(network, tmp_path / "network.onnx", {"seed": 1})
+        network.export(fresh, tmp_path / "network.onnx", {"seed": 1})
     rgb = np.random.default_rng(0).integers(0, 256, (96, 128, 3)).astype(np.uint8)
     with torch.no_grad():
-        expected = network(torch.from_numpy(rgb / 255).float().permute(2, 0, 1)[None])[0]
+        expected = fresh(torch.from_numpy(rgb / 255).float().permute(2, 0, 1)[None])[0]
     found = InOpenCV(str(tmp_path / "network.onnx")).maps(rgb)
     np.testing.assert_allclose(found, expected, atol=1e-3)

@@ -128,8 +128,9 @@ def bare(tmp_path_factory):
 
 
 @pytest.mark.skipif(not has_vulkan(), reason="no software Vulkan: install mesa-vulkan-drivers")
-@pytest.mark.parametrize("asked", [["--frame", "2"], ["--sign", "demo-0001"]])
-@pytest.mark.parametrize("over", [False, True])
+@pytest.mark.parametrize(
+    ("asked", "over"), [(["--frame", "2"], False), (["--sign", "demo-0001"], True)]
+)
 def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
     command, result, bare, tmp_path, asked, over
 ):

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import json
 import pkgutil
+import shutil
 import subprocess
 import sys
 import time
@@ -116,6 +117,15 @@ def report_chunks(tmp_path_factory):
     result = run(folder, Viewing(file=True), until_s=TWO_FRAMES_S, preset=SHAPES_AND_SIFT)
     assert result.view_faults == ()
     return list(rr.chunk.RrdReader(str(folder / RECORDING)).stream())
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """The start of the drive recorded with no images, and with those of signs."""
+    return {
+        images: run(tmp_path_factory.mktemp(images), Viewing(file=True, images=images), 2, SHORT_S)
+        for images in ("none", "signs")
+    }
 
 
 @pytest.fixture(scope="module")
@@ -477,13 +487,13 @@ def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
     assert candidate_words(far, 0) == "open, score -4.0, yellow 0.5"
 
 
-def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(tmp_path):
-    run(tmp_path, Viewing(file=True), until_s=SHORT_S)
-    seen = [(tmp_path / name).read_bytes() for name in TABLES]
-    assert (tmp_path / RECORDING).exists()
-    run(tmp_path, workers=1, until_s=SHORT_S)
-    assert [(tmp_path / name).read_bytes() for name in TABLES] == seen
-    assert not (tmp_path / RECORDING).exists()
+def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(short, tmp_path):
+    out = shutil.copytree(short["signs"].folder, tmp_path / "out")
+    seen = [(out / name).read_bytes() for name in TABLES]
+    assert (out / RECORDING).exists()
+    run(out, workers=1, until_s=SHORT_S)
+    assert [(out / name).read_bytes() for name in TABLES] == seen
+    assert not (out / RECORDING).exists()
 
 
 def test_the_recording_verifies(recorded):
@@ -495,23 +505,22 @@ def test_the_recording_verifies(recorded):
 
 
 @pytest.mark.parametrize(("images", "fewest", "most"), [("none", 0, 0), ("signs", 1, 4)])
-def test_images_are_recorded_as_asked(tmp_path, images, fewest, most):
-    result = run(tmp_path, Viewing(file=True, images=images), until_s=SHORT_S)
+def test_images_are_recorded_as_asked(short, images, fewest, most):
+    result = short[images]
     found = sum(
         chunk.num_rows
-        for chunk in rr.chunk.RrdReader(str(tmp_path / RECORDING)).stream()
+        for chunk in rr.chunk.RrdReader(str(result.folder / RECORDING)).stream()
         if chunk.entity_path == "/world/vehicle/camera/image"
     )
     assert result.view_faults == ()
     assert fewest <= found <= most
 
 
-def test_without_images_all_layers_lie_on_those_of_the_imported_log(tmp_path):
-    run(tmp_path, Viewing(file=True, images="none"), until_s=SHORT_S)
+def test_without_images_all_layers_lie_on_those_of_the_imported_log(short, tmp_path):
     import_log(DEMO, "demo", tmp_path / "log.rrd")
     planes, layers = {}, set()
-    for name in (RECORDING, "log.rrd"):
-        reader = rr.chunk.RrdReader(str(tmp_path / name))
+    for path in (short["none"].folder / RECORDING, tmp_path / "log.rrd"):
+        reader = rr.chunk.RrdReader(str(path))
         assert [r.recording_id for r in reader.recordings()] == ["demo"]
         for chunk in reader.stream():
             layers.add(chunk.entity_path)
@@ -533,10 +542,8 @@ def test_a_frame_not_used_clears_what_was_shown():
 def test_a_killed_run_leaves_a_recording_that_can_be_repaired(tmp_path):
     recording = tmp_path / PART / RECORDING
     command = "from wayside.pipeline.cli import main; main()"
-    started = subprocess.Popen(
-        [sys.executable, "-c", command, "run", str(DEMO), "-o", str(tmp_path), "--view", "file"],
-        stdout=subprocess.DEVNULL,
-    )
+    line = [sys.executable, "-c", command, "run", str(DEMO), "-o", str(tmp_path), "--view", "file"]
+    started = subprocess.Popen([*line, "--set", "models.network="], stdout=subprocess.DEVNULL)
     until = time.monotonic() + 120
     while time.monotonic() < until and started.poll() is None:
         if recording.exists() and recording.stat().st_size > 500_000:

@@ -1,4 +1,7 @@
-"""The driver on a small problem of its own: a decaying exponential, fitted robustly, against scipy."""
+"""The driver on a small problem of its own: a decaying exponential, fitted robustly, against scipy.
+
+As plain Python, which needs no compilation; the fits of the stages run it compiled.
+"""
 
 from typing import NamedTuple
 
@@ -8,7 +11,6 @@ from scipy.optimize import least_squares
 
 from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
 from wayside.stages.geometry.linear_algebra import cholesky_solve
-from wayside.stages.kernels import compiled_within
 
 TIME = np.linspace(0, 4, 30)
 TRUE = np.array([2.0, 0.7])
@@ -29,7 +31,6 @@ class Estimate(NamedTuple):
     residuals: np.ndarray
 
 
-@compiled_within
 def _evaluate(problem, estimate):
     total = 0.0
     for i in range(problem.value.shape[0]):
@@ -39,7 +40,6 @@ def _evaluate(problem, estimate):
     return total
 
 
-@compiled_within
 def _linearise(problem, estimate, iteration):
     problem.linearised[0] = iteration
     problem.normal[:] = 0.0
@@ -56,7 +56,6 @@ def _linearise(problem, estimate, iteration):
                 problem.normal[k, m] += weight * row[k] * row[m]
 
 
-@compiled_within
 def _solve(problem, estimate, damping, trial):
     damped = problem.normal.copy()
     for k in range(2):
@@ -67,12 +66,13 @@ def _solve(problem, estimate, damping, trial):
     return solved
 
 
-@compiled_within
 def _never(problem, estimate, damping, trial):
     return False
 
 
-minimise, without_step = (minimiser(_evaluate, _linearise, solve) for solve in (_solve, _never))
+minimise, without_step = (
+    minimiser(_evaluate, _linearise, solve).py_func for solve in (_solve, _never)
+)
 
 
 def fit(values, schedule, start=(0.5, 0.1), kernel=minimise):
