@@ -24,6 +24,7 @@ from wayside.pipeline import cli_report_figures as figures
 from wayside.pipeline import cli_roc as measuring
 from wayside.pipeline import cli_routing as routing
 from wayside.pipeline import cli_viewing as viewer
+from wayside.pipeline.cli_help import DETECT, Application, Commands, examples
 from wayside.pipeline.cli_options import (
     Assignments,
     Calibration,
@@ -63,7 +64,8 @@ from wayside.schemas.errors import (
     WaysideError,
 )
 
-app = typer.Typer(
+app = Application(
+    cls=Commands,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",
@@ -100,12 +102,17 @@ def common(
 
 
 @app.command(
-    epilog="Examples: `wayside run drive.mcap -o out` · `wayside run images.mcap --spacing 26.4ft -o out` · "
-    "`wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out` · "
-    "`wayside run drive.mcap --view file -o out` · "
-    "`wayside run drive.mcap --route 'US-36 EB' --milepost 12.35 -o out` · "
-    "`wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out` · "
-    "`wayside run drive.mcap --preset report --set segment.clusters=12 -o out`\n\n" + EXIT_STATUSES
+    epilog=examples(
+        "wayside run drive.mcap -o out",
+        "wayside run images.mcap --spacing 26.4ft -o out",
+        "wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out",
+        "wayside run drive.mcap --view file -o out",
+        "wayside run drive.mcap --route 'US-36 EB' --milepost 12.35 -o out",
+        "wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out",
+        "wayside run drive.mcap --preset report --set segment.clusters=12 -o out",
+    )
+    + "\n\n"
+    + EXIT_STATUSES
 )
 def run(
     logs: Annotated[
@@ -118,15 +125,15 @@ def run(
             "-o", "--out", help="Output folder; with several logs, one folder each in it."
         ),
     ],
-    preset: PresetOption = Preset.default,
-    settings: SettingsFile = None,
-    assignments: Assignments = None,
     spacing: Spacing = None,
     camera: CameraTopic = None,
     calibration: Calibration = None,
     start: From = None,
     until: Until = None,
     every: Every = None,
+    preset: PresetOption = Preset.default,
+    settings: SettingsFile = None,
+    assignments: Assignments = None,
     workers: Workers = None,
     memory: Memory = None,
     detector: boxes.Detector = None,
@@ -140,13 +147,15 @@ def run(
     alpha: Annotated[
         float | None,
         typer.Option(
-            help="False-alarm rate of every gate, instead of the thresholds of the models."
+            rich_help_panel=DETECT,
+            help="False-alarm rate of every gate, instead of the thresholds of the models.",
         ),
     ] = None,
     observations: Annotated[
         Listed,
         typer.Option(
-            help="Regions to list: those that pass the pre-filter, or all that pass the size gate."
+            rich_help_panel=DETECT,
+            help="Regions to list: those that pass the pre-filter, or all that pass the size gate.",
         ),
     ] = Listed.passed,
     view: viewer.ViewOption = viewer.ViewMode.none,
@@ -192,7 +201,9 @@ def run(
 
 
 @app.command(
-    epilog="Examples: `wayside replay drive.mcap` · `wayside replay drive.mcap --rate max --connect 127.0.0.1:9876`"
+    epilog=examples(
+        "wayside replay drive.mcap", "wayside replay drive.mcap --rate max --connect 127.0.0.1:9876"
+    )
 )
 def replay(
     log: viewer.Log,
@@ -245,15 +256,19 @@ def replay(
 
 
 app.command(
-    epilog="Examples: `wayside view out` · `wayside view out --sign drive-0007` · `wayside view out --serve`"
+    epilog=examples(
+        "wayside view out", "wayside view out --sign drive-0007", "wayside view out --serve"
+    )
 )(viewer.view)
 app.command(
-    epilog="Examples: `wayside picture out --sign drive-0007 -o sign.png` · "
-    "`wayside picture out --frame 12 -o frame.png`"
+    epilog=examples(
+        "wayside picture out --sign drive-0007 -o sign.png",
+        "wayside picture out --frame 12 -o frame.png",
+    )
 )(viewer.picture)
 
 
-@app.command(epilog="Example: `wayside info drive.mcap`")
+@app.command(epilog=examples("wayside info drive.mcap"))
 def info(
     log: viewer.Log,
 ) -> None:
@@ -264,7 +279,7 @@ def info(
     typer.echo(fitted(words) if sys.stdout.isatty() else words)
 
 
-@app.command(epilog="Example: `wayside evaluate out --truth drive.truth.json --json figures.json`")
+@app.command(epilog=examples("wayside evaluate out --truth drive.truth.json --json figures.json"))
 def evaluate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")],
     truth: Annotated[
@@ -291,7 +306,7 @@ def evaluate(
     typer.echo(visible_lines(format_evaluation(evaluation)))
 
 
-@app.command(epilog="Example: `wayside settings --preset report > mine.toml`")
+@app.command(epilog=examples("wayside settings --preset report > mine.toml"))
 def settings(
     preset: PresetOption = Preset.default,
     file: SettingsFile = None,
@@ -309,8 +324,11 @@ def settings(
 
 
 app.command(
-    epilog="Examples: `wayside evidence out` · `wayside evidence out --sign drive-0007 -o sheets` · "
-    "`wayside evidence out --log /archive/drive.mcap`"
+    epilog=examples(
+        "wayside evidence out",
+        "wayside evidence out --sign drive-0007 -o sheets",
+        "wayside evidence out --log /archive/drive.mcap",
+    )
 )(viewer.evidence)
 app.command("import", epilog=importing.IMPORT_EPILOG)(importing.import_)
 app.command(epilog=importing.JOIN_EPILOG)(importing.join)

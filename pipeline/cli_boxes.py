@@ -8,19 +8,29 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import DETECT
 from wayside.schemas.errors import UsageError
 
 Detector = Annotated[
     Path | None,
-    typer.Option(help="ONNX file of a YOLO or RT-DETR detector, instead of wayside's own."),
+    typer.Option(
+        rich_help_panel=DETECT,
+        help="ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
+    ),
 ]
 Detections = Annotated[
     Path | None,
-    typer.Option(help="Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own."),
+    typer.Option(
+        rich_help_panel=DETECT,
+        help="Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
+    ),
 ]
 Classes = Annotated[
     Path | None,
-    typer.Option(help="TOML: which classes of these are signs, and their colours and shapes."),
+    typer.Option(
+        rich_help_panel=DETECT,
+        help="TOML: which classes of these are signs, and their colours and shapes.",
+    ),
 ]
 
 

@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
-CALIBRATE_EPILOG = (
-    "Examples: `wayside calibrate boards/ --board 9x6 --square 25.4mm -o camera.yaml` · "
-    "`wayside calibrate drive.mcap -o camera.yaml` · "
-    "`wayside calibrate drive.mcap --calibration guess.yaml --from 1:30 --until 2:00`"
+from wayside.pipeline.cli_help import examples
+
+CALIBRATE_EPILOG = examples(
+    "wayside calibrate boards/ --board 9x6 --square 25.4mm -o camera.yaml",
+    "wayside calibrate drive.mcap -o camera.yaml",
+    "wayside calibrate drive.mcap --calibration guess.yaml --from 1:30 --until 2:00",
 )
 
 

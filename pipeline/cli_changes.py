@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from wayside.pipeline import cli_options
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
-CHANGES_EPILOG = (
-    "Examples: `wayside changes inventory --before 2024 --after 2025 -o changes.html` · "
-    "`wayside changes inventory --before 2024-03..2024-06 --after 2025-05-17 -o changes.html --all`"
+CHANGES_EPILOG = examples(
+    "wayside changes inventory --before 2024 --after 2025 -o changes.html",
+    "wayside changes inventory --before 2024-03..2024-06 --after 2025-05-17 -o changes.html --all",
 )
 
 

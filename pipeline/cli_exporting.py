@@ -8,15 +8,16 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import UsageError
 
-EXPORT_EPILOG = (
-    "Examples: `wayside export out -o signs.csv` · "
-    "`wayside export out -f gpkg --units us --crs EPSG:26914` · "
-    "`wayside export out -o signs.geojson --review review.csv` · "
-    "`wayside export out -f mcap -o drive.signs.mcap` · "
-    "`wayside export inventory -f gpkg --table supports`"
+EXPORT_EPILOG = examples(
+    "wayside export out -o signs.csv",
+    "wayside export out -f gpkg --units us --crs EPSG:26914",
+    "wayside export out -o signs.geojson --review review.csv",
+    "wayside export out -f mcap -o drive.signs.mcap",
+    "wayside export inventory -f gpkg --table supports",
 )
 
 

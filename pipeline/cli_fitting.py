@@ -8,13 +8,14 @@ from typing import Annotated, Any
 
 import typer
 
+from wayside.pipeline.cli_help import DETECT, examples
 from wayside.schemas.errors import UsageError
 
-FIT_EPILOG = (
-    "Examples: `wayside fit labels.parquet --images drive.mcap -o my_models` · "
-    "`wayside fit coco.json --classes classes.toml --images pictures/ --complete -o my_models` · "
-    "`wayside fit labels.parquet --images a.mcap --images b.mcap --alpha 0.01 -o my_models` · "
-    "then `wayside run drive.mcap --models my_models -o out`"
+FIT_EPILOG = examples(
+    "wayside fit labels.parquet --images drive.mcap -o my_models",
+    "wayside fit coco.json --classes classes.toml --images pictures/ --complete -o my_models",
+    "wayside fit labels.parquet --images a.mcap --images b.mcap --alpha 0.01 -o my_models",
+    "wayside run drive.mcap --models my_models -o out",
 )
 
 
@@ -41,7 +42,10 @@ class Space(StrEnum):
 Models = Annotated[
     Path | None,
     typer.Option(
-        "--models", metavar="DIR", help="Model files of your own, as `wayside fit` writes them."
+        "--models",
+        rich_help_panel=DETECT,
+        metavar="DIR",
+        help="Model files of your own, as `wayside fit` writes them.",
     ),
 ]
 

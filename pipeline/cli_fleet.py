@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_options as run_options
+from wayside.pipeline.cli_help import Application, CommandGroup, examples
 from wayside.pipeline.cli_running import exit_with
 from wayside.pipeline.visible_text import visible, visible_lines
 from wayside.schemas.errors import UsageError
@@ -24,19 +24,20 @@ if TYPE_CHECKING:
 _MOST_LISTED = 40
 _LOGS_FIRST = "run"
 
-QUERY_EPILOG = (
-    'Examples: `wayside query inventory "SELECT color, count(*) FROM panels GROUP BY color"` · '
-    '`wayside query inventory "FROM signs WHERE confidence < 0.6" -o weak.csv` · '
-    '`wayside query inventory "DESCRIBE panels"`'
+QUERY_EPILOG = examples(
+    'wayside query inventory "SELECT color, count(*) FROM panels GROUP BY color"',
+    'wayside query inventory "FROM signs WHERE confidence < 0.6" -o weak.csv',
+    'wayside query inventory "DESCRIBE panels"',
 )
-FLEET_EPILOG = (
-    "Examples: `wayside fleet archive/2026/ -o inventory --jobs 4` · "
-    '`wayside fleet "s3://survey/2026/**/*.mcap" -o inventory --scheduler tcp://10.0.0.5:8786` · '
-    "`wayside fleet @logs.txt -o inventory` · `wayside fleet status inventory`"
+FLEET_EPILOG = examples(
+    "wayside fleet archive/2026/ -o inventory --jobs 4",
+    'wayside fleet "s3://survey/2026/**/*.mcap" -o inventory --scheduler tcp://10.0.0.5:8786',
+    "wayside fleet @logs.txt -o inventory",
+    "wayside fleet status inventory",
 )
 
 
-class LogsFirst(TyperGroup):
+class LogsFirst(CommandGroup):
     """Commands of `wayside fleet`; logs in the place of a command are those of `run`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -46,7 +47,7 @@ class LogsFirst(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-fleet_app = typer.Typer(
+fleet_app = Application(
     cls=LogsFirst,
     no_args_is_help=True,
     rich_markup_mode="markdown",
@@ -136,7 +137,7 @@ def fleet(
     exit_with([entry.status for entry in report.entries])
 
 
-@fleet_app.command(epilog="Example: `wayside fleet status inventory`")
+@fleet_app.command(epilog=examples("wayside fleet status inventory"))
 def status(inventory: Inventory) -> None:
     """Say how far a fleet is: logs done, running and in quarantine, rate and time left."""
     from wayside.pipeline.fleet.status import format_status

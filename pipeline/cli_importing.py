@@ -7,15 +7,19 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.cli_running import exit_with
 from wayside.pipeline.cli_viewing import Overwrite
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST
 
-IMPORT_EPILOG = "Example: `wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap`"
-JOIN_EPILOG = (
-    "Examples: `wayside join bag/ -o drive.mcap` · `wayside join day_0.mcap day_1.mcap -o day.mcap` · "
-    "`wayside join old.bag -o drive.mcap`"
+IMPORT_EPILOG = examples(
+    "wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap"
+)
+JOIN_EPILOG = examples(
+    "wayside join bag/ -o drive.mcap",
+    "wayside join day_0.mcap day_1.mcap -o day.mcap",
+    "wayside join old.bag -o drive.mcap",
 )
 
 
@@ -61,9 +65,10 @@ def join(
     joined = join_logs(parts, out, overwrite=overwrite)
     for words in joined.lost:
         typer.echo(visible(f"lost: {words}"), err=True)
+    count = len(joined.parts)
     typer.echo(
         visible(
-            f"{out}: {joined.messages} messages on {joined.topics} topics of {len(joined.parts)} parts; "
+            f"{out}: {joined.messages} messages on {joined.topics} topics of {count} part{'s' * (count != 1)}; "
             f"next: wayside info {out}"
         )
     )

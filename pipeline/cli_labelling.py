@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
     from wayside.pipeline.reviewing.review import Review
 
-LABEL_EPILOG = (
-    "Examples: `wayside label out -o page` · `wayside label drive.mcap --spacing 26.4ft -o page` · "
-    "`wayside label drive.marks.json -o labels.parquet` · "
-    "`wayside label out --review review.json -o labels.parquet` · "
-    "`wayside label coco.json --classes classes.toml -o labels.parquet`"
+LABEL_EPILOG = examples(
+    "wayside label out -o page",
+    "wayside label drive.mcap --spacing 26.4ft -o page",
+    "wayside label drive.marks.json -o labels.parquet",
+    "wayside label out --review review.json -o labels.parquet",
+    "wayside label coco.json --classes classes.toml -o labels.parquet",
 )
 _RESULT = "result"
 

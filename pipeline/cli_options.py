@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wayside.pipeline.cli_help import DETECT, READ
+
 if TYPE_CHECKING:
     from wayside.schemas.settings import Settings
 
@@ -22,29 +24,52 @@ class Preset(StrEnum):
 
 
 SettingsFile = Annotated[
-    Path | None, typer.Option("--settings", help="TOML file as `wayside settings` prints it.")
+    Path | None,
+    typer.Option(
+        "--settings", rich_help_panel=DETECT, help="TOML file as `wayside settings` prints it."
+    ),
 ]
 Assignments = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change one setting; may be repeated."),
+    typer.Option(
+        "--set",
+        rich_help_panel=DETECT,
+        metavar="GROUP.NAME=VALUE",
+        help="Change one setting; may be repeated.",
+    ),
 ]
 PresetOption = Annotated[
-    Preset, typer.Option(help="`default` finds the most, `report` is the chain of KS-09-9.")
+    Preset,
+    typer.Option(
+        rich_help_panel=DETECT,
+        metavar="PRESET",
+        help="`default` finds the most; "
+        "`report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
+    ),
 ]
 
 
 Spacing = Annotated[
     str | None,
-    typer.Option(help="Distance between images, where the log has no poses: 26.4ft, 8m."),
+    typer.Option(
+        rich_help_panel=READ,
+        help="Distance between images, where the log has no poses: 26.4ft, 8m.",
+    ),
 ]
-CameraTopic = Annotated[str | None, typer.Option(help="Image topic, where the log has several.")]
+CameraTopic = Annotated[
+    str | None, typer.Option(rich_help_panel=READ, help="Image topic, where the log has several.")
+]
 Calibration = Annotated[
     Path | None,
-    typer.Option(help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration."),
+    typer.Option(
+        rich_help_panel=READ, help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration."
+    ),
 ]
-From = Annotated[str | None, typer.Option("--from", help="Start here: 90s or 1:30.")]
-Until = Annotated[str | None, typer.Option(help="Stop here: 120s or 2:00.")]
-Every = Annotated[int | None, typer.Option(help="Use every n-th image.")]
+From = Annotated[
+    str | None, typer.Option("--from", rich_help_panel=READ, help="Start here: 90s or 1:30.")
+]
+Until = Annotated[str | None, typer.Option(rich_help_panel=READ, help="Stop here: 120s or 2:00.")]
+Every = Annotated[int | None, typer.Option(rich_help_panel=READ, help="Use every n-th image.")]
 Workers = Annotated[int | None, typer.Option(help="Images processed side by side.")]
 Memory = Annotated[str | None, typer.Option(help="Images under way take so much at most: 2GB.")]
 

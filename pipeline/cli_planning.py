@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.cli_viewing import Overwrite
 
-SIMULATE_EPILOG = (
-    "Examples: `wayside simulate --spacing 26.4ft --hfov 60` · `wayside simulate --target 10cm` · "
-    "`wayside simulate --curve-radius 250m --hill 6m --outliers 0.05` · "
-    "`wayside simulate --pose-sigma 2cm --json plan.json`"
+SIMULATE_EPILOG = examples(
+    "wayside simulate --spacing 26.4ft --hfov 60",
+    "wayside simulate --target 10cm",
+    "wayside simulate --curve-radius 250m --hill 6m --outliers 0.05",
+    "wayside simulate --pose-sigma 2cm --json plan.json",
 )
 
 

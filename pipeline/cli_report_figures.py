@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible
 
-REPORT_FIGURES_EPILOG = (
-    "Examples: `wayside report-figures drive.mcap -o figures` · "
-    "`wayside report-figures drive.mcap --labels labels.parquet --boards boards/ --board 9x6 -o figures`"
+REPORT_FIGURES_EPILOG = examples(
+    "wayside report-figures drive.mcap -o figures",
+    "wayside report-figures drive.mcap --labels labels.parquet --boards boards/ --board 9x6 -o figures",
 )
 
 

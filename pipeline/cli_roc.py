@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import examples
 from wayside.pipeline.cli_viewing import Overwrite
 
-ROC_EPILOG = (
-    "Examples: `wayside roc drive.mcap --truth drive.truth.json -o roc` · "
-    "`wayside roc a.mcap b.mcap --labels labels.parquet --preset report -o roc`"
+ROC_EPILOG = examples(
+    "wayside roc drive.mcap --truth drive.truth.json -o roc",
+    "wayside roc a.mcap b.mcap --labels labels.parquet --preset report -o roc",
 )
 
 

@@ -9,20 +9,31 @@ from typing import Annotated, Any
 
 import typer
 
+from wayside.pipeline.cli_help import ROUTE
 from wayside.schemas.errors import UsageError
 
-Route = Annotated[str | None, typer.Option(metavar="NAME", help='Route of the drive: "US-36 EB".')]
+Route = Annotated[
+    str | None,
+    typer.Option(rich_help_panel=ROUTE, metavar="NAME", help='Route of the drive: "US-36 EB".'),
+]
 Milepost = Annotated[
     str | None,
-    typer.Option(help="Measure at the first used image: 12.35 (miles), 19.875km."),
+    typer.Option(
+        rich_help_panel=ROUTE, help="Measure at the first used image: 12.35 (miles), 19.875km."
+    ),
 ]
 Decreasing = Annotated[
-    bool, typer.Option("--decreasing", help="Mileposts fall in the direction of travel.")
+    bool,
+    typer.Option(
+        "--decreasing", rich_help_panel=ROUTE, help="Mileposts fall in the direction of travel."
+    ),
 ]
 Routes = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", help="Route lines with measures (M), GeoPackage or GeoParquet; needs fixes."
+        rich_help_panel=ROUTE,
+        metavar="FILE",
+        help="Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
     ),
 ]
 _MEASURE = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)")

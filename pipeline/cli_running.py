@@ -191,11 +191,15 @@ def process(
     return PARTS_LOST if result.lost else 0
 
 
-EXIT_STATUSES = (
-    "Exit status: 0 done · 1 a fault of wayside · 2 wrong arguments or settings · 3 the input cannot be used · "
-    "4 done, but parts of the input were lost · 5 the output could not be written, or something stands in its place · "
-    "130 interrupted"
-)
+EXIT_STATUSES = """Exit status:
+
+- 0 done
+- 1 a fault of wayside
+- 2 wrong arguments or settings
+- 3 the input cannot be used
+- 4 done, but parts of the input were lost
+- 5 the output could not be written, or something stands in its place
+- 130 interrupted"""
 """For the help."""
 _GRAVEST = (
     StageError.exit_status,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from wayside.pipeline.cli_help import VIEW
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
@@ -39,20 +40,30 @@ ViewOption = Annotated[
     ViewMode,
     typer.Option(
         "--view",
+        rich_help_panel=VIEW,
         help="Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, "
         "`serve` a viewer in the browser.",
     ),
 ]
 Connect = Annotated[
     str | None,
-    typer.Option(metavar="URL", help="Also send to a viewer that runs already: 127.0.0.1:9876."),
+    typer.Option(
+        rich_help_panel=VIEW,
+        metavar="URL",
+        help="Also send to a viewer that runs already: 127.0.0.1:9876.",
+    ),
 ]
 ViewImages = Annotated[
     RecordedImages,
-    typer.Option("--view-images", help="Images to record: all, those with signs, none."),
+    typer.Option(
+        "--view-images", rich_help_panel=VIEW, help="Images to record: all, those with signs, none."
+    ),
 ]
 ViewDetail = Annotated[
-    bool, typer.Option("--view-detail", help="Also record the label images of both passes.")
+    bool,
+    typer.Option(
+        "--view-detail", rich_help_panel=VIEW, help="Also record the label images of both passes."
+    ),
 ]
 Overwrite = Annotated[
     bool,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 MOST_BYTES = 1 << 30
 """Of a file read into memory, and of what Parquet unpacks to: forty million boxes with their scores."""
+Where = Mapping[str, str | Collection[int]]
 _TEXTS = (pa.string(), pa.binary(), pa.large_string(), pa.large_binary())
 _KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -62,7 +63,7 @@ def read_input_text(path: Path) -> str:
 
 
 def read_parquet(
-    path: Path, columns: Sequence[str] | None = None, filters: pc.Expression | None = None
+    path: Path, columns: Sequence[str] | None = None, where: Where | None = None
 ) -> pa.Table:
     """A table of a Parquet file that is not larger than `MOST_BYTES` when unpacked.
 
@@ -73,26 +74,34 @@ def read_parquet(
     ----------
     path
         The file.
-    columns, filters
-        As of `pyarrow.parquet.read_table`.
+    columns
+        Those to read; None: all.
+    where
+        Only rows that hold these texts, or one of these numbers, by column name, listed in `columns` or not.
 
     Raises
     ------
     OSError, ValueError
-        As `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound.
+        As `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or
+        where a column is missing.
     """
     with open_input(path) as stream:
         file = pq.ParquetFile(stream)
         _test(_stated_bytes(file.metadata, columns))
         schema = file.schema_arrow
+        names = schema.names if columns is None else list(columns)
+        read = list(dict.fromkeys((*names, *(where or ()))))
+        missing = [name for name in read if name not in schema.names]
+        if missing:
+            raise pa.ArrowInvalid(
+                f"it has no column {missing[0]}; its columns are {', '.join(schema.names)}"
+            )
         texts = [field.name for field in schema if field.type in _TEXTS]
         stream.seek(0)
-        found = pq.read_table(
-            stream,
-            columns=None if columns is None else list(columns),
-            filters=filters,
-            read_dictionary=texts,
+        found = _read_groups(
+            pq.ParquetFile(stream, read_dictionary=texts, pre_buffer=False), read, where or {}
         )
+    found = found.select(names)
     _test(sum(_spelt_bytes(found.column(name)) for name in found.column_names))
     for name in set(texts) & set(found.column_names):
         at = found.schema.get_field_index(name)
@@ -100,6 +109,34 @@ def read_parquet(
         if found.schema.field(at).type != field.type:
             found = found.set_column(at, field, found.column(at).cast(field.type))
     return found
+
+
+def _read_groups(file: pq.ParquetFile, columns: list[str], where: Where) -> pa.Table:
+    """Row groups one after the other in this thread.
+
+    `pyarrow.parquet.read_table` reads in threads of Arrow's own, which now and then abort a process that ends
+    right behind them (github.com/apache/arrow/issues/34314); so do filters by an expression, and `pre_buffer`.
+    """
+    if file.num_row_groups == 0:
+        return file.read(columns, use_threads=False)
+    return pa.concat_tables(
+        _rows(file.read_row_group(number, columns, use_threads=False), where)
+        for number in range(file.num_row_groups)
+    )
+
+
+def _rows(table: pa.Table, where: Where) -> pa.Table:
+    for name, held in where.items():
+        column = table.column(name)
+        if pa.types.is_dictionary(column.type):
+            column = column.cast(column.type.value_type)
+        mask = (
+            pc.equal(column, held)
+            if isinstance(held, str)
+            else pc.is_in(column, pa.array(sorted(held), column.type))
+        )
+        table = table.filter(mask)
+    return table
 
 
 def _test(found: int) -> None:

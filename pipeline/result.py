@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
-from functools import reduce
-from operator import and_
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from wayside.pipeline.input_files import read_input_text, read_parquet
+from wayside.pipeline.input_files import Where, read_input_text, read_parquet
 from wayside.pipeline.output_folder import finish_replacement
 from wayside.pipeline.reading.parts import is_bag
 from wayside.pipeline.settings_file import load_settings
@@ -28,7 +25,7 @@ def read_table(
     out: Path,
     table: Table,
     columns: Sequence[str] | None = None,
-    where: Mapping[str, str | Collection[int]] | None = None,
+    where: Where | None = None,
 ) -> pa.Table:
     """One table of a result.
 
@@ -59,14 +56,7 @@ def read_table(
                 raise InputError(
                     f"{file} lacks the column {column.name}: it was not written by wayside"
                 )
-        conditions = [
-            pc.field(name) == held
-            if isinstance(held, str)
-            else pc.field(name).isin(pa.array(sorted(held), pa.int32()))
-            for name, held in (where or {}).items()
-        ]
-        filters = reduce(and_, conditions) if conditions else None
-        found = read_parquet(file, [n for n in wanted if n in present], filters)
+        found = read_parquet(file, [name for name in wanted if name in present], where)
         for column in absent:
             found = found.append_column(column, pa.nulls(len(found), column.type))
         return found.select(wanted)
@@ -78,7 +68,7 @@ def read_rows(
     out: Path,
     table: Table,
     columns: Sequence[str],
-    where: Mapping[str, str | Collection[int]] | None = None,
+    where: Where | None = None,
 ) -> list[dict[str, Any]]:
     """Rows of one table of a result, null as None; parameters and errors are those of `read_table`."""
     rows: list[dict[str, Any]] = read_table(out, table, columns, where).to_pylist()

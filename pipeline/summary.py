@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from typing import Any
 
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from wayside.pipeline.code_words import code_of
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.run import RunResult
 from wayside.pipeline.visible_text import visible
@@ -63,8 +65,15 @@ def print_summary(
         f"written to {plain(result.folder)}: {_files(result.inventory.rows)}, run.json"
         f"{f', {RECORDING}' if recorded else ''}"
     )
-    if recorded:
-        console.print(f"see every step: wayside view {plain(result.folder)}")
+    folder = plain(shlex.quote(str(result.folder)))
+    further = [f"wayside view {folder} (every step)"] * recorded
+    if rows:
+        further += [
+            f"wayside evidence {folder} (a page of each sign, to check and correct)",
+            f"wayside export {folder} -f csv (for other programs)",
+        ]
+    if further:
+        console.print(f"next: {'; '.join(further)}")
 
 
 def plain(text: object) -> str:
@@ -73,13 +82,17 @@ def plain(text: object) -> str:
 
 
 def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
-    """One line a sign: what it looks like, where it stands, how sure; in fewer columns where `width` has no room."""
+    """One line a sign: what it is, where it stands, how sure; in fewer columns where `width` has no room."""
     table = Table(
         box=None, pad_edge=False, padding=(0, 2 if width >= _WIDE else 1, 0, 0), header_style="bold"
     )
-    for heading in ("sign", "color", "shape"):
+    for heading in ("sign", "color", "shape", "code"):
         table.add_column(heading, overflow="fold")
-    numbers = _NUMBERS if width >= _WIDE else _FEWER_NUMBERS
+    numbers = dict(_NUMBERS if width >= _WIDE else _FEWER_NUMBERS)
+    units = {row["measure_unit"] for row in signs if row.get("measure") is not None}
+    if len(units) == 1:
+        numbers = {"measure": f"measure {units.pop()}"} | numbers
+        del numbers["station_m"]
     for heading in (*numbers.values(), "views", "conf."):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in signs:
@@ -87,11 +100,16 @@ def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
             plain(row["sign_id"]),
             (row["color"] or "-").replace("_", " "),
             (row["shape"] or "-") + ("" if row["status"] == "sign" else f" ({row['status']})"),
-            *("-" if row[name] is None else f"{row[name]:.2f}" for name in numbers),
+            plain(code_of(row) or "-"),
+            *(_number(row.get(name), 3 if name == "measure" else 2) for name in numbers),
             str(row["views"]),
-            "-" if row["confidence"] is None else f"{row['confidence']:.2f}",
+            _number(row["confidence"], 2),
         )
     return table
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _by_color(signs: list[dict[str, Any]]) -> str:

@@ -132,7 +132,7 @@ def inventory_rows(inventory: Path, name: str) -> Source:
 
 def _read_part(part: Path, columns: list[str]) -> pa.Table:
     try:
-        return pq.ParquetFile(part).read(columns)
+        return pq.ParquetFile(part, pre_buffer=False).read(columns, use_threads=False)
     except (pa.ArrowException, OSError, KeyError) as error:
         raise InputError(
             f"{part} cannot be read: {error}; merge the drives again by running the fleet once more with --overwrite"

@@ -9,6 +9,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from wayside.pipeline import cli
+from wayside.pipeline.cli_help import PANELS
 
 COMMANDS = sorted(get_command(cli.app).commands)
 
@@ -27,6 +28,26 @@ def test_help_has_a_short_name_and_fits_into_80_columns(command, monkeypatch):
             assert status in said
     if command is None:
         assert "--install-completion" in done.stdout
+
+
+def test_every_command_stands_under_one_heading_and_flags_show_no_type(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    listed = [name for names in PANELS.values() for name in names]
+    assert sorted(listed) == COMMANDS
+    said = CliRunner().invoke(cli.app, ["-h"]).stdout
+    shown = [line.split()[1] for line in said.splitlines() if line.startswith("│ ")]
+    assert [name for name in shown if name in listed] == listed
+    for words in ([], ["run"], ["fleet"], ["fleet", "run"]):
+        assert "<bool>" not in CliRunner().invoke(cli.app, [*words, "-h"]).stdout
+
+
+def test_examples_stand_one_a_line(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = [
+        line.strip() for line in CliRunner().invoke(cli.app, ["run", "-h"]).stdout.splitlines()
+    ]
+    assert "• wayside run drive.mcap --view file -o out" in lines
+    assert "• 4 done, but parts of the input were lost" in lines
 
 
 @pytest.mark.parametrize(
@@ -59,7 +80,7 @@ def test_a_shell_completes_commands():
     code = "import sys; sys.argv[0] = 'wayside'; from wayside.pipeline.cli import main; main()"
     asked = {"_WAYSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "wayside ev", "COMP_CWORD": "1"}
     done = python(code, **asked)
-    assert done.stdout.split() == ["evaluate", "evidence"]
+    assert sorted(done.stdout.split()) == ["evaluate", "evidence"]
 
 
 def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):

@@ -1,6 +1,8 @@
 """Files that are read whole: none that a command would wait for, and none that unpacks beyond measure."""
 
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -31,7 +33,8 @@ def test_a_table_is_that_of_pyarrow(tmp_path):
     table = pa.table({"n": [1, 2, 3, 4], "t": texts, "d": texts.dictionary_encode()})
     pq.write_table(table, tmp_path / "t.parquet")
     assert read_parquet(tmp_path / "t.parquet").equals(pq.read_table(tmp_path / "t.parquet"))
-    some = read_parquet(tmp_path / "t.parquet", ["t"], pa.compute.field("n") == 3)
+    some = read_parquet(tmp_path / "t.parquet", ["t"], {"n": [3]})
+    assert read_parquet(tmp_path / "t.parquet", ["n"], {"t": "a", "d": "a"}).num_rows == 2
     assert some.to_pydict() == {"t": ["b"]}
 
 
@@ -53,3 +56,27 @@ def test_parquet_that_unpacks_beyond_the_bound_is_refused(tmp_path, monkeypatch,
     assert path.stat().st_size < 20_000
     with pytest.raises(pa.ArrowInvalid, match="unpacks to"):
         read_parquet(path)
+
+
+def test_a_table_is_read_without_threads_of_arrow(tmp_path):
+    """They abort a short command at its end now and then; tables with and without filters, in a fresh process."""
+    file = tmp_path / "signs.parquet"
+    pq.write_table(
+        pa.table({"status": ["sign", "back"] * 500, "x": range(1000)}), file, row_group_size=300
+    )
+    code = (
+        "import os, sys; from pathlib import Path\n"
+        "from wayside.pipeline.input_files import read_parquet\n"
+        "before = len(os.listdir('/proc/self/task'))\n"
+        "rows = read_parquet(Path(sys.argv[1]), ['x', 'status'], {'status': 'sign'}).num_rows\n"
+        "print(rows, read_parquet(Path(sys.argv[1])).num_rows, len(os.listdir('/proc/self/task')) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True)
+    assert done.stdout.split() == ["500", "1000", "0"], done.stderr
+
+
+def test_a_column_that_is_not_there_is_named(tmp_path):
+    file = tmp_path / "signs.parquet"
+    pq.write_table(pa.table({"x": [1]}), file)
+    with pytest.raises(pa.ArrowInvalid, match="no column y; its columns are x"):
+        read_parquet(file, ["y"])

@@ -1,9 +1,11 @@
 """The closing words of a run."""
 
+import dataclasses
 import io
 from pathlib import Path
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from wayside.pipeline.inventory import WrittenTables
@@ -68,3 +70,35 @@ def test_shares_of_stages_and_verdicts_of_regions_are_for_who_asks():
         said = stream.getvalue()
         assert "3 images read: 3 used" in said
         assert ("processor time" in said) == ("no regions" in said) == verbose
+
+
+@pytest.fixture
+def said_of(monkeypatch):
+    """What is printed of rows of signs.parquet."""
+
+    def words(rows, recorded=None, folder="out"):
+        monkeypatch.setattr(WrittenTables, "sign_rows", rows)
+        one = dataclasses.replace(result(()), folder=Path(folder), recorded=recorded)
+        stream = io.StringIO()
+        print_summary(one, Console(file=stream, width=120, soft_wrap=True))
+        return stream.getvalue()
+
+    return words
+
+
+def test_the_table_of_signs_says_what_sign_it_is_and_where_along_the_route(said_of):
+    speed = row(mutcd="R2-1", legend="45", measure=12.3456, measure_unit="mi", status="sign")
+    said = said_of([speed, row(measure=None, measure_unit=None)])
+    assert "R2-1 45" in said
+    assert "measure mi" in said
+    assert "12.346" in said
+    assert "station m" not in said
+    assert "station m" in said_of([row()])
+
+
+def test_a_run_ends_with_what_may_be_typed_next(said_of):
+    said = said_of([row()], recorded=True, folder="my out").splitlines()[-1]
+    assert said.startswith("next: wayside view 'my out' (every step); wayside evidence 'my out' (")
+    assert "wayside export 'my out' -f csv" in said
+    assert "wayside view" not in said_of([row()])
+    assert "next:" not in said_of([])
