@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -33,6 +33,18 @@ def share_interval(count: int, total: int) -> Interval | None:
     test = binomtest(count, total)
     found = test.proportion_ci(CONFIDENCE, "exact" if count in (0, total) else "wilson")
     return Interval(float(found.low), float(found.high))
+
+
+def resampled_interval(
+    groups: int, value: Callable[[NDArray[np.int64]], float], draws: int = 400, seed: int = 1
+) -> Interval | None:
+    """Percentiles of a value over resamplings of groups (drives), the argument how often each counts; None of one."""
+    if groups < 2:
+        return None
+    draw = np.random.default_rng(seed)
+    counts = draw.multinomial(groups, np.full(groups, 1 / groups), draws)
+    tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    return Interval(*np.quantile([value(count) for count in counts], tails).tolist())
 
 
 def rate_interval(count: int, exposure: float) -> Interval | None:

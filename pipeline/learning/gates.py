@@ -37,12 +37,10 @@ KANSAS_MEAN = (3.121, 0.603)
 OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
 
-CHAINS = (
-    ("report-shape", (), ("shape",)),
-    *(("report-2d", (f"report.trajectory={form}",), ("trajectory",)) for form in TRAJECTORY_FILES),
-    ("report", (), ("color", "location")),
-)
-"""Preset, settings besides, and the gates that are asked there about what really reaches them."""
+TRAJECTORIES = tuple(file.removesuffix(".json") for file in TRAJECTORY_FILES.values())
+
+CHAINS = {"report-shape": ("shape",), "report": ("color", *TRAJECTORIES, "location")}
+"""By preset, the gates that are asked there about what really reaches them; the trajectories decide nothing there."""
 
 FEWEST = 5
 """A component of fewer signs is not learned."""
@@ -52,7 +50,7 @@ SIGMA_PER_MAD = 1.4826
 
 
 def learn_gates(
-    samples: Mapping[str, ClassifierSamples], models: Models
+    samples: Mapping[str, ClassifierSamples], models: Models, densities: Sequence[MixtureModel] = ()
 ) -> dict[str, GaussianModel | MixtureModel]:
     """The models of the gates that were asked, by the name of their file.
 
@@ -62,6 +60,8 @@ def learn_gates(
         Of labelled drives, by classifier.
     models
         Those that were asked; means and covariances of colours and shapes stay.
+    densities
+        Of trajectories, one a form; they stay, too.
 
     Raises
     ------
@@ -78,10 +78,12 @@ def learn_gates(
         shapes = with_learned_thresholds(models.shape_classes, samples["shape"], one_knee=True)
         origin = _with_origin(shapes, "thresholds by", samples["shape"])
         learned["shape.json"] = replace(shapes, provenance=origin)
-    if "trajectory" in samples and models.trajectory_density is not None:
-        density = with_score_threshold(models.trajectory_density, samples["trajectory"])
-        origin = _with_origin(density, "threshold by", samples["trajectory"])
-        learned[TRAJECTORY_FILES[density.space]] = replace(density, provenance=origin)
+    for density in densities:
+        file = TRAJECTORY_FILES[density.space]
+        if file.removesuffix(".json") in samples:
+            asked = samples[file.removesuffix(".json")]
+            origin = _with_origin(density, "threshold by", asked)
+            learned[file] = replace(with_score_threshold(density, asked), provenance=origin)
     if "location" not in samples:
         return learned
     places = samples["location"]
@@ -95,6 +97,17 @@ def learn_gates(
         GaussianModel("right_up_m", (single,), kansas + origin), places
     )
     return learned
+
+
+def trajectory_densities(options: Mapping[str, object]) -> tuple[MixtureModel, ...]:
+    """The density of each form; options: settings by name, as `models.folder`."""
+    found = []
+    for form in TRAJECTORY_FILES:
+        settings, _ = load_settings("report-2d", None, [f"report.trajectory={form}"], options)
+        density = load_models(settings).trajectory_density
+        if density is not None:
+            found.append(density)
+    return tuple(found)
 
 
 def location_components(places: NDArray[np.float64], provenance: str) -> GaussianModel:
@@ -154,16 +167,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     learned: dict[str, GaussianModel | MixtureModel] = {}
     given.out.mkdir(parents=True, exist_ok=True)
-    for preset, more, wanted in CHAINS:
-        folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
-        settings, _ = load_settings(preset, None, list(more), folder)
+    folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
+    densities = trajectory_densities(folder)
+    for preset, wanted in CHAINS.items():
+        settings, _ = load_settings(preset, None, [], folder)
         models = load_models(settings)
+        truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
         drives = [
-            gather_samples(log, read_labels(log.with_suffix(".truth.json")), settings, models)
-            for log in given.logs
+            gather_samples(log, truth, settings, models, undecided=densities)
+            for log, truth in truths
         ]
         asked = {name: own for name, own in join_drives(drives).items() if name in wanted}
-        learned |= learn_gates(asked, models)
+        learned |= learn_gates(asked, models, densities)
     for name, model in learned.items():
         write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0
