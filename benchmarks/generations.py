@@ -15,7 +15,7 @@ import argparse
 import pickle
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -48,7 +48,7 @@ from wayside.stages.report import classify_trajectory
 KEPT = ROOT / ".cache" / "generations"
 PAGE, PICTURE = ROOT / "benchmarks" / "generations.md", ROOT / "docs" / "generations.png"
 DEVELOPMENT = tuple(name for name in RENDERED if name != "raw")
-SETS = {"development": DEVELOPMENT, "held out": tuple(HELD_OUT)}
+SETS = {"development": DEVELOPMENT, "held-out": tuple(HELD_OUT)}
 SPACING = RENDERED | HELD_OUT
 FORMS = ("image", "compensated")
 PRESETS = ("report-shape", "report-2d", "report", "default")
@@ -137,7 +137,10 @@ def main() -> int:
     parser.add_argument("--keep", action="store_true", help="take results that are there already")
     parser.add_argument("--models", default="", help="folder of models in place of those that ship")
     given = parser.parse_args()
-    measured = {name: measure(name, given.models, keep=given.keep) for name in given.only or names}
+    measured = {
+        name: with_default(name, measure(name, given.models, keep=given.keep))
+        for name in given.only or names
+    }
     if not given.only:
         PAGE.write_text("\n".join(page(measured)) + "\n", encoding="utf-8")
         rgb = draw({name: curves(measured, own) for name, own in SETS.items()})
@@ -159,11 +162,6 @@ def measure(name: str, folder: str, *, keep: bool) -> Measured:
         "report-2d": tracks.evaluation(densities["image"]),
         "report": tracks.evaluation(location=models.location_classes),
     }
-    default = RESULTS / "default" / name
-    if (default / "run.json").is_file():
-        found = evaluate(default, DRIVES / f"{name}.truth.json")
-        if isinstance(found, RenderedEvaluation):
-            presets["default"] = found
     gates: dict[tuple[str, float], RenderedEvaluation] = {}
     for rule in RULES:
         by_place = models.location_classes.at_alpha(rule) if rule else models.location_classes
@@ -179,6 +177,17 @@ def measure(name: str, folder: str, *, keep: bool) -> Measured:
     counts = {preset: (e.found_count, len(e.false)) for preset, e in presets.items()}
     print(name, counts, flush=True)
     return measured
+
+
+def with_default(name: str, measured: Measured) -> Measured:
+    """The same with the figures of preset `default`, where there is a result of it."""
+    default = RESULTS / "default" / name
+    if not (default / "run.json").is_file():
+        return measured
+    found = evaluate(default, DRIVES / f"{name}.truth.json")
+    if not isinstance(found, RenderedEvaluation):
+        return measured
+    return replace(measured, presets=measured.presets | {"default": found})
 
 
 def run(name: str, preset: str, folder: str) -> tuple[Chain, Models]:
@@ -210,18 +219,17 @@ def gate(tracks: Tracks, densities: dict[str, MixtureModel]) -> Gated:
 def curves(
     measured: Mapping[str, Measured], names: Sequence[str]
 ) -> dict[str, list[tuple[float, float]]]:
-    """Recall and precision of drives together: a point for each preset, for each gate one for each rate, by recall."""
+    """Recall and precision of drives together: a point for each preset, for each gate one for each rate."""
     found = {
         preset: [_point(together(one.presets[preset] for one in own))]
         for preset in PRESETS
         if (own := [measured[name] for name in names if preset in measured[name].presets])
     }
     for name in GATES:
-        points = [
+        found[name] = [
             _point(together(measured[drive].gates[name, rule] for drive in names))
             for rule in RULES[1:]
         ]
-        found[name] = sorted(points)
     return found
 
 
@@ -241,7 +249,7 @@ def page(measured: Mapping[str, Measured]) -> Iterator[str]:
 
 def _generations(title: str, drives: Mapping[str, Measured]) -> Iterator[str]:
     yield ""
-    yield f"## Drives {'for development' if title == 'development' else 'held out'}"
+    yield f"## {title.capitalize()} drives"
     yield ""
     yield "| drive | preset | panels | found | recall | false | precision | along, m | lateral, m |"
     yield "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"

@@ -30,7 +30,7 @@ def draw(
     page = Canvas(LEFT + len(panels) * (WIDE + APART), HEIGHT)
     for k, (title, lines) in enumerate(panels.items()):
         left = LEFT + k * (WIDE + APART)
-        _axes(page, left, f"Precision against recall, drives {title}")
+        _axes(page, left, f"Precision against recall, {title} drives")
         for name, points in lines.items():
             at = np.array([(left + WIDE * x, TOP + TALL * (1 - y)) for x, y in points])
             page.line(at, INKS.get(name, POINT), 2)

@@ -24,7 +24,6 @@ from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.gates import (
     CHAINS,
     KANSAS,
-    TRAJECTORIES,
     learn_gates,
     trajectory_densities,
 )
@@ -35,6 +34,7 @@ from wayside.pipeline.roc.curves import RocCurve
 from wayside.pipeline.roc.questions import ALL
 from wayside.pipeline.roc.samples import (
     NO_CLASS,
+    TRAJECTORIES,
     ClassifierSamples,
     gather_samples,
     join_drives,
@@ -61,6 +61,7 @@ ELSEWHERE = """\
 | calibration against the truth and on real boards | [docs/calibration.md](../docs/calibration.md) |
 | recall of preset `default` by colour and size of the face | [seeing.md](seeing.md), [scenes.md](scenes.md) |
 """.splitlines()
+DEFAULT = ("detector", "landmark", "confidence")
 RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 DRAWS = 1000
 
@@ -97,22 +98,21 @@ def main() -> None:
     """Gather, hold out each drive in turn, write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("drives", type=Path, nargs="+")
+    parser.add_argument("--size", action="store_true", help="ask the size gate: twice the time")
     parser.add_argument("--default", type=Path, nargs="+", default=[])
     given = parser.parse_args()
     drives: dict[str, Drive] = {}
     for log in given.drives:
-        asked = [(preset, kept_samples(log, preset)) for preset in CHAINS]
-        drives[log.stem] = {
-            name: own
-            for preset, samples in asked
-            for name, own in samples.items()
-            if name in (*CHAINS[preset], "size")
-        }
-    default = {log.stem: kept_samples(log, "default") for log in given.default}
+        drives[log.stem] = {}
+        for preset, wanted in CHAINS.items():
+            # regions before the size gate are the same in both chains
+            also = ("size",) if given.size and preset == "report" else ()
+            drives[log.stem] |= kept_samples(log, preset, (*wanted, *also))
+    default = {log.stem: kept_samples(log, "default", DEFAULT) for log in given.default}
     PAGE.write_text("\n".join(page(drives, default)) + "\n", encoding="utf-8")
 
 
-def kept_samples(log: Path, preset: str) -> Drive:
+def kept_samples(log: Path, preset: str, only: Sequence[str]) -> Drive:
     """What the classifiers of a preset are asked about on a drive, from the cache where it is there."""
     kept = KEPT / f"{log.stem}.{preset}.pickle"
     if kept.is_file():
@@ -125,6 +125,7 @@ def kept_samples(log: Path, preset: str) -> Drive:
         settings,
         load_models(settings),
         undecided=trajectory_densities(options) if preset == "report" else (),
+        only=only,
     )
     KEPT.mkdir(parents=True, exist_ok=True)
     kept.write_bytes(pickle.dumps(found))
@@ -198,7 +199,7 @@ def held_out(
 
 def _beside_the_report(together: Drive, folds: Sequence[Fold]) -> Iterator[str]:
     settings = load_settings("report")[0]
-    asked = {name: together[name] for name in ("size", "color")}
+    asked = {name: together[name] for name in ("size", "color") if name in together}
     measured = characteristics(asked, settings, load_models(settings))
     found = {
         (question.classifier, question.name): curve
@@ -220,8 +221,9 @@ def _beside_the_report(together: Drive, folds: Sequence[Fold]) -> Iterator[str]:
         f"| shapes right of 50 images (ch. 4) | 92 % | {100 * tp / signs:.0f} % of {signs} views that reach the gate, "
         "any shape, irregular outlines among them |"
     )
-    size = found["size", "smallest"]
-    gate = settings.gate
+    size, gate = found.get(("size", "smallest")), settings.gate
+    if size is None:
+        return
     kept = size.at(gate.smallest_px, accept_below=False)
     yield (
         f"| signs dropped below {gate.smallest_px} px (3.1) | - | {100 * (1 - size.tpr[kept]):.0f} % of "
@@ -247,7 +249,7 @@ def trajectory_beside_location(folds: Sequence[Fold]) -> Iterator[str]:
         stands = (mixture.distances(places.values) <= reach).any(axis=1)
         on = places.label == ON
         gates = {"location": stands}
-        for name in TRAJECTORIES:
+        for name in TRAJECTORIES.values():
             tracks = own[name].known()
             if len(tracks) != len(places) or (tracks.box != places.box).any():
                 raise SystemExit("wanted the same tracks before both gates, found others")
@@ -264,8 +266,6 @@ def _by_evidence(drives: Mapping[str, Drive]) -> Iterator[str]:
     """The classifiers of preset `default`."""
     settings = load_settings("default")[0]
     together = join_drives(drives.values())
-    names = ("detector", "landmark", "confidence")
-    own = {name: together[name] for name in names if name in together}
     yield "## Preset `default`"
     yield ""
     yield (
@@ -273,7 +273,7 @@ def _by_evidence(drives: Mapping[str, Drive]) -> Iterator[str]:
         f"that nothing was learned from: {', '.join(drives)}."
     )
     yield ""
-    yield format_characteristics(characteristics(own, settings, load_models(settings)))
+    yield format_characteristics(characteristics(together, settings, load_models(settings)))
 
 
 def _others_at(curve: RocCurve, tpr: float) -> str:

@@ -22,7 +22,12 @@ from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
 from wayside.pipeline.roc.operating import with_learned_thresholds, with_score_threshold
-from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.roc.samples import (
+    TRAJECTORIES,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
@@ -37,9 +42,7 @@ KANSAS_MEAN = (3.121, 0.603)
 OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
 
-TRAJECTORIES = tuple(file.removesuffix(".json") for file in TRAJECTORY_FILES.values())
-
-CHAINS = {"report-shape": ("shape",), "report": ("color", *TRAJECTORIES, "location")}
+CHAINS = {"report-shape": ("shape",), "report": ("color", *TRAJECTORIES.values(), "location")}
 """By preset, the gates that are asked there about what really reaches them; the trajectories decide nothing there."""
 
 FEWEST = 5
@@ -79,11 +82,11 @@ def learn_gates(
         origin = _with_origin(shapes, "thresholds by", samples["shape"])
         learned["shape.json"] = replace(shapes, provenance=origin)
     for density in densities:
-        file = TRAJECTORY_FILES[density.space]
-        if file.removesuffix(".json") in samples:
-            asked = samples[file.removesuffix(".json")]
+        asked = samples.get(TRAJECTORIES[density.space])
+        if asked is not None:
             origin = _with_origin(density, "threshold by", asked)
-            learned[file] = replace(with_score_threshold(density, asked), provenance=origin)
+            found = replace(with_score_threshold(density, asked), provenance=origin)
+            learned[TRAJECTORY_FILES[density.space]] = found
     if "location" not in samples:
         return learned
     places = samples["location"]
@@ -174,11 +177,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         models = load_models(settings)
         truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
         drives = [
-            gather_samples(log, truth, settings, models, undecided=densities)
+            gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
             for log, truth in truths
         ]
-        asked = {name: own for name, own in join_drives(drives).items() if name in wanted}
-        learned |= learn_gates(asked, models, densities)
+        learned |= learn_gates(join_drives(drives), models, densities)
     for name, model in learned.items():
         write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0
