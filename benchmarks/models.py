@@ -1,15 +1,16 @@
 """What the classifiers do on drives that their thresholds were not learned from: writes models.md.
 
-    .venv/bin/python benchmarks/models.py DRIVE.mcap ... [--spacing]
+    .venv/bin/python benchmarks/models.py DRIVE.mcap ... --default OTHER.mcap ...
 
-Each drive needs its truth beside it. What the classifiers are asked about is kept in .cache/models, one file a drive.
-Every drive is held out in turn: thresholds and locations are learned from the others.
+Each drive needs its truth beside it. What the classifiers are asked about is kept in
+.cache/models, one file a drive and preset. Every drive is held out in turn: thresholds and locations are learned from
+the others. The drives of `--default` are those that the classifiers of preset `default` are asked about: none that they
+were learned from.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,19 +21,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels import read_labels
-from wayside.pipeline.learning.gates import KANSAS, learn_gates
-from wayside.pipeline.learning.samples import ON
-from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, load_models
+from wayside.pipeline.learning.gates import (
+    CHAINS,
+    KANSAS,
+    learn_gates,
+    trajectory_densities,
+)
+from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
+from wayside.pipeline.model_files import REPORT_LOCATION, load_models
 from wayside.pipeline.roc.command import characteristics, format_characteristics
 from wayside.pipeline.roc.curves import RocCurve
 from wayside.pipeline.roc.questions import ALL
 from wayside.pipeline.roc.samples import (
     NO_CLASS,
+    TRAJECTORIES,
     ClassifierSamples,
     gather_samples,
     join_drives,
 )
-from wayside.pipeline.settings_file import PRESETS, load_settings
+from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.models import GaussianModel
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,6 +61,7 @@ ELSEWHERE = """\
 | calibration against the truth and on real boards | [docs/calibration.md](../docs/calibration.md) |
 | recall of preset `default` by colour and size of the face | [seeing.md](seeing.md), [scenes.md](scenes.md) |
 """.splitlines()
+DEFAULT = ("detector", "landmark", "confidence")
 RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 DRAWS = 1000
 
@@ -90,54 +98,60 @@ def main() -> None:
     """Gather, hold out each drive in turn, write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("drives", type=Path, nargs="+")
-    parser.add_argument("--spacing", action="store_true", help="take it from the truth")
+    parser.add_argument("--size", action="store_true", help="ask the size gate: twice the time")
+    parser.add_argument("--default", type=Path, nargs="+", default=[])
     given = parser.parse_args()
-    drives = {log.stem: kept_samples(log, spacing=given.spacing) for log in given.drives}
-    PAGE.write_text("\n".join(page(drives)) + "\n", encoding="utf-8")
+    drives: dict[str, Drive] = {}
+    for log in given.drives:
+        drives[log.stem] = {}
+        for preset, wanted in CHAINS.items():
+            # regions before the size gate are the same in both chains
+            also = ("size",) if given.size and preset == "report" else ()
+            drives[log.stem] |= kept_samples(log, preset, (*wanted, *also))
+    default = {log.stem: kept_samples(log, "default", DEFAULT) for log in given.default}
+    PAGE.write_text("\n".join(page(drives, default)) + "\n", encoding="utf-8")
 
 
-def kept_samples(log: Path, *, spacing: bool) -> Drive:
-    """What the classifiers of all presets are asked about on a drive, from the cache where it is there."""
-    kept = KEPT / f"{log.stem}.pickle"
+def kept_samples(log: Path, preset: str, only: Sequence[str]) -> Drive:
+    """What the classifiers of a preset are asked about on a drive, from the cache where it is there."""
+    kept = KEPT / f"{log.stem}.{preset}.pickle"
     if kept.is_file():
         return dict(pickle.loads(kept.read_bytes()))
-    truth = log.with_suffix(".truth.json")
-    found: dict[str, ClassifierSamples] = {}
-    options = {"read.spacing_m": json.loads(truth.read_text())["spacing_m"]} if spacing else {}
-    for preset in PRESETS:
-        settings = load_settings(preset, None, [], options)[0]
-        asked = gather_samples(log, read_labels(truth), settings, load_models(settings))
-        # sizes are those of the report's chain, which looks at the whole image
-        found |= {name: own for name, own in asked.items() if (preset, name) != ("default", "size")}
+    options = {"read.spacing_m": ANY_SPACING_M}
+    settings = load_settings(preset, None, [], options)[0]
+    found = gather_samples(
+        log,
+        read_labels(log.with_suffix(".truth.json")),
+        settings,
+        load_models(settings),
+        undecided=trajectory_densities(options) if preset == "report" else (),
+        only=only,
+    )
     KEPT.mkdir(parents=True, exist_ok=True)
     kept.write_bytes(pickle.dumps(found))
     return found
 
 
-def page(drives: Mapping[str, Drive]) -> Iterator[str]:
+def page(drives: Mapping[str, Drive], default: Mapping[str, Drive]) -> Iterator[str]:
     """The lines of models.md."""
-    shape, trajectory, models = (
-        load_models(load_settings(preset)[0]) for preset in ("report-shape", "report-2d", "report")
-    )
-    models = replace(
-        models,
-        shape_classes=shape.shape_classes,
-        trajectory_density=trajectory.trajectory_density,
-    )
+    shape, models = (load_models(load_settings(preset)[0]) for preset in CHAINS)
+    models = replace(models, shape_classes=shape.shape_classes)
+    densities = trajectory_densities({})
     folds: list[Fold] = []
     for name, own in drives.items():
         print(name, flush=True)
         others = join_drives([one for other, one in drives.items() if other != name])
-        learned = learn_gates(others, models)
+        learned = learn_gates(others, models, densities)
         folds.append((own, learned))
     yield "# Classifiers of the report on drives held out in turn"
     yield ""
     yield (
         "What each classifier is asked about when preset `report` runs: connected regions, and triangulated landmarks "
-        "of all that passes the colours (no shape gate before them). Thresholds are the knee of the ROC; each drive is "
-        "judged by thresholds, and places, learned from the other drives. In brackets 95 % bands, which resample the "
-        "drives. TPR: signs of the class that its test accepts; FPR: others that it accepts. Rendered drives: "
-        f"{', '.join(drives)}. `benchmarks/models.py` writes this page; `wayside roc` measures other drives "
+        "of all that passes the colours (no shape gate before them). Thresholds are the knee of the ROC, of shapes one "
+        "knee for the gate; each drive is judged by thresholds, and places, learned from the other drives. In brackets "
+        "95 % bands, which resample the drives. TPR: signs of the class that its test accepts; FPR: others that it "
+        f"accepts. Rendered drives: {', '.join(drives)}, other seeds of the specifications that means and covariances "
+        "were learned from. `benchmarks/models.py` writes this page; `wayside roc` measures other drives "
         "([docs/roc.md](../docs/roc.md))."
     )
     yield ""
@@ -157,8 +171,9 @@ def page(drives: Mapping[str, Drive]) -> Iterator[str]:
     yield ""
     yield from trajectory_beside_location(folds)
     yield ""
-    yield from _by_evidence(together)
-    yield ""
+    if default:
+        yield from _by_evidence(default)
+        yield ""
     yield from ELSEWHERE
 
 
@@ -184,7 +199,8 @@ def held_out(
 
 def _beside_the_report(together: Drive, folds: Sequence[Fold]) -> Iterator[str]:
     settings = load_settings("report")[0]
-    measured = characteristics(together, settings, load_models(settings))
+    asked = {name: together[name] for name in ("size", "color") if name in together}
+    measured = characteristics(asked, settings, load_models(settings))
     found = {
         (question.classifier, question.name): curve
         for question, curve in measured.curves
@@ -205,8 +221,9 @@ def _beside_the_report(together: Drive, folds: Sequence[Fold]) -> Iterator[str]:
         f"| shapes right of 50 images (ch. 4) | 92 % | {100 * tp / signs:.0f} % of {signs} views that reach the gate, "
         "any shape, irregular outlines among them |"
     )
-    size = found["size", "smallest"]
-    gate = settings.gate
+    size, gate = found.get(("size", "smallest")), settings.gate
+    if size is None:
+        return
     kept = size.at(gate.smallest_px, accept_below=False)
     yield (
         f"| signs dropped below {gate.smallest_px} px (3.1) | - | {100 * (1 - size.tpr[kept]):.0f} % of "
@@ -227,35 +244,36 @@ def trajectory_beside_location(folds: Sequence[Fold]) -> Iterator[str]:
     yield "| --- | ---: | --- | --- |"
     counts: dict[str, list[list[int]]] = {}
     for own, learned in folds:
-        tracks, places = own["trajectory"].known(), own["location"].known()
-        if len(tracks) != len(places) or (tracks.box != places.box).any():
-            raise SystemExit("wanted the same tracks before both gates, found others")
-        density, mixture = learned[TRAJECTORY_FILES["image"]], learned[REPORT_LOCATION]
-        moves = tracks.values[:, 0] >= density.threshold
+        places, mixture = own["location"].known(), learned[REPORT_LOCATION]
         reach = np.array([one.threshold for one in mixture.classes])
         stands = (mixture.distances(places.values) <= reach).any(axis=1)
-        on = tracks.label == ON
-        for name, accepted in (
-            ("trajectory", moves),
-            ("location", stands),
-            ("both", moves & stands),
-        ):
+        on = places.label == ON
+        gates = {"location": stands}
+        for name in TRAJECTORIES.values():
+            tracks = own[name].known()
+            if len(tracks) != len(places) or (tracks.box != places.box).any():
+                raise SystemExit("wanted the same tracks before both gates, found others")
+            moves = tracks.values[:, 0] >= learned[f"{name}.json"].threshold
+            gates |= {name: moves, f"{name} and location": moves & stands}
+        for name, accepted in gates.items():
             flags = (on & accepted, on, ~on & accepted, ~on)
             counts.setdefault(name, []).append([int(one.sum()) for one in flags])
     for name, rows in counts.items():
-        yield f"| {name} | {Counts(np.array(rows, np.int64)).rates()} |"
+        yield f"| {name.replace('_', ', ')} | {Counts(np.array(rows, np.int64)).rates()} |"
 
 
-def _by_evidence(together: Drive) -> Iterator[str]:
+def _by_evidence(drives: Mapping[str, Drive]) -> Iterator[str]:
     """The classifiers of preset `default`."""
     settings = load_settings("default")[0]
-    names = ("detector", "landmark", "confidence")
-    own = {name: together[name] for name in names if name in together}
+    together = join_drives(drives.values())
     yield "## Preset `default`"
     yield ""
-    yield "Boxes, landmarks by the sum of their evidence and by each of its terms, and the final confidence."
+    yield (
+        "Boxes, landmarks by the sum of their evidence and by each of its terms, and the final confidence, on drives "
+        f"that nothing was learned from: {', '.join(drives)}."
+    )
     yield ""
-    yield format_characteristics(characteristics(own, settings, load_models(settings)))
+    yield format_characteristics(characteristics(together, settings, load_models(settings)))
 
 
 def _others_at(curve: RocCurve, tpr: float) -> str:

@@ -22,10 +22,9 @@ import cv2
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import PROCESSES, learning_logs, write_model
 from wayside.pipeline.learning.landmarks import (
-    ACCEPT,
-    ACCEPT_BACK,
     FALSE_ALARM,
     FALSE_ALARM_BACK,
+    UNCERTAIN_TIMES,
     KnownPanels,
     LandmarkSamples,
     PosedDrive,
@@ -73,14 +72,14 @@ def learn_landmarks(
     ) as processes:
         samples = joined(list(processes.map(partial(_landmarks_of, folder), logs)))
     digests: dict[str, str] = {}
-    for name, back, accept, false_alarm in (
-        ("place.json", False, ACCEPT, FALSE_ALARM),
-        ("back_place.json", True, ACCEPT_BACK, FALSE_ALARM_BACK),
+    for name, back, false_alarm, uncertain_times in (
+        ("place.json", False, FALSE_ALARM, UNCERTAIN_TIMES),
+        ("back_place.json", True, FALSE_ALARM_BACK, 1.0),
     ):
         own = samples.side(back=back)
         origin = provenance([log.stem for log in logs], own)
         try:
-            model = learn_landmark_classifier(own, origin, accept, false_alarm)
+            model = learn_landmark_classifier(own, origin, false_alarm, uncertain_times)
         except InputError as error:
             notify(f"{name} not written, such landmarks are classified by their fit alone: {error}")
         else:

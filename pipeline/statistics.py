@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any, NamedTuple
@@ -39,6 +39,18 @@ def share_interval(count: int, total: int) -> Interval | None:
     share, z2 = count / total, float(ndtri(1 - tail)) ** 2 / total
     centre, half = share + z2 / 2, sqrt(z2 * (share * (1 - share) + z2 / 4))
     return Interval((centre - half) / (1 + z2), (centre + half) / (1 + z2))
+
+
+def resampled_interval(
+    groups: int, value: Callable[[NDArray[np.int64]], float], draws: int = 400, seed: int = 1
+) -> Interval | None:
+    """Percentiles of a value over resamplings of groups (drives), the argument how often each counts; None of one."""
+    if groups < 2:
+        return None
+    draw = np.random.default_rng(seed)
+    counts = draw.multinomial(groups, np.full(groups, 1 / groups), draws)
+    tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    return Interval(*np.quantile([value(count) for count in counts], tails).tolist())
 
 
 def rate_interval(count: int, exposure: float) -> Interval | None:

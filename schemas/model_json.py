@@ -61,8 +61,7 @@ def model_to_json(model: Model) -> str:
         body = {"space": model.space}
         body |= {name: _significant(getattr(model, name)) for name in MIXTURE_ARRAYS}
         body |= {"threshold": round(model.threshold, 4), "threshold_rule": model.threshold_rule}
-        body |= {"count": model.count}
-        body |= _interval(model.threshold_interval) | _curve(model.curve)
+        body |= {"count": model.count} | _interval(model.threshold_interval) | _curve(model.curve)
     elif isinstance(model, LinearModel):
         weights = [float(f"{w:.6g}") for w in model.weights]
         body = {"weights": dict(zip(model.features, weights, strict=True))}
@@ -93,9 +92,7 @@ def model_to_json(model: Model) -> str:
         }
         if model.decision:
             body["decision"] = model.decision
-        if model.threshold_rule:
-            body["threshold_rule"] = model.threshold_rule
-        body |= _interval(model.threshold_interval) | _curve(model.curve)
+        body |= _rule(model) | _curve(model.curve)
     else:
         parts = {"gate": model.prefilter, "network": model.network, "closer": model.patch_cnn}
         body = {
@@ -108,6 +105,7 @@ def model_to_json(model: Model) -> str:
             "features": list(model.features),
             "bias": model.bias,
             "accept": model.threshold,
+            **_rule(model),
             "trees": [
                 {
                     "feature": model.feature[t].tolist(),
@@ -172,6 +170,12 @@ def _gaussian_class(one: GaussianClass) -> dict[str, Any]:
     return content | _interval(one.threshold_interval)
 
 
+def _rule(model: TreeModel | EvidenceModel) -> dict[str, Any]:
+    """The keys of how a threshold was chosen, where that is known."""
+    rule = {"threshold_rule": model.threshold_rule} if model.threshold_rule else {}
+    return rule | _interval(model.threshold_interval)
+
+
 def _interval(interval: tuple[float, float] | None) -> dict[str, Any]:
     """The key of a threshold's interval, where there is one."""
     return {} if interval is None else {"threshold_interval": [round(end, 4) for end in interval]}
@@ -229,9 +233,8 @@ def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
 
 def _mixture_of(data: dict[str, Any]) -> MixtureModel:
     arrays = {name: np.array(data[name], np.float64) for name in MIXTURE_ARRAYS}
-    k, d = arrays["mean"].shape
+    (k, d), covariance = arrays["mean"].shape, arrays["covariance"]
     _check_shapes(arrays, ((k,), (k, d), (k, d, d)))
-    covariance = arrays["covariance"]
     if not (np.allclose(covariance, covariance.swapaxes(1, 2), atol=0) and k and d):
         raise ValueError("a covariance is not symmetric")
     if not (np.linalg.eigvalsh(covariance) > 0).all():
@@ -271,13 +274,13 @@ def _trees_of(data: dict[str, Any], name: str) -> TreeModel:
         _part_of(TreeModel, data.get("gate"), name),
         _part_of(NetworkModel, data.get("network"), name),
         _part_of(ConvolutionModel, data.get("closer"), name),
-        _network_sum_of(data.get("with_network")),
+        _network_sum_of(data["with_network"]) if data.get("with_network") else None,
+        str(data.get("threshold_rule", "")),
+        _interval_of(data),
     )
 
 
-def _network_sum_of(data: dict[str, Any] | None) -> NetworkSum | None:
-    if data is None:
-        return None
+def _network_sum_of(data: dict[str, Any]) -> NetworkSum:
     return NetworkSum(*(_finite(data[f.name], f.name) for f in fields(NetworkSum)))
 
 

@@ -199,7 +199,8 @@ class TreeModel(ModelText):
     accepted. prefilter: a smaller model over cheaper features, evaluated first; what it refuses is not evaluated
     further. network: one over the same features whose only output is added to the sum. patch_cnn: one on the pixels of
     boxes whose log odds are high enough for it, to be added to them. with_network: how the sum of all these is joined
-    with the score of a detection network, where a run has one.
+    with the score of a detection network, where a run has one. threshold_rule, threshold_interval: how the threshold
+    was chosen, and its 95 % interval, "" and None: unknown.
     """
 
     kind: ClassVar[str] = "trees"
@@ -216,6 +217,8 @@ class TreeModel(ModelText):
     network: NetworkModel | None = None
     patch_cnn: ConvolutionModel | None = None
     with_network: NetworkSum | None = None
+    threshold_rule: str = ""
+    threshold_interval: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Refuse trees that a compiled kernel cannot follow: links lead to later nodes, by features that there are."""

@@ -51,8 +51,13 @@ def learn_back_classifier(
         FALSE_PER_IMAGE,
         max_iou,
     )
-    words = f"{provenance}; backs of panels, {rates.words()}; accept at {FALSE_PER_IMAGE:g} false boxes an image"
-    return replace(classifier, threshold=rates.threshold, provenance=words)
+    return replace(
+        classifier,
+        threshold=rates.threshold,
+        threshold_rule=rates.rule,
+        threshold_interval=rates.interval,
+        provenance=f"{provenance}; backs of panels, {rates.words()}",
+    )
 
 
 def of_backs(one: PrefilteredDrive) -> PrefilteredDrive:

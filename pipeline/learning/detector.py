@@ -34,6 +34,7 @@ from wayside.pipeline.learning.samples import (
     for_each,
     labelled,
 )
+from wayside.pipeline.statistics import resampled_interval
 from wayside.schemas.models import ConvolutionModel, NetworkModel, TreeModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.classifiers import log_odds
@@ -89,10 +90,16 @@ class PrefilteredDrive:
 
 @dataclass(frozen=True, slots=True)
 class DetectionRates:
-    """Out-of-fold figures of a classifier: false boxes an image, fraction of faces found, score there."""
+    """Out-of-fold figures of a classifier: false boxes an image, fraction of faces found, score there.
+
+    threshold: score at the rate that was asked for; rule: that rate in words; interval: 95 % interval of the threshold,
+    by resampling the drives; None: of a single one.
+    """
 
     at: tuple[tuple[float, float, float], ...]
     threshold: float
+    rule: str
+    interval: tuple[float, float] | None
 
     def words(self) -> str:
         """The figures as a sentence."""
@@ -176,7 +183,6 @@ def learn_detector(
         passed, [odds[one.drive.name] for one in passed], FALSE_PER_IMAGE, max_iou
     )
     words += [f"with the patch CNN, {rates.words()}"]
-    words += [f"accept at {FALSE_PER_IMAGE:g} false boxes an image, held out"]
     for one in real:
         found, wanted = faces_found(one, odds[one.drive.name], rates.threshold)
         words.append(f"{one.drive.name}, held out: {found} of {wanted} faces accepted")
@@ -184,6 +190,8 @@ def learn_detector(
     completed = replace(
         classifier,
         threshold=rates.threshold,
+        threshold_rule=rates.rule,
+        threshold_interval=rates.interval,
         provenance="; ".join(words),
         prefilter=prefilter,
         patch_cnn=patch_cnn,
@@ -244,23 +252,37 @@ def detection_rates(
 
     accepted: the rate that sets the threshold; max_iou: overlap above which the lower of two boxes is suppressed.
     """
-    rows: list[tuple[float, bool]] = []
-    for one, score in zip(passed, scores, strict=True):
+    drives, decided = [], []
+    for k, (one, score) in enumerate(zip(passed, scores, strict=True)):
         for frame in np.unique(one.candidates.frame):
-            rows += _decisions(one, score, np.flatnonzero(one.candidates.frame == frame), max_iou)
-    rows.sort(key=lambda row: -row[0])
-    false = np.cumsum([not right for _, right in rows])
-    right = np.cumsum([right for _, right in rows])
-    images = sum(p.drive.frames for p in passed)
+            own = _decisions(one, score, np.flatnonzero(one.candidates.frame == frame), max_iou)
+            decided += own
+            drives += [k] * len(own)
+    rule = (
+        f"alpha: {accepted:g} boxes off any face in an image of drives held out, after suppression"
+    )
+    if not decided:
+        return DetectionRates((), 0.0, rule, None)
+    score, right = (np.array(column) for column in zip(*decided, strict=True))
+    falling = np.argsort(-score, kind="stable")
+    score, right, drive = score[falling], right[falling], np.array(drives)[falling]
+    images = np.array([p.drive.frames for p in passed])
     wanted = max(sum(int(p.drive.wanted.sum()) for p in passed), 1)
 
-    def at(rate: float) -> tuple[float, float, float]:
-        last = int(np.searchsorted(false, rate * images, side="right")) - 1
-        return rate, float(right[max(last, 0)] / wanted), float(rows[max(last, 0)][0])
+    def last(rate: float, count: NDArray[np.int64]) -> int:
+        """Row of the last box that is let through, each drive counted so many times."""
+        false = np.cumsum(~right * count[drive])
+        return max(int(np.searchsorted(false, rate * (images @ count), side="right")) - 1, 0)
 
-    if not rows:
-        return DetectionRates((), 0.0)
-    return DetectionRates(tuple(at(rate) for rate in AT), at(accepted)[2])
+    once = np.ones(len(passed), np.int64)
+    rows = [last(rate, once) for rate in AT]
+    found = np.cumsum(right)[rows] / wanted
+    return DetectionRates(
+        tuple(zip(AT, found.tolist(), score[rows].tolist(), strict=True)),
+        float(score[last(accepted, once)]),
+        rule,
+        resampled_interval(len(passed), lambda count: float(score[last(accepted, count)])),
+    )
 
 
 def _decisions(

@@ -22,7 +22,12 @@ from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
 from wayside.pipeline.roc.operating import with_learned_thresholds, with_score_threshold
-from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.roc.samples import (
+    TRAJECTORIES,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
@@ -37,12 +42,8 @@ KANSAS_MEAN = (3.121, 0.603)
 OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
 
-CHAINS = (
-    ("report-shape", (), ("shape",)),
-    *(("report-2d", (f"report.trajectory={form}",), ("trajectory",)) for form in TRAJECTORY_FILES),
-    ("report", (), ("color", "location")),
-)
-"""Preset, settings besides, and the gates that are asked there about what really reaches them."""
+CHAINS = {"report-shape": ("shape",), "report": ("color", *TRAJECTORIES.values(), "location")}
+"""By preset, the gates that are asked there about what really reaches them; the trajectories decide nothing there."""
 
 FEWEST = 5
 """A component of fewer signs is not learned."""
@@ -52,7 +53,7 @@ SIGMA_PER_MAD = 1.4826
 
 
 def learn_gates(
-    samples: Mapping[str, ClassifierSamples], models: Models
+    samples: Mapping[str, ClassifierSamples], models: Models, densities: Sequence[MixtureModel] = ()
 ) -> dict[str, GaussianModel | MixtureModel]:
     """The models of the gates that were asked, by the name of their file.
 
@@ -62,6 +63,8 @@ def learn_gates(
         Of labelled drives, by classifier.
     models
         Those that were asked; means and covariances of colours and shapes stay.
+    densities
+        Of trajectories, one a form; they stay, too.
 
     Raises
     ------
@@ -78,10 +81,12 @@ def learn_gates(
         shapes = with_learned_thresholds(models.shape_classes, samples["shape"], one_knee=True)
         origin = _with_origin(shapes, "thresholds by", samples["shape"])
         learned["shape.json"] = replace(shapes, provenance=origin)
-    if "trajectory" in samples and models.trajectory_density is not None:
-        density = with_score_threshold(models.trajectory_density, samples["trajectory"])
-        origin = _with_origin(density, "threshold by", samples["trajectory"])
-        learned[TRAJECTORY_FILES[density.space]] = replace(density, provenance=origin)
+    for density in densities:
+        asked = samples.get(TRAJECTORIES[density.space])
+        if asked is not None:
+            origin = _with_origin(density, "threshold by", asked)
+            found = replace(with_score_threshold(density, asked), provenance=origin)
+            learned[TRAJECTORY_FILES[density.space]] = found
     if "location" not in samples:
         return learned
     places = samples["location"]
@@ -95,6 +100,17 @@ def learn_gates(
         GaussianModel("right_up_m", (single,), kansas + origin), places
     )
     return learned
+
+
+def trajectory_densities(options: Mapping[str, object]) -> tuple[MixtureModel, ...]:
+    """The density of each form; options: settings by name, as `models.folder`."""
+    found = []
+    for form in TRAJECTORY_FILES:
+        settings, _ = load_settings("report-2d", None, [f"report.trajectory={form}"], options)
+        density = load_models(settings).trajectory_density
+        if density is not None:
+            found.append(density)
+    return tuple(found)
 
 
 def location_components(places: NDArray[np.float64], provenance: str) -> GaussianModel:
@@ -154,16 +170,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     learned: dict[str, GaussianModel | MixtureModel] = {}
     given.out.mkdir(parents=True, exist_ok=True)
-    for preset, more, wanted in CHAINS:
-        folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
-        settings, _ = load_settings(preset, None, list(more), folder)
+    folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
+    densities = trajectory_densities(folder)
+    for preset, wanted in CHAINS.items():
+        settings, _ = load_settings(preset, None, [], folder)
         models = load_models(settings)
+        truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
         drives = [
-            gather_samples(log, read_labels(log.with_suffix(".truth.json")), settings, models)
-            for log in given.logs
+            gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
+            for log, truth in truths
         ]
-        asked = {name: own for name, own in join_drives(drives).items() if name in wanted}
-        learned |= learn_gates(asked, models)
+        learned |= learn_gates(join_drives(drives), models, densities)
     for name, model in learned.items():
         write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0

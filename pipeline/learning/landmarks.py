@@ -59,9 +59,8 @@ FALSE_ALARM, FALSE_ALARM_BACK = 0.01, 0.1
 """Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
-ACCEPT, ACCEPT_BACK = -1.4, 0.0
-"""Log odds below which a landmark is refused; between that and the confidence setting a face is uncertain. A back
-is reported where that is likelier than not."""
+UNCERTAIN_TIMES = 3.0
+"""A face is uncertain, not refused, up to so many times the false-alarm rate of the decision. A back is refused."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
 Values = NDArray[np.float64]
 SignId = int | str
@@ -149,13 +148,14 @@ def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
 def learn_landmark_classifier(
     samples: LandmarkSamples,
     provenance: str,
-    accept: float = ACCEPT,
     false_alarm: float = FALSE_ALARM,
+    uncertain_times: float = UNCERTAIN_TIMES,
 ) -> EvidenceModel:
     """Fit the log-likelihood ratios of all terms together and calibrate their sum on drives held out in turn.
 
     Logistic regression on the bounded features weighs terms that depend on each other (many views of a shop front)
-    by what they say together. Signs and others weigh the same in it.
+    by what they say together. Signs and others weigh the same in it. Accepted, if only as uncertain, is what this
+    many times the false-alarm rate lets through.
 
     Raises
     ------
@@ -178,9 +178,14 @@ def learn_landmark_classifier(
     middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
     held_out = _held_out_sums(bounded - middle, sign, drive, direction)
     slope, shift = _calibration(held_out, sign, false_alarm)
-    rates = {*rates_of(int((~sign).sum())), false_alarm}
+    uncertain = false_alarm * uncertain_times
+    rates = {*rates_of(int((~sign).sum())), false_alarm, uncertain}
     points = score_points(slope * held_out + shift, sign, drive, normal_tail, rates)
-    (decision,) = (one for one in points if one.false_alarm == false_alarm)
+    by_rate = {one.false_alarm: one for one in points}
+    decision, accepted = by_rate[false_alarm], by_rate[uncertain]
+    rule = f"alpha {false_alarm:g}: log odds of 0 {DECISION_RULE}"
+    if uncertain > false_alarm:
+        rule += f"; uncertain down to the log odds of alpha {uncertain:g}"
     weight, constant = _logistic_regression(bounded - middle, sign, direction)
     return EvidenceModel(
         names,
@@ -190,9 +195,9 @@ def learn_landmark_classifier(
         _rounded(middle),
         _rounded(slope * weight),
         shift=round(slope * constant + shift, 5),
-        threshold=accept,
+        threshold=round(accepted.thresholds[0], 4) + 0.0,  # no -0.0
         provenance=provenance,
-        threshold_rule=f"alpha {false_alarm:g}: log odds of 0 {DECISION_RULE}",
+        threshold_rule=rule,
         threshold_interval=decision.intervals[0] if decision.intervals else None,
         curve=points,
     )

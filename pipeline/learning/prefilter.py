@@ -18,6 +18,7 @@ from wayside.pipeline.learning.samples import (
     TrainingDrive,
     face_weights,
 )
+from wayside.pipeline.statistics import resampled_interval
 from wayside.schemas.models import TreeModel
 from wayside.stages.classifiers import log_odds
 from wayside.stages.detection import REGION_FEATURES, prefilter_feature_names
@@ -59,15 +60,25 @@ def learn_prefilter(
     """The pre-filter with the threshold that `PASSED_IN_LEARNING` candidates an image pass, and `PASSED_IN_RUN`."""
     weight = np.concatenate([face_weights(d.candidates) for d in drives])
     prefilter = _fit(drives, prefilter_feature_names(), weight, seed)
-    score = np.sort(
-        np.concatenate([log_odds(prefilter, d.candidates.prefilter_values) for d in drives])
-    )[::-1]
-    frames = sum(d.frames for d in drives)
+    odds = [log_odds(prefilter, d.candidates.prefilter_values) for d in drives]
+    score, drive = np.concatenate(odds), np.repeat(np.arange(len(odds)), [len(o) for o in odds])
+    falling = np.argsort(-score, kind="stable")
+    score, drive = score[falling], drive[falling]
+    frames = np.array([d.frames for d in drives])
 
     def letting_pass(most: float) -> TreeModel:
-        count = min(round(most * frames), len(score))
-        words = f"{provenance}; accept at {most:g} candidates an image"
-        return replace(prefilter, threshold=float(score[count - 1]), provenance=words)
+        def threshold(count: NDArray[np.int64]) -> float:
+            passed = np.cumsum(count[drive])
+            row = int(np.searchsorted(passed, round(most * float(frames @ count))))
+            return float(score[min(row, len(score) - 1)])
+
+        return replace(
+            prefilter,
+            threshold=threshold(np.ones(len(frames), np.int64)),
+            threshold_rule=f"{most:g} candidates an image pass, in the mean over the drives",
+            threshold_interval=resampled_interval(len(frames), threshold),
+            provenance=provenance,
+        )
 
     return letting_pass(PASSED_IN_LEARNING), letting_pass(PASSED_IN_RUN)
 

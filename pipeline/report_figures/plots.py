@@ -12,6 +12,7 @@ from wayside.pipeline.report_figures.page import Picture
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62.0, 14.0, 12.0, 44.0
 _GREY, _TEXT = "#d9dee4", "#606a76"
+_HALO = 'stroke="#ffffff" stroke-width="3" paint-order="stroke"'
 INKS = ("#0b61a4", "#c4500a", "#2a8c4a", "#8b2fa3", "#a08000", "#c8102e", "#5a4632", "#119da4")
 
 
@@ -30,7 +31,9 @@ class Plot:
         self._x, self._y, self._size = _opened(x), _opened(y), size
         if equal:
             self._x, self._y = _same_scale(self._x, self._y, self._area())
+        self._axis: list[str] = []
         self._parts: list[str] = []
+        self._words: list[str] = []
         self._legend: list[tuple[str, str]] = []
         self._axes(labels)
 
@@ -59,7 +62,9 @@ class Plot:
         """Dots at points (n, 2)."""
         values = np.asarray(points, np.float64).reshape(-1, 2)
         for u, v in self._at(values[np.isfinite(values).all(axis=1)]):
-            self._parts.append(f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{radius}" fill="{ink}"/>')
+            self._parts.append(
+                f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{radius}" fill="{ink}" stroke="{_TEXT}" stroke-width="0.4"/>'
+            )
         self._name(name, ink)
 
     def bars(self, edges: ArrayLike, heights: ArrayLike, ink: str, name: str = "") -> None:
@@ -76,21 +81,25 @@ class Plot:
     def word(self, at: tuple[float, float], words: str, ink: str = _TEXT) -> None:
         """Words beside a point."""
         ((u, v),) = self._at(np.array([at], np.float64))
-        self._parts.append(
-            f'<text x="{u + 5:.1f}" y="{v - 4:.1f}" font-size="11" fill="{ink}">{escape(words)}</text>'
+        self._words.append(
+            f'<text x="{u + 5:.1f}" y="{v - 4:.1f}" font-size="11" fill="{ink}" {_HALO}>{escape(words)}</text>'
         )
 
     def picture(self, words: str = "") -> Picture:
         """The plot as it stands."""
-        width, height = self._size
+        (width, height), (wide, tall) = self._size, self._area()
         legend = [
-            f'<text x="{_LEFT + 10}" y="{_TOP + 16 + 15 * i}" font-size="12" fill="{ink}">{escape(name)}</text>'
+            f'<text x="{_LEFT + 10}" y="{_TOP + 16 + 15 * i}" font-size="12" fill="{ink}" {_HALO}>'
+            f"{escape(name)}</text>"
             for i, (name, ink) in enumerate(self._legend)
         ]
         return Picture(
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
             f'viewBox="0 0 {width} {height}" font-family="system-ui, sans-serif">'
-            f"{''.join(self._parts)}{''.join(legend)}</svg>",
+            f"{''.join(self._axis)}"
+            # what lies outside of the axes is cut off there
+            f'<svg x="{_LEFT}" y="{_TOP}" width="{wide}" height="{tall}" viewBox="{_LEFT} {_TOP} {wide} {tall}">'
+            f"{''.join(self._parts)}</svg>{''.join(self._words)}{''.join(legend)}</svg>",
             words,
         )
 
@@ -113,19 +122,19 @@ class Plot:
         wide, tall = self._area()
         for value in round_steps(*self._x):
             ((u, _),) = self._at(np.array([[value, self._y[0]]]))
-            self._parts.append(
+            self._axis.append(
                 f'<line x1="{u:.1f}" y1="{_TOP}" x2="{u:.1f}" y2="{_TOP + tall}" stroke="{_GREY}"/>'
                 f'<text x="{u:.1f}" y="{_TOP + tall + 15}" font-size="11" text-anchor="middle" fill="{_TEXT}">'
                 f"{value:g}</text>"
             )
         for value in round_steps(*self._y):
             ((_, v),) = self._at(np.array([[self._x[0], value]]))
-            self._parts.append(
+            self._axis.append(
                 f'<line x1="{_LEFT}" y1="{v:.1f}" x2="{_LEFT + wide}" y2="{v:.1f}" stroke="{_GREY}"/>'
                 f'<text x="{_LEFT - 6}" y="{v + 4:.1f}" font-size="11" text-anchor="end" fill="{_TEXT}">'
                 f"{value:g}</text>"
             )
-        self._parts.append(
+        self._axis.append(
             f'<text x="{_LEFT + wide / 2}" y="{_TOP + tall + 35}" font-size="12" text-anchor="middle" '
             f'fill="{_TEXT}">{escape(labels[0])}</text>'
             f'<text transform="translate(14 {_TOP + tall / 2}) rotate(-90)" font-size="12" text-anchor="middle" '
@@ -141,7 +150,10 @@ def round_steps(low: float, high: float, most: int = 7) -> Sequence[float]:
             step *= factor
             break
     first = np.ceil(low / step - 1e-9)
-    return [float(round(k * step, 10)) for k in np.arange(first, np.floor(high / step + 1e-9) + 1)]
+    # a sum with 0 is never -0
+    return [
+        float(round(k * step, 10)) + 0.0 for k in np.arange(first, np.floor(high / step + 1e-9) + 1)
+    ]
 
 
 def _opened(ends: tuple[float, float]) -> tuple[float, float]:

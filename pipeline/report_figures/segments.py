@@ -188,7 +188,7 @@ def _size_gate(drive: Drive, scenes: dict[int, Scene], row: int | None) -> Figur
         "3.1",
         title,
         report,
-        f"{total} segments: {100 * small / total:.1f} % below {low} px, {large} above {high} px; of {on_total} on "
+        f"{total:,} segments: {100 * small / total:.1f} % below {low} px, {large} above {high} px; of {on_total} on "
         f"labelled signs the report's gate drops {lost}, "
         f"the gate here ({gate.smallest_px} to {gate.largest_px} px) {own}",
         tuple(pictures),

@@ -191,6 +191,11 @@ def _track(drive: Drive, sign: Landmark, title: str, report: str) -> Figure:
     )
 
 
+def _named(sign: Landmark) -> str:
+    words = " ".join(word for word in (sign.color, sign.shape) if word)
+    return words.replace("_", " ") or "sign"
+
+
 def _turn_deg(rotation: NDArray[np.float64]) -> float:
     return float(np.degrees(np.arctan2(rotation[0, 2], rotation[2, 2])))
 
@@ -222,7 +227,8 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
     for one, place in zip(signs, places, strict=True):
         ink = "#{:02x}{:02x}{:02x}".format(*COLOR_RGB.get(one.color or "", (150, 150, 150)))
         above.points([(place[2], -place[0])], ink, radius=5)
-        above.word((place[2], -place[0]), f"{one.color or '?'}")
+        if drive.judge(one) == ON:
+            above.word((place[2], -place[0]), _named(one))
         across.points([(one.right_m, one.above_m)], ink, radius=5)
     mean = np.array([3.121, 0.603])
     across.points([mean], "#161b22", "report's mean sign", radius=4)
@@ -234,13 +240,14 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
         f"{len(signs)} signs, {sum(r < 0 for r in right)} left and {sum(r >= 0 for r in right)} right of the path, at "
         f"{np.median(np.abs(right)):.1f} m from it (median); "
         "the report's mean sign is 3.1 m right, 0.6 m above the camera",
-        (above.picture("from above"), across.picture("across the road")),
+        (above.picture("from above; named: on labelled signs"), across.picture("across the road")),
     )
 
 
 def _size(drive: Drive, signs: list[Landmark]) -> Figure:
-    right = [sign for sign in signs if drive.judge(sign) == ON]
-    one = max(right or signs, key=lambda sign: sign.width_m * sign.height_m)
+    listed = [sign for sign in signs if drive.judge(sign) == ON] or signs
+    # that of the report is one whose size the adjustment gave well
+    one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
     wide, tall = one.width_m / FEET, one.height_m / FEET
     plot = Plot((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
     corners = np.array([(0, 0), (wide, 0), (wide, tall), (0, tall), (0, 0)])
@@ -255,24 +262,24 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
         ("sign", "on a labelled sign", "width ft", "height ft", "width m", "height m"),
         *(
             (
-                f"{s.color or '?'} {s.shape or '?'}, frame {s.best_frame}",
+                f"{_named(s)}, frame {s.best_frame}",
                 _JUDGED[drive.judge(s)],
                 f"{s.width_m / FEET:.1f} ± {s.sigma_width_m / FEET:.1f}",
                 f"{s.height_m / FEET:.1f} ± {s.sigma_height_m / FEET:.1f}",
                 f"{s.width_m:.2f}",
                 f"{s.height_m:.2f}",
             )
-            for s in signs
+            for s in listed
         ),
     ]
+    others = len(signs) - len(listed)
     return Figure(
         "8.6",
         "size of a sign on a grid of feet",
         f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment",
-        "the largest labelled sign, "
-        f"{one.color or '?'} {one.shape or '?'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft "
-        f"wide, "
-        f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
+        f"the sign of the surest width, {_named(one)}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
+        f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images; "
+        f"{others} rows that are on no labelled sign are not listed",
         (plot.picture(),),
         table=tuple(sizes),
     )

@@ -7,7 +7,7 @@ landmarks for the location, and in preset `default` the boxes and landmarks that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.labels import labels_by_frame
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.model_files import Models
+from wayside.pipeline.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.pipeline.workers import Item, StageClock
@@ -26,6 +26,7 @@ from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation,
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import Labels
 from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import GateSettings, Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.mapping import VERDICT_OF_TERM
@@ -33,6 +34,7 @@ from wayside.stages.report import mean_log_density, region_descriptors
 from wayside.stages.segmentation import regions_before_gate
 
 _LABELS = 3
+TRAJECTORIES = {form: file.removesuffix(".json") for form, file in TRAJECTORY_FILES.items()}
 NO_CLASS = ""
 """Class of what is no sign, and of what a classifier refuses."""
 
@@ -84,7 +86,13 @@ class ClassifierSamples:
 
 
 def gather_samples(
-    log: Path, labels: Labels, settings: Settings, models: Models, also: Observer | None = None
+    log: Path,
+    labels: Labels,
+    settings: Settings,
+    models: Models,
+    also: Observer | None = None,
+    undecided: Sequence[MixtureModel] = (),
+    only: Collection[str] | None = None,
 ) -> dict[str, ClassifierSamples]:
     """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
 
@@ -98,6 +106,11 @@ def gather_samples(
         What the run works with.
     also
         Sees every item of the run, too.
+    undecided
+        Densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
+        samples bear the names of their files.
+    only
+        Classifiers that are asked; None: all. The size gate takes half of the time.
 
     Raises
     ------
@@ -113,7 +126,9 @@ def gather_samples(
         raise InputError(
             f"{log}: wanted labels of its images, found none ({reasons}); see docs/labels.md for how an image is named"
         )
-    collector = _Collector(labelled_faces(found), models, settings.gate, log.stem, also)
+    only = CLASSIFIERS if only is None else only
+    faces = labelled_faces(found)
+    collector = _Collector(faces, models, settings.gate, log.stem, also, undecided, only)
     flow = Flow(settings, models, StageClock(), collector)
     for _ in flow.track(read_frames(log, settings.read, ReadReport())):
         pass
@@ -157,18 +172,23 @@ class _Collector:
         models: Models,
         gate: GateSettings,
         drive: str,
-        also: Observer | None = None,
+        also: Observer | None,
+        undecided: Sequence[MixtureModel],
+        only: Collection[str],
     ) -> None:
         self._faces, self._models, self._gate, self._drive = faces, models, gate, drive
         self._also = also
+        self._densities = {TRAJECTORIES[density.space]: density for density in undecided}
+        if models.trajectory_density is not None:
+            self._densities["trajectory"] = models.trajectory_density
         self._asked: list[tuple[str, _Asked]] = []
+        self._only = only
         self._by_stage: dict[str, Callable[[Any], Iterable[tuple[str, _Asked]]]] = {
-            "segment": self._size,
+            **({"segment": self._size} if "size" in only else {}),
             "color": self._color,
             "shape": self._shape,
             "detect": self._boxes,
             "track": self._tracked,
-            "trajectory": self._moved,
             "location": self._located,
         }
 
@@ -191,7 +211,8 @@ class _Collector:
         return {
             name: self._together(name, own)
             for name in CLASSIFIERS
-            if (own := [asked for other, asked in self._asked if other == name])
+            if name in self._only
+            and (own := [asked for other, asked in self._asked if other == name])
         }
 
     def _together(self, name: str, asked: list[_Asked]) -> ClassifierSamples:
@@ -299,25 +320,28 @@ class _Collector:
         return _Asked(space, np.full(len(box), frame), values, label, kind, accepted, named, box)
 
     def _tracked(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
-        """Landmarks of faces that the landmark classifier scores: the sum of its evidence, and each term."""
+        """Landmarks before the gates of landmarks: of faces what the landmark classifier scores, and trajectories."""
+        if self._models.color_classes is not None:
+            return self._moved(frame)
         asked = [
             one
             for one in frame.landmarks
             if not one.back and one.features and one.verdict in ("sign", *VERDICT_OF_TERM.values())
         ]
-        if asked and self._models.color_classes is None:
-            accepted = [one.verdict == "sign" for one in asked]
-            values = [(one.score, *(ratio for _, ratio in one.evidence)) for one in asked]
-            yield "landmark", self._landmarks(asked, "log_odds", values, accepted)
+        if not asked:
+            return ()
+        accepted = [one.verdict == "sign" for one in asked]
+        # the sum of the evidence, and each term
+        values = [(one.score, *(ratio for _, ratio in one.evidence)) for one in asked]
+        return (("landmark", self._landmarks(asked, "log_odds", values, accepted)),)
 
-    def _moved(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
-        """Landmarks that were signs but for their trajectory."""
-        density = self._models.trajectory_density
-        asked = [one for one in frame.landmarks if one.verdict in ("sign", "trajectory")]
-        if asked and density is not None:
+    def _moved(self, frame: TrackedFrame) -> Iterator[tuple[str, _Asked]]:
+        """Landmarks that no stage before the trajectory gate refused, whether a run has that gate or not."""
+        asked = [one for one in frame.landmarks if one.verdict == "sign"]
+        for name, density in self._densities.items() if asked else ():
             values = [(mean_log_density(one.trajectory, density),) for one in asked]
-            accepted = [one.verdict == "sign" for one in asked]
-            yield "trajectory", self._landmarks(asked, "log_density", values, accepted)
+            accepted = [value >= density.threshold for (value,) in values]
+            yield name, self._landmarks(asked, "log_density", values, accepted)
 
     def _located(self, frame: TrackedFrame) -> Iterable[tuple[str, _Asked]]:
         """Landmarks that were signs but for their location; in preset `default` that is a term of the evidence."""
@@ -355,7 +379,7 @@ CLASSIFIERS = (
     "size",
     "color",
     "shape",
-    "trajectory",
+    *TRAJECTORIES.values(),
     "detector",
     "landmark",
     "location",
@@ -369,6 +393,7 @@ __all__ = [
     "NO_CLASS",
     "OFF",
     "ON",
+    "TRAJECTORIES",
     "ClassifierSamples",
     "gather_samples",
     "join_drives",

@@ -132,8 +132,10 @@ def test_as_many_others_as_stated_are_reported_as_signs():
 
 def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_log_odds_alone():
     learned, _ = examples(4000)
-    model = model_from_json(model_to_json(learn_landmark_classifier(learned, "test", -1.4)))
+    model = model_from_json(model_to_json(learn_landmark_classifier(learned, "test")))
     assert model.at_alpha(module.FALSE_ALARM).decision == pytest.approx(0, abs=1e-3)
+    uncertain = module.UNCERTAIN_TIMES * module.FALSE_ALARM
+    assert model.at_alpha(uncertain).decision == pytest.approx(model.threshold, abs=1e-3)
     low, high = model.threshold_interval
     assert low < 0 < high
     assert model.threshold_rule.startswith(f"alpha {module.FALSE_ALARM:g}: ")
@@ -143,7 +145,7 @@ def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_lo
     for alpha in (0.01, 0.1, 0.3):
         traded = model.at_alpha(alpha)
         assert (others >= traded.decision).mean() == pytest.approx(alpha, abs=0.03)
-        assert traded.threshold == pytest.approx(traded.decision - 1.4)
+        assert traded.threshold == pytest.approx(traded.decision + model.threshold)
         assert (traded.shift, *traded.weight) == (model.shift, *model.weight)
         power.append((sums(traded, fresh.values)[fresh.label == SIGN] >= traded.decision).mean())
         stated = max(p.power for p in model.curve if p.false_alarm <= alpha)

@@ -38,6 +38,17 @@ def test_a_line_is_broken_where_a_value_is_unknown_and_names_are_escaped():
     assert "nan" not in html
 
 
+def test_no_tick_reads_minus_zero_and_what_is_outside_of_the_axes_is_cut_off():
+    assert next(f"{step:g}" for step in round_steps(-0.3, 5)) == "0"
+    plot = Plot((0, 1), (0, 1), ("x", "y"), (540, 340))
+    plot.line([(-5, 0.5), (9, 0.5)], "#123456")
+    html = plot.picture().html
+    inner = html[html.index("<svg", 1) : html.index("</svg>")]
+    assert 'x="62.0" y="12.0" width="464.0" height="284.0"' in inner
+    assert "#123456" in inner
+    assert html.count("#123456") == 1
+
+
 def test_axes_of_the_same_scale_keep_a_square_square():
     plot = Plot((0, 10), (0, 1), ("x", "y"), equal=True)
     plot.points([(0, 0), (1, 0), (0, 1)], "#000000")
