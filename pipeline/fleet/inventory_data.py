@@ -11,14 +11,11 @@ import mercantile
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.result import read_table
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.inventory_tables import PANELS
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
 from wayside.schemas.tables import FRAMES, SIGNS
@@ -31,9 +28,8 @@ _SIGNS = (
     "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
     "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
     "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "right_m", "down_m",
-    "ahead_m", "first_frame",
+    "ahead_m", "first_frame", "route", "measure", "mutcd", "vienna",
 )  # fmt: skip
-_OLDER_LACK = ("route", "measure", "mutcd", "vienna")
 _FRAMES = ("frame", "log_time_ns", "header_time_ns", "station_m", "qx", "qy", "qz", "qw",
            "lon_deg", "lat_deg", "alt_m", "heading_deg")  # fmt: skip
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
@@ -63,8 +59,7 @@ class DriveSigns:
     """The signs of a drive with a place on WGS 84.
 
     name: folder of the result; table: rows of `signs.parquet` in order of station, with those that older results lack;
-    geodetic (n, 3); sightings: with positions still zero, `drive` 0; cell (n, 2): x, y of the tile; left_out: rows
-    without a place on WGS 84.
+    geodetic (n, 3); sightings: with positions still zero, `drive` 0; cell (n, 2): x, y of the tile.
     """
 
     name: str
@@ -72,7 +67,6 @@ class DriveSigns:
     geodetic: Floats
     sightings: Sightings
     cell: Ints
-    left_out: int
 
 
 def read_frames(folder: Path) -> DriveFrames:
@@ -106,8 +100,22 @@ def read_frames(folder: Path) -> DriveFrames:
     )
 
 
+def read_tiles(folder: Path, settings: MergeSettings) -> tuple[Ints, int]:
+    """Tiles x, y (n, 2) of a drive's signs that have a place on WGS 84, and the number of those without.
+
+    Raises
+    ------
+    InputError
+        The folder is no result folder, or damaged.
+    """
+    table = read_table(folder, SIGNS, ("lon_deg", "lat_deg", "sigma_east_m"))
+    placed = table.filter(_is_placed(table))
+    geodetic = np.column_stack([_numbers(placed, n) for n in ("lon_deg", "lat_deg")])
+    return cells(geodetic, settings.cell_zoom), len(table) - len(placed)
+
+
 def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> DriveSigns:
-    """The signs of a drive; those without a place on WGS 84 are counted only.
+    """The signs of a drive that have a place on WGS 84.
 
     Raises
     ------
@@ -115,11 +123,8 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         The folder is no result folder, or damaged.
     """
     table = read_table(folder, SIGNS, _SIGNS)
-    for name in _OLDER_LACK:
-        table = table.append_column(name, _optional(folder, name, len(table)))
-    everything = len(table)
-    table = table.append_column("row", pa.array(np.arange(everything)))
-    table = table.filter(pc.and_(pc.is_valid(table["lon_deg"]), pc.is_valid(table["sigma_east_m"])))
+    table = table.append_column("row", pa.array(np.arange(len(table))))
+    table = table.filter(_is_placed(table))
     table = table.sort_by([("station_m", "ascending"), ("row", "ascending")]).combine_chunks()
     geodetic = np.column_stack([_numbers(table, n) for n in ("lon_deg", "lat_deg", "alt_m")])
     back = np.asarray(table["status"].cast(pa.string()), object) == "back"
@@ -163,7 +168,6 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         geodetic,
         sightings,
         cells(geodetic, settings.cell_zoom),
-        everything - len(table),
     )
 
 
@@ -238,10 +242,6 @@ def _codes(table: pa.Table, name: str) -> Ints:
     return np.asarray(np.unique(texts, return_inverse=True)[1], np.int64).ravel()
 
 
-def _optional(folder: Path, name: str, rows: int) -> pa.Array[Any]:
-    """A column of `signs.parquet` that not every version writes."""
-    held: list[Any] = [None] * rows
-    if name in pq.read_schema(folder / SIGNS.file).names:
-        held = read_parquet(folder / SIGNS.file, [name])[name].to_pylist()
-    column: pa.Array[Any] = pa.array(held, PANELS.schema.field(name).type)
-    return column
+def _is_placed(table: pa.Table) -> pa.ChunkedArray[Any]:
+    """Which signs have a place on WGS 84."""
+    return pc.and_(pc.is_valid(table["lon_deg"]), pc.is_valid(table["sigma_east_m"]))

@@ -24,6 +24,7 @@ from wayside.pipeline.fleet.inventory_data import (
     cell_origin,
     read_frames,
     read_signs,
+    read_tiles,
     within,
 )
 from wayside.pipeline.fleet.merging_rows import Block, write_cell
@@ -125,12 +126,12 @@ class _Merging:
         self._by_cell: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
         self._taken: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
         self._squares = np.zeros((len(folders), 2))
-        for number in range(len(folders)):
-            drive = self._read(number)
-            self.report.left_out += drive.left_out
-            if drive.left_out and not len(drive.table):
-                self.report.local_drives.append(drive.name)
-            for x, y in np.unique(drive.cell, axis=0).tolist():
+        for number, folder in enumerate(folders):
+            tiles, left_out = read_tiles(folder, settings)
+            self.report.left_out += left_out
+            if left_out and not len(tiles):
+                self.report.local_drives.append(folder.name)
+            for x, y in np.unique(tiles, axis=0).tolist():
                 self._by_cell[x, y].append(number)
 
     def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:

@@ -20,8 +20,8 @@ class MergeSettings:
         origin="longer than supports and gates; offsets beyond tell little about those inside",
     )  # fmt: skip
     drives_in_memory: int = setting(
-        64, "drives", "tables of so many drives are held at a time", low=1,
-        origin="drives that cross neighbouring cells",
+        256, "drives", "tables of so many drives are held at a time", low=1,
+        origin="drives that cross neighbouring cells; 256 of 300 signs each take 70 MB",
     )  # fmt: skip
     common_floor_m: float = setting(
         0.02, "m", "smallest standard deviation of the error common to neighbouring panels of a drive", low=1e-4,

@@ -196,8 +196,9 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
     """
     order = np.lexsort((sightings.drive, sightings.time_ns, place))
     run = np.zeros(len(place), np.int64)
+    differ = _differ(sightings, place, settings)
     for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
-        if len(rows) > 1 and _differ(sightings, rows, settings):
+        if differ[place[rows[0]]]:
             run[rows] = _viterbi(sightings, rows, settings)
     new = np.ones(len(place), bool)
     new[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
@@ -206,14 +207,19 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
     return panel
 
 
-def _differ(sightings: Sightings, rows: Ints, settings: MergeSettings) -> bool:
-    """Whether colours, shapes or sizes of some rows are not all alike."""
-    for code in (sightings.color[rows], sightings.shape[rows]):
-        known = code[code >= 0]
-        if len(known) and (known != known[0]).any():
-            return True
-    first = np.full(len(rows), rows[0])
-    return bool((size_log_ratio(sightings, rows, first, settings) < -1).any())
+def _differ(sightings: Sightings, place: Ints, settings: MergeSettings) -> NDArray[np.bool_]:
+    """Whether colours, shapes or sizes at each place are not all alike; places are numbered without gaps."""
+    count = int(place.max()) + 1
+    differ = np.zeros(count, bool)
+    for code in (sightings.color, sightings.shape):
+        known = np.flatnonzero(code >= 0)
+        any_code = np.zeros(count, np.int64)
+        any_code[place[known]] = code[known]
+        differ[place[known[code[known] != any_code[place[known]]]]] = True
+    first = np.unique(place, return_index=True)[1]
+    ratio = size_log_ratio(sightings, np.arange(len(place)), first[place], settings)
+    differ[place[ratio < -1]] = True
+    return differ
 
 
 def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:

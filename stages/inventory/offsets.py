@@ -10,6 +10,7 @@ without a like beside them decide first, and the prior decides between arrangeme
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,10 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
     own = sightings.covariance[i] + sightings.covariance[j]
     common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
     kept = np.zeros(len(pairs), bool)
+    processes = [
+        _process(sightings, sightings.common_sigma_m[:, column], settings.correlation_s)
+        for column, _ in _AXES
+    ]
     for width in _KERNEL:
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
         apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
@@ -70,7 +75,7 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
         if not kept.any():
             return DriveOffsets(np.zeros_like(offset), pairs[kept])
         weight = right[kept] / np.square(1 + distance2[kept] / gate)
-        offset = _adjust(sightings, pairs[kept], spread[kept], weight, settings.correlation_s)
+        offset = _adjust(sightings, pairs[kept], spread[kept], weight, processes)
     kept &= right > 0.5
     return DriveOffsets(offset, pairs[kept])
 
@@ -124,9 +129,16 @@ def relative_variance(
 
 
 def _adjust(
-    sightings: Sightings, pairs: Ints, spread: Floats, weight: Floats, correlation_s: float
+    sightings: Sightings,
+    pairs: Ints,
+    spread: Floats,
+    weight: Floats,
+    processes: Sequence[csc_array],
 ) -> Floats:
-    """One solution of the least squares: offsets (n, 3), east and north with the same weights."""
+    """One solution of the least squares: offsets (n, 3), east and north with the same weights.
+
+    `processes` are the precisions (n, n) of the prior, for each of `_AXES`.
+    """
     i, j = pairs.T
     count = len(sightings)
     partners = 1.0 + np.bincount(pairs.ravel(), np.repeat(weight, 2), minlength=count)
@@ -135,11 +147,9 @@ def _adjust(
     )  # k rows of one panel are k - 1 measurements, not k (k - 1) / 2
     apart = sightings.position[i] - sightings.position[j]
     offset = np.zeros((count, 3))
-    for column, axes in _AXES:
+    for process, (_, axes) in zip(processes, _AXES, strict=True):
         precision = weight * shared / spread[:, axes, axes].mean(axis=1)
-        matrix = _process(
-            sightings, sightings.common_sigma_m[:, column], correlation_s
-        ) + _laplacian(pairs, precision, count)
+        matrix = process + _laplacian(pairs, precision, count)
         right = np.zeros((count, len(axes)))
         np.add.at(right, i, precision[:, None] * apart[:, axes])
         np.subtract.at(right, j, precision[:, None] * apart[:, axes])
