@@ -15,6 +15,8 @@ import pytest
 from wayside.pipeline.cli import app
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
+HALF_PX = 0.5
+"""The truth has pixel centres at integers, boxes have their edges there."""
 
 
 @dataclass(frozen=True)
@@ -95,3 +97,16 @@ def report_2d_demo(run_demo: RunDemo) -> Result:
 def truth() -> dict[str, Any]:
     """What was rendered into the demo log."""
     return dict(json.loads((RECORDINGS / "demo.truth.json").read_text()))
+
+
+@pytest.fixture(scope="session")
+def true_boxes(truth: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rows of a file of boxes: the faces that are half visible at least."""
+    rows = []
+    for sign in truth["signs"]:
+        for view in sign["frames"]:
+            if view["side"] == "front" and view["visible_fraction"] >= 0.5:
+                x_min, y_min, x_max, y_max = (side + HALF_PX for side in view["box"])
+                corners = {"x_min": x_min, "y_min": y_min, "x_max": x_max, "y_max": y_max}
+                rows.append({"frame": view["frame"], **corners, "class": sign["kind"]})
+    return rows

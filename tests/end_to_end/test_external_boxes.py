@@ -19,34 +19,15 @@ from wayside.schemas.errors import UsageError
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 DETECTORS = Path(__file__).parents[1] / "stages" / "detection" / "detectors"
 SCORE = 0.8
-HALF_PX = 0.5
-"""The truth has pixel centres at integers, boxes have their edges there."""
-
-
-def true_boxes(truth):
-    """Rows of a file of boxes: the faces that are half visible at least."""
-    rows = []
-    for sign in truth["signs"]:
-        for view in sign["frames"]:
-            if view["side"] == "front" and view["visible_fraction"] >= 0.5:
-                x_min, y_min, x_max, y_max = (side + HALF_PX for side in view["box"])
-                corners = {"x_min": x_min, "y_min": y_min, "x_max": x_max, "y_max": y_max}
-                rows.append({"frame": view["frame"], **corners, "class": sign["kind"]})
-    return rows
 
 
 @pytest.fixture(scope="module")
-def rows(truth):
-    return true_boxes(truth)
-
-
-@pytest.fixture(scope="module")
-def parquet(rows, tmp_path_factory):
+def parquet(true_boxes, tmp_path_factory):
     path = tmp_path_factory.mktemp("boxes") / "boxes.parquet"
     lost = {"frame": 9000, "x_min": 1, "y_min": 1, "x_max": 9, "y_max": 9, "class": "stop"}
     inverted = {**lost, "frame": 3, "x_max": 0}
     outside = {**lost, "frame": 4, "x_min": 1700, "x_max": 1720}
-    every = [{**row, "score": SCORE} for row in (*rows, lost, inverted, outside)]
+    every = [{**row, "score": SCORE} for row in (*true_boxes, lost, inverted, outside)]
     pq.write_table(pa.Table.from_pylist(every), path)
     return path
 
@@ -77,23 +58,23 @@ def test_the_confidence_is_the_score_of_the_boxes(inventory):
     )
 
 
-def test_every_box_is_a_candidate_or_counted(inventory, rows, parquet):
+def test_every_box_is_a_candidate_or_counted(inventory, true_boxes, parquet):
     about = inventory.about
     counts = about["accounting"]["boxes"]
-    assert counts["given"] == len(rows) + 3
+    assert counts["given"] == len(true_boxes) + 3
     assert counts["left_out"] == {"no_area": 1, "outside_image": 1, "not_in_log": 1}
-    assert counts["candidates"] == len(rows) == inventory.observations.num_rows
+    assert counts["candidates"] == len(true_boxes) == inventory.observations.num_rows
     verdicts = Counter(inventory.observations["verdict"].to_pylist())
-    assert counts["of_signs"] == verdicts["sign"] > 0.9 * len(rows)
+    assert counts["of_signs"] == verdicts["sign"] > 0.9 * len(true_boxes)
     assert set(inventory.observations["source"].to_pylist()) == {"external"}
     assert about["detector"]["file"] == parquet.name
     assert about["detector"]["sha256"] == about["models"]["detections"]
     notes = " ".join(about["notes"])
-    assert f"1 of {len(rows) + 3} boxes are of images that the log does not hold" in notes
+    assert f"1 of {len(true_boxes) + 3} boxes are of images that the log does not hold" in notes
     assert "no class map" in notes
 
 
-def test_coco_with_the_same_boxes_is_the_same(rows, parquet, inventory, tmp_path):
+def test_coco_with_the_same_boxes_is_the_same(true_boxes, parquet, inventory, tmp_path):
     frames = inventory.frames.num_rows
     content = {
         "images": [{"id": 100 + k, "file_name": f"drive_{k}.jpg"} for k in range(frames)],
@@ -109,7 +90,7 @@ def test_coco_with_the_same_boxes_is_the_same(rows, parquet, inventory, tmp_path
                 ],
                 "score": SCORE,
             }
-            for row in rows
+            for row in true_boxes
         ],
         "categories": [{"id": 1, "name": "sign"}],
     }

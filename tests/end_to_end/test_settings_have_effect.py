@@ -1,23 +1,37 @@
-"""Settings of numerics that lie several calls below the flow."""
+"""Settings of numerics that lie several calls below the flow: they change the stated errors of boxes that are given."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import wayside
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
-
-
-def sigmas(settings: dict[str, object]) -> list[float]:
-    """The stated error along the road of every sign at the start of the demo drive."""
-    found = wayside.run(DEMO, settings={"read.until_s": 0.7, "models.network": "", **settings})
-    return [round(value, 9) for value in found.signs["sigma_along_m"].to_pylist()]
+Sigmas = Callable[[dict[str, object]], list[float]]
 
 
 @pytest.fixture(scope="module")
-def unchanged() -> list[float]:
-    return sigmas({})
+def sigmas(true_boxes: list[dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Sigmas:
+    """The stated error along the road of every sign at the start of the demo drive."""
+    boxes = tmp_path_factory.mktemp("boxes") / "boxes.parquet"
+    pq.write_table(pa.Table.from_pylist(true_boxes), boxes)
+
+    def run(settings: dict[str, object]) -> list[float]:
+        found = wayside.run(DEMO, detections=boxes, settings={"read.until_s": 0.7, **settings})
+        return [round(value, 9) for value in found.signs["sigma_along_m"].to_pylist()]
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def unchanged(sigmas: Sigmas) -> list[float]:
+    found = sigmas({})
+    assert found
+    return found
 
 
 @pytest.mark.parametrize(
@@ -32,6 +46,6 @@ def unchanged() -> list[float]:
     ],
 )
 def test_a_setting_far_below_the_flow_changes_the_errors(
-    setting: str, value: float, unchanged: list[float]
+    setting: str, value: float, sigmas: Sigmas, unchanged: list[float]
 ) -> None:
     assert sigmas({setting: value}) != unchanged

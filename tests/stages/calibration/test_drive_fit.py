@@ -27,7 +27,7 @@ ERRORS = SETTINGS.ties, SETTINGS.local_adjustment
 
 def drive(images=17, **survey):
     """Images of a simulated drive with their motion, and the true camera."""
-    simulated = SimulatedDrive(Survey(ties=120, signs=1, **survey))
+    simulated = SimulatedDrive(Survey(ties=80, signs=1, **survey))
     posed = simulated.posed(SETTINGS.motion, SETTINGS.ties, SETTINGS.adjustment)
     return [item for item, _ in zip(posed, range(images), strict=False)], simulated.camera
 

@@ -299,7 +299,7 @@ def test_a_drive_of_many_frames_needs_no_dense_matrix():
 
 @pytest.mark.parametrize("free", [False, True])
 def test_a_dense_solver_finds_the_same(free):
-    drive = drive_of(12, 8, free=free, radius_m=60.0)
+    drive = drive_of(12, 6, free=free, radius_m=60.0)
     found = drive.smooth()
     dense = by_dense_least_squares(drive)
     # a hundredth of what either is sure of
