@@ -42,14 +42,14 @@ class StepTies(NamedTuple):
         columns = zip(_NO_TIES, *parts, strict=True)
         return StepTies._make(np.concatenate(column) for column in columns)
 
-    def select(self, rows: Numbers | NDArray[np.bool_]) -> StepTies:
+    def select(self, rows: Numbers) -> StepTies:
         """Those rows."""
         return StepTies._make(np.ascontiguousarray(column[rows]) for column in self)
 
 
 _NO_TIES = StepTies(
-    np.zeros(0, np.int64), np.zeros((0, 2), np.int64), *(np.zeros((0, k)) for k in (2, 2, 3, 3, 2)),
-    np.zeros(0), np.zeros(0),
+    np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 2)),
+    np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0),
 )  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def make_segment(
         ties_of_step(k, motion, camera, camera, settings.sliding_px, inliers=False)
         for k, motion in enumerate(motions[1:])
     )
-    all_ties = all_ties.select((all_ties.corners >= 0).all(axis=1))
+    all_ties = all_ties.select(np.flatnonzero((all_ties.corners >= 0).all(axis=1)))
     linked = link_tracks(all_ties.step, all_ties.corners)
     long = np.bincount(linked, minlength=1)[linked] >= 2
     if not long.any():

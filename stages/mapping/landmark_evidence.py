@@ -6,13 +6,14 @@ all views of a landmark together. A term that has never seen such a road can the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import EvidenceModel, GaussianModel
 from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.geometry import FrenetOffset
@@ -149,3 +150,15 @@ def registration_agreement(registered: int, panel: Panel | None) -> float:
         return 0.0
     spare = 2 * registered - 3
     return spare * float(np.log(FREE_PX / np.clip(panel.residual_px, EXACT_PX, FREE_PX)))
+
+
+def score_by_views(frames: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
+    """Give each landmark the mean log odds of its three best views, where no landmark classifier knows the detector.
+
+    How many views agree is no part of it: views of one object are alike, and a detector that takes a board for a sign
+    does so in all of them.
+    """
+    best = FEATURES.index("score_best")
+    for frame in frames:
+        scored = tuple(replace(one, score=one.features[best]) for one in frame.landmarks)
+        yield replace(frame, landmarks=scored)
