@@ -252,7 +252,8 @@ def detection_rates(
 
     accepted: the rate that sets the threshold; max_iou: overlap above which the lower of two boxes is suppressed.
     """
-    drives, decided = [], []
+    drives: list[int] = []
+    decided: list[tuple[float, bool]] = []
     for k, (one, score) in enumerate(zip(passed, scores, strict=True)):
         for frame in np.unique(one.candidates.frame):
             own = _decisions(one, score, np.flatnonzero(one.candidates.frame == frame), max_iou)

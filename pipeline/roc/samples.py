@@ -184,7 +184,7 @@ class _Collector:
         self._asked: list[tuple[str, _Asked]] = []
         self._only = only
         self._by_stage: dict[str, Callable[[Any], Iterable[tuple[str, _Asked]]]] = {
-            **({"segment": self._size} if "size" in only else {}),
+            "segment": self._size,
             "color": self._color,
             "shape": self._shape,
             "detect": self._boxes,
@@ -196,7 +196,7 @@ class _Collector:
         """Keep what the classifier of this stage was asked; other stages have none."""
         if self._also is not None:
             self._also.see(stage, item)
-        if stage in self._by_stage:
+        if stage in self._by_stage and (stage != "segment" or "size" in self._only):
             self._asked.extend(self._by_stage[stage](item))
 
     def see_sign(self, sign: Sign) -> None:
