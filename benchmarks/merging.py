@@ -1,9 +1,10 @@
 """Measures the merging of drives on simulated roads: duplicates, position error, changes found, time and memory.
 
-    python benchmarks/merging.py passes changes
+    python benchmarks/merging.py passes changes --seeds 27 28 29
     python benchmarks/merging.py scale --panels 20000
 
-Prints the tables of merging.md. `scale` merges in a process of its own, whose peak memory is taken.
+Prints the tables of merging.md: sums over the seeds with 95 % intervals, means with the lowest and the highest.
+`scale` merges in a process of its own, whose peak memory is taken.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ from merging_simulation import (
 from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.pipeline.fleet.surveys import parse_survey
+from wayside.pipeline.statistics import rate_interval, share_interval
 
 Identities = dict[str, list[int]]
 """True panel of each row of a drive, by the drive's name; -1: none."""
@@ -50,31 +53,87 @@ def sighted(inventory: Path, identities: Identities) -> Iterator[tuple[dict[str,
         yield row, identities[row["drive"]][int(row["sign_id"].rsplit("-", 1)[1]) - 1]
 
 
-def panel_identities(
-    inventory: Path, identities: Identities
-) -> tuple[dict[str, int], int, int, int]:
-    """True panel by `panel_id`; true panels that were seen, rows too many for them, rows of more than one."""
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """Which true panels the rows of an inventory hold.
+
+    of: true panel by `panel_id`, that of most sightings; seen: true panels that were seen; duplicates: rows too many
+    for them; mixed: rows of several true panels; spurious: rows that hold a sighting of no panel beside true ones.
+    """
+
+    of: dict[str, int]
+    seen: int
+    duplicates: int
+    mixed: int
+    spurious: int
+
+
+def panel_identities(inventory: Path, identities: Identities) -> Identified:
+    """What the rows of an inventory are of, by the truth."""
     of_panel: defaultdict[str, Counter[int]] = defaultdict(Counter)
     for row, identity in sighted(inventory, identities):
         of_panel[row["panel_id"]][identity] += 1
-    rows_of = Counter(one for counts in of_panel.values() for one in counts if one >= 0)
-    mixed = sum(len([one for one in counts if one >= 0]) > 1 for counts in of_panel.values())
-    duplicates = sum(count - 1 for count in rows_of.values())
-    return {n: c.most_common(1)[0][0] for n, c in of_panel.items()}, len(rows_of), duplicates, mixed
+    true = [[one for one in counts if one >= 0] for counts in of_panel.values()]
+    rows_of = Counter(one for some in true for one in some)
+    return Identified(
+        {n: c.most_common(1)[0][0] for n, c in of_panel.items()},
+        len(rows_of),
+        sum(count - 1 for count in rows_of.values()),
+        sum(len(some) > 1 for some in true),
+        sum(-1 in counts and len(counts) > 1 for counts in of_panel.values()),
+    )
 
 
-def measure_passes(seed: int) -> None:
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """One inventory of some passes: what its rows are of, and root mean squares of their errors, metres."""
+
+    rows: Identified
+    level_m: float
+    stated_m: float
+    height_m: float
+
+
+def measure_passes(seeds: Sequence[int]) -> None:
     """Duplicates and position error against the number of passes."""
+    runs = [_passes(seed) for seed in seeds]
+    print(
+        "| passes | panels | duplicates per 1,000 | rows of two panels | with a spurious sighting | level error, RMS "
+        "| 1/sqrt(n) | stated | height |"
+    )
+    print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    alone = float(np.mean([run[0].level_m for run in runs]))
+    for k, passes in enumerate(PASSES):
+        of = [run[k] for run in runs]
+        seen, mixed, spurious, twice = (
+            sum(getattr(one.rows, name) for one in of)
+            for name in ("seen", "mixed", "spurious", "duplicates")
+        )
+        between = rate_interval(twice, seen / 1000)
+        assert between is not None  # panels were seen
+        level, stated, height = (
+            _ranged([getattr(one, name) for one in of])
+            for name in ("level_m", "stated_m", "height_m")
+        )
+        print(
+            f"| {passes} | {seen} | {1000 * twice / seen:.1f} ({between.low:.1f} to {between.high:.1f}) | {mixed} "
+            f"| {spurious} | {level} | {alone / passes**0.5:.2f} m | {stated} | {height} |"
+        )
+
+
+def _ranged(values: Sequence[float]) -> str:
+    words = f"{np.mean(values):.2f} m"
+    return words + (f" ({min(values):.2f} to {max(values):.2f})" if len(values) > 1 else "")
+
+
+def _passes(seed: int) -> list[Passed]:
+    """Inventories of so many of the `PASSES` over the same roads."""
     rng = np.random.default_rng(seed)
     roads = [make_road(k, LENGTH_M, SPACING_M, rng) for k in range(ROADS)]
     truth = {int(i): (road, k) for road in roads for k, i in enumerate(road.identity)}
-    print(
-        "| passes | panels | duplicates per 1,000 | rows of two panels | level error, RMS | 1/sqrt(n) | stated "
-        "| height |"
-    )
-    print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    found = []
     with tempfile.TemporaryDirectory() as scratch:
-        root, identities, alone = Path(scratch), {}, 0.0
+        root, identities = Path(scratch), {}
         for k in range(max(PASSES)):
             for n, road in enumerate(roads):
                 name = f"pass{k}_road{n}"
@@ -85,56 +144,83 @@ def measure_passes(seed: int) -> None:
         for passes in PASSES:
             chosen = [p for p in sorted((root / "drives").iterdir()) if int(p.name[4]) < passes]
             merge_inventory(chosen, root / "inventory")
-            of, seen, duplicates, mixed = panel_identities(root / "inventory", identities)
+            rows = panel_identities(root / "inventory", identities)
             errors = []
             for row in ds.dataset(root / "inventory" / "panels").to_table().to_pylist():
-                if of[row["panel_id"]] in truth:
-                    road, at = truth[of[row["panel_id"]]]
+                if rows.of[row["panel_id"]] in truth:
+                    road, at = truth[rows.of[row["panel_id"]]]
                     place = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]]])
                     away = road.origin.topocentric(place)[0] - road.position[at]
                     errors.append([*away, row["sigma_east_m"], row["sigma_north_m"]])
-            square = np.square(errors)
-            level = float(np.sqrt(square[:, :2].sum(axis=1).mean()))
-            stated = float(np.sqrt(square[:, 3:].sum(axis=1).mean()))
-            alone = alone or level
-            print(
-                f"| {passes} | {seen} | {1000 * duplicates / seen:.1f} | {mixed} | {level:.2f} m "
-                f"| {alone / passes**0.5:.2f} m | {stated:.2f} m | {float(np.sqrt(square[:, 2].mean())):.2f} m |",
-                flush=True,
-            )
+            square = np.square(errors).mean(axis=0)
+            level, stated, height = np.sqrt([square[:2].sum(), square[3:].sum(), square[2]])
+            found.append(Passed(rows, float(level), float(stated), float(height)))
+    return found
 
 
-def measure_changes(seed: int) -> None:
+@dataclass(slots=True)
+class Told:
+    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right."""
+
+    rows: int = 0
+    unknown: int = 0
+    total: Counter[str] = field(default_factory=Counter)
+    right: Counter[str] = field(default_factory=Counter)
+    false: int = 0
+
+
+def measure_changes(seeds: Sequence[int]) -> None:
     """What is found of changes between two surveys."""
     print(
         "| drives a survey | not looked at | unchanged re-found | gone | moved | changed face | new | false changes |"
     )
     print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
     for drives in (1, 2, 3):
-        rng = np.random.default_rng(seed)
-        with tempfile.TemporaryDirectory() as scratch:
-            root, identities, history = Path(scratch), {}, {}
-            for n in range(ROADS):
-                road = make_road(n, LENGTH_M, SPACING_M, rng)
-                later, changes = change_road(road, CHANGED, rng)
-                history |= changes
-                for year, one in enumerate((road, later)):
-                    for k in range(drives):
-                        name = f"year{year}_pass{k}_road{n}"
-                        start = START_NS + year * YEAR_NS + k * DAY_NS
-                        drive = write_drive(
-                            root / "drives" / name, one, start, True, Quality(), rng
-                        )
-                        identities[name] = drive.tolist()
-            merge_inventory(sorted((root / "drives").iterdir()), root)
-            find_changes(root, parse_survey("2024"), parse_survey("2025"))
-            _print_changes(drives, root, identities, history)
+        told = Told()
+        for seed in seeds:
+            _changes(seed, drives, told)
+        words = []
+        for kind in ("unchanged", "gone", "moved", "changed_face", "new"):
+            right, total = told.right[kind], told.total[kind]
+            between = share_interval(right, total)
+            assert between is not None  # each kind was drawn
+            words.append(
+                f"{right} of {total} ({100 * right / total:.1f} %; "
+                f"{100 * between.low:.1f} to {100 * between.high:.1f})"
+            )
+        print(
+            f"| {drives} | {told.unknown} of {told.rows} | {' | '.join(words)} | {told.false} |",
+            flush=True,
+        )
 
 
-def _print_changes(
-    drives: int, root: Path, identities: Identities, history: dict[int, tuple[str, int | None]]
+def _changes(seed: int, drives: int, told: Told) -> None:
+    """Compare two surveys of the roads of one seed."""
+    rng = np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as scratch:
+        root, identities, history = Path(scratch), {}, {}
+        for n in range(ROADS):
+            road = make_road(n, LENGTH_M, SPACING_M, rng)
+            later, changes = change_road(road, CHANGED, rng)
+            history |= changes
+            for year, one in enumerate((road, later)):
+                for k in range(drives):
+                    name = f"year{year}_pass{k}_road{n}"
+                    start = START_NS + year * YEAR_NS + k * DAY_NS
+                    drive = write_drive(root / "drives" / name, one, start, True, Quality(), rng)
+                    identities[name] = drive.tolist()
+        merge_inventory(sorted((root / "drives").iterdir()), root)
+        find_changes(root, parse_survey("2024"), parse_survey("2025"))
+        _count_changes(told, root, identities, history)
+
+
+def _count_changes(
+    counted: Told,
+    root: Path,
+    identities: Identities,
+    history: dict[int, tuple[str, int | None]],
 ) -> None:
-    of = panel_identities(root, identities)[0]
+    of = panel_identities(root, identities).of
     told: dict[int, str] = {}
     blank: set[int] = (
         set()
@@ -146,27 +232,17 @@ def _print_changes(
         told.setdefault(identity, row["change"])
         if None in (row["color_before"], row["color_after"]) and row["change"] == "unchanged":
             blank.add(identity)
-    right: Counter[str] = Counter()
-    total: Counter[str] = Counter()
-    false = 0
+    counted.rows += len(rows)
+    counted.unknown += sum(row["change"] == "not_looked_at" for row in rows)
     for identity, (kind, _) in history.items():
         found = told.get(identity)
         if found is None or found == "not_looked_at":  # not seen, or said not to be known
             continue
         if kind == "changed_face" and identity in blank:
             continue
-        total[kind] += 1
-        right[kind] += found == kind
-        false += kind == "unchanged" and found != kind
-    unknown = sum(row["change"] == "not_looked_at" for row in rows)
-    words = [
-        f"{right[k]} of {total[k]} ({100 * right[k] / max(total[k], 1):.1f} %)"
-        for k in ("unchanged", "gone", "moved", "changed_face", "new")
-    ]
-    print(
-        f"| {drives} | {unknown} of {len(rows)} | " + " | ".join(words) + f" | {false} |",
-        flush=True,
-    )
+        counted.total[kind] += 1
+        counted.right[kind] += found == kind
+        counted.false += kind == "unchanged" and found != kind
 
 
 def measure_scale(panels: int, seed: int) -> None:
@@ -187,7 +263,7 @@ def measure_scale(panels: int, seed: int) -> None:
                     rng,
                 )
         command = [sys.executable, __file__, "merge", "--folder", str(root)]
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
     figures = json.loads(done.stdout.splitlines()[-1])
     print("| panels | sightings | drives | processor time | a sighting | peak memory |")
     print("| ---: | ---: | ---: | ---: | ---: | ---: |")
@@ -202,15 +278,27 @@ def merge(folder: Path) -> None:
     drives = sorted((folder / "drives").iterdir())
     merge_inventory(drives[:5], folder / "warm")  # compiles
     start = time.process_time()
-    report = merge_inventory(drives, folder / "inventory")
+
+    def watch(cells: int, of: int) -> None:
+        if cells % 1000 == 0:
+            words = (
+                f"{cells} of {of} cells, {time.process_time() - start:.0f} s, {_peak_mb():.0f} MB"
+            )
+            print(words, file=sys.stderr, flush=True)
+
+    report = merge_inventory(drives, folder / "inventory", watch=watch)
     figures = {
         "panels": report.panels,
         "sightings": report.sightings,
         "drives": report.drives,
         "cpu_s": time.process_time() - start,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "peak_mb": _peak_mb(),
     }
     print(json.dumps(figures))
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def main() -> None:
@@ -219,16 +307,18 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("what", nargs="+", choices=("passes", "changes", "scale", "merge"))
-    parser.add_argument("--seed", type=int, default=27)
-    parser.add_argument("--panels", type=int, default=20_000)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[27])
+    parser.add_argument(
+        "--panels", type=int, default=20_000, help="of `scale`, with the first seed"
+    )
     parser.add_argument("--folder", type=Path, help="of `merge`: holds drives/")
     given = parser.parse_args()
     if "passes" in given.what:
-        measure_passes(given.seed)
+        measure_passes(given.seeds)
     if "changes" in given.what:
-        measure_changes(given.seed)
+        measure_changes(given.seeds)
     if "scale" in given.what:
-        measure_scale(given.panels, given.seed)
+        measure_scale(given.panels, given.seeds[0])
     if "merge" in given.what:
         merge(given.folder)
 

@@ -120,6 +120,8 @@ def change_road(
 ) -> tuple[Road, dict[int, tuple[str, int | None]]]:
     """The road a year later: a share of the panels gone, moved, of another face, and as many put up as are gone.
 
+    Another face has another colour; half of them also another shape and size.
+
     Returns
     -------
     The road, and by the identity of each panel before what became of it and the panel after; new ones by their own.
@@ -130,7 +132,8 @@ def change_road(
         n,
         p=[1 - share, share * 0.3, share * 0.2, share * 0.5],
     )
-    after = replace(road, **{f: getattr(road, f).copy() for f in ("position", "color", "identity")})
+    copied = ("position", "color", "shape", "size", "identity")
+    after = replace(road, **{name: getattr(road, name).copy() for name in copied})
     history: dict[int, tuple[str, int | None]] = {}
     for row, what in enumerate(kind.tolist()):
         old = int(road.identity[row])
@@ -138,6 +141,9 @@ def change_road(
             after.position[row, 0] += rng.choice([-1, 1]) * rng.uniform(3, 25)
         if what == "changed_face":
             after.color[row] = (after.color[row] + rng.integers(1, len(COLORS))) % len(COLORS)
+            if rng.random() < 0.5:
+                after.shape[row] = (after.shape[row] + rng.integers(1, len(SHAPES))) % len(SHAPES)
+                after.size[row] *= rng.choice([0.75, 1.3])
         if what in ("moved", "changed_face"):
             after.identity[row] = old + 500_000
         history[old] = (what, None if what == "gone" else int(after.identity[row]))

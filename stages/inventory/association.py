@@ -68,16 +68,31 @@ def size_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     return np.where(np.isfinite(ratio), ratio, 0.0)
 
 
+def faces_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
+    """Log-likelihood ratio (m,) of the faces of rows i and j at one place, against of two panels by chance.
+
+    Either one face, or another one that was put up in its place between the two: what is seen then is as by chance.
+    """
+    replaced = np.clip(settings.change_per_year * _years(sightings, i, j), 1e-9, 0.5)
+    return np.logaddexp(
+        np.log1p(-replaced) + face_log_ratio(sightings, i, j, settings), np.log(replaced)
+    )
+
+
 def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
     """Log-likelihood ratio (m,) of what is not there: if rows i and j are two panels, each drive missed one of them.
 
     A drive that saw the front of its panel would have seen that of a neighbour which faces the same way, unless it
     missed it or the neighbour did not stand there at the time. What is seen from behind is missed too often to tell.
     """
-    years = np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS
-    absent = np.minimum(settings.missed + settings.change_per_year * years, 1.0)
+    replaced = settings.change_per_year * _years(sightings, i, j)
+    absent = np.minimum(settings.missed + replaced, 1.0)
     fronts = (sightings.color[i] >= 0).astype(np.int64) + (sightings.color[j] >= 0)
     return np.asarray(-np.log(absent) * fronts)
+
+
+def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
+    return np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS
 
 
 def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> Floats:

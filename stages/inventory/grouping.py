@@ -15,7 +15,7 @@ from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory.association import (
     YEAR_NS,
     candidate_pairs,
-    face_log_ratio,
+    faces_log_ratio,
     miss_log_ratio,
     place_log_ratio,
     place_ratio,
@@ -81,7 +81,7 @@ def _places(
     i, j = pairs.T
     shared = np.eye(3) * relative[:, None, [0, 0, 1]]
     spread = sightings.covariance[i] + sightings.covariance[j] + shared
-    face = face_log_ratio(sightings, i, j, settings) + miss_log_ratio(sightings, i, j, settings)
+    face = faces_log_ratio(sightings, i, j, settings) + miss_log_ratio(sightings, i, j, settings)
     score = face + place_log_ratio(corrected[i] - corrected[j], spread, settings)
     order = np.lexsort((j, i, -score))
     order = order[score[order] > 0]

@@ -179,6 +179,23 @@ def test_a_face_that_differs_a_year_later_for_good_is_another_panel() -> None:
     assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 1, 1]
 
 
+@pytest.mark.parametrize(("days", "one_place"), [(1, False), (366, True)])
+def test_a_face_of_another_colour_shape_and_size_takes_a_place_only_after_years(
+    days: int, one_place: bool
+) -> None:
+    sightings = make_sightings(road(20), [[0.2, 0, 0], [-0.2, 0, 0]], apart_ns=days * DAY_NS)
+    other = (sightings.row == 7) & (sightings.drive == 1)
+    size, position = sightings.size_m.copy(), sightings.position.copy()
+    size[other] *= 1.3
+    position[other, 0] += 0.5
+    color, shape = (np.where(other, code + 1, code) for code in (sightings.color, sightings.shape))
+    changed = replace(sightings, color=color, shape=shape, size_m=size, position=position)
+    merged = merge_sightings(changed, SETTINGS)
+    before, after = merged.panel[7], merged.panel[27]
+    assert before != after
+    assert (merged.place[before] == merged.place[after]) == one_place
+
+
 def test_panels_back_to_back_on_one_post_are_two_on_one_support() -> None:
     sightings = make_sightings(road(20), [[0.2, 0, 0], [-0.2, 0, 0]])
     turned = np.where((sightings.row == 7) & (sightings.drive == 1), np.pi, 0.0)
