@@ -51,19 +51,11 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
         raise ValueError(f"rgb: wanted at least one pixel, found {width} x {height}")
     step = max(1, min(isqrt(height * width // at_least), height, width))
     pixels = rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
-    red, green, blue = (pixels >> 2).T.astype(np.int32)
-    bin_of = red << 12 | green << 6 | blue
-    count = np.bincount(bin_of, minlength=_BINS)
-    # Bins in the order in which the sample meets them; of several writes to one entry the last holds.
-    met = np.empty(_BINS, np.int32)
-    met[bin_of[::-1]] = np.arange(len(bin_of))[::-1]
-    used = np.flatnonzero(count)
-    used = used[np.argsort(met[used])]
-    met[used] = np.arange(len(used))
-    number = met[bin_of]
-    sums = np.stack([np.bincount(number, channel) for channel in pixels.T])
-    weight = count[used].astype(np.float32)
-    return ColorBins(pixels, (sums * (np.float32(1) / weight)).astype(np.float32), weight)
+    sums = np.zeros((len(pixels), 4), np.float64)
+    used = _fill_bins(np.ascontiguousarray(pixels), np.full(_BINS, -1, np.int32), sums)
+    weight = sums[:used, 3].astype(np.float32)
+    mean = (sums[:used, :3] * (np.float32(1) / weight)[:, None]).astype(np.float32)
+    return ColorBins(pixels, np.ascontiguousarray(mean.T), weight)
 
 
 def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
@@ -98,6 +90,30 @@ def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
     brightness = rounded.sum(axis=1, dtype=np.int64)
     order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
     return np.asarray(rounded[order])
+
+
+@compiled
+def _fill_bins(
+    pixels: NDArray[np.uint8], number: NDArray[np.int32], sums: NDArray[np.float64]
+) -> int:
+    """Colour sums and count of each bin, in the order in which the sample meets them; how many bins there are.
+
+    `number` (-1 everywhere) becomes the row of each bin.
+    """
+    used = 0
+    for i in range(pixels.shape[0]):
+        red, green, blue = np.int32(pixels[i, 0]), np.int32(pixels[i, 1]), np.int32(pixels[i, 2])
+        colour = (red >> 2) << 12 | (green >> 2) << 6 | blue >> 2
+        row = number[colour]
+        if row < 0:
+            row = used
+            number[colour] = row
+            used += 1
+        sums[row, 0] += red
+        sums[row, 1] += green
+        sums[row, 2] += blue
+        sums[row, 3] += 1
+    return used
 
 
 @compiled
