@@ -13,6 +13,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from wayside.pipeline.json_text import CONTENT_FAULTS
+from wayside.pipeline.parquet_footer import stated_columns
+
 MOST_BYTES = 1 << 30
 """Of a file read into memory, and of what Parquet unpacks to: forty million boxes with their scores."""
 _TEXTS = (pa.string(), pa.binary(), pa.large_string(), pa.large_binary())
@@ -82,17 +85,28 @@ def read_parquet(
         As `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound.
     """
     with open_input(path) as stream:
-        file = pq.ParquetFile(stream)
-        _test(_stated_bytes(file.metadata, columns))
-        schema = file.schema_arrow
-        texts = [field.name for field in schema if field.type in _TEXTS]
-        stream.seek(0)
-        found = pq.read_table(
-            stream,
-            columns=None if columns is None else list(columns),
-            filters=filters,
-            read_dictionary=texts,
-        )
+        try:
+            return _whole_table(stream, columns, filters)
+        except (OSError, pa.ArrowException):
+            raise
+        except CONTENT_FAULTS as error:  # names that are no text, two columns of one name
+            raise pa.ArrowInvalid(f"{type(error).__name__}: {error}") from error
+
+
+def _whole_table(
+    stream: BinaryIO, columns: Sequence[str] | None, filters: pc.Expression | None
+) -> pa.Table:
+    stated = stated_columns(stream)
+    _test(sum(c.bytes for c in stated if columns is None or c.name in columns))
+    schema = pq.read_schema(stream)
+    texts = [field.name for field in schema if field.type in _TEXTS]
+    stream.seek(0)
+    found = pq.read_table(
+        stream,
+        columns=None if columns is None else list(columns),
+        filters=filters,
+        read_dictionary=texts,
+    )
     _test(sum(_spelt_bytes(found.column(name)) for name in found.column_names))
     for name in set(texts) & set(found.column_names):
         at = found.schema.get_field_index(name)
@@ -107,20 +121,6 @@ def _test(found: int) -> None:
         raise pa.ArrowInvalid(
             f"Parquet that unpacks to {found} bytes, more than {MOST_BYTES}: leave rows or columns out"
         )
-
-
-def _stated_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None) -> int:
-    """The larger of what the columns are said to unpack to and what their values take one by one."""
-    total = 0
-    for group in range(metadata.num_row_groups):
-        row_group = metadata.row_group(group)
-        for number in range(row_group.num_columns):
-            column = row_group.column(number)
-            if columns is None or column.path_in_schema.partition(".")[0] in columns:
-                values = max(column.num_values, row_group.num_rows)
-                width = max(metadata.schema.column(number).length or 0, 8)
-                total += max(column.total_uncompressed_size, width * values)
-    return total
 
 
 def _spelt_bytes(column: pa.ChunkedArray[Any]) -> int:
