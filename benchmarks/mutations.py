@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -133,9 +133,11 @@ def read(path: Path) -> Found:
     return [(m.channel.topic, m.sequence, bytes(m.data)) for m in found]
 
 
-def mutation_table(count: int, seed: int, folder: Path, only: str) -> Iterator[str]:
+def mutation_table(
+    kinds: Mapping[str, Prepare], count: int, seed: int, folder: Path, only: str
+) -> Iterator[str]:
     """Rows of the table of mutations, one a kind of input whose name contains `only`."""
-    for title, prepare in ((name, made) for name, made in KINDS.items() if only in name):
+    for title, prepare in ((name, made) for name, made in kinds.items() if only in name):
         tally = isolated(title, prepare, count, seed, folder)
         for fault, times in tally.faults.most_common():
             print(f"{title}: {times} x {fault}", file=sys.stderr)
@@ -278,21 +280,30 @@ def _mutated_settings(folder: Path) -> Attempt:
     return attempt
 
 
-def _mutated_labels(folder: Path) -> Attempt:
-    out, path = folder / "out", folder / "labels.json"
+def small_result(folder: Path, rows: int = 1) -> Path:
+    """A result of some images with one sign, or several; without `run.json`."""
+    out = folder / "out"
     out.mkdir()
-    sign = {c.name: None for c in SIGNS.columns} | {
-        "sign_id": "a-0001", "status": "sign", "color": "red", "shape": "octagon", "best_frame": 3,
-        "best_box": [10.0, 10.0, 30.0, 30.0], "right_m": 4.0, "down_m": -1.0, "ahead_m": 20.0,
-    }  # fmt: skip
-    for table, rows in (
-        (SIGNS, [sign]),
+    signs = [
+        {c.name: None for c in SIGNS.columns} | {
+            "sign_id": f"a-{k + 1:04d}", "status": "sign", "color": "red", "shape": "octagon", "best_frame": 3,
+            "best_box": [10.0, 10.0, 30.0, 30.0], "right_m": 4.0, "down_m": -1.0, "ahead_m": 20.0,
+        }
+        for k in range(rows)
+    ]  # fmt: skip
+    for table, content in (
+        (SIGNS, signs),
         (OBSERVATIONS, []),
         (FRAMES, [{"frame": k} for k in range(6)]),
     ):
         required = {f.name: _some(f) for f in table.schema if not f.nullable}
-        rows = [required | {k: v for k, v in row.items() if v is not None} for row in rows]
-        pq.write_table(pa.Table.from_pylist(rows, table.schema), out / table.file)
+        full = [required | {k: v for k, v in row.items() if v is not None} for row in content]
+        pq.write_table(pa.Table.from_pylist(full, table.schema), out / table.file)
+    return out
+
+
+def _mutated_labels(folder: Path) -> Attempt:
+    out, path = small_result(folder), folder / "labels.json"
     truth = json.loads((ROOT / "recordings" / "demo.truth.json").read_text())
     truth["signs"], truth["frames"] = truth["signs"][:2], truth["frames"][:6]
     for one in truth["signs"]:

@@ -64,7 +64,8 @@ def main() -> int:
         work = Path(scratch)
         log, digests = work / "drive.mcap", {}
         write_log(log, scaled(read_log(args.log), args.scale))
-        app(["run", str(log), "-o", str(work / "warm"), *OLD], standalone_mode=False)
+        warm = ["run", str(log), "-o", str(work / "warm"), "--until", args.until]
+        app([*warm, *([] if args.network else NEW[:2])], standalone_mode=False)
         remove = run.remove_journal
         for name, options in (("old", OLD), ("new", new)):
             run.remove_journal = lambda folder: None  # what it would repeat is measured

@@ -20,7 +20,9 @@ from typing import Any
 import cv2
 import numpy as np
 from mcap.writer import IndexType, Writer
+from mutated_files import FILES
 from mutations import (
+    KINDS,
     LONGEST_S,
     MEMORY_BYTES,
     PACKINGS,
@@ -218,7 +220,7 @@ def main() -> None:
                 given.mutations,
                 MUTATIONS,
                 MUTATION_LINES,
-                mutation_table(given.mutations, given.seed, folder, given.only),
+                mutation_table(KINDS | FILES, given.mutations, given.seed, folder, given.only),
             ),
         ):
             if count:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.importing import natural_key
 from wayside.pipeline.input_files import read_input, read_parquet
-from wayside.pipeline.json_text import parse_json
+from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass, unnamed
 from wayside.schemas.errors import InputError
@@ -217,7 +217,7 @@ def _coco_rows(path: Path, data: bytes) -> BoxRows:
         key, frames, images = _coco_images(content["images"])
         names = {int(one["id"]): str(one["name"]) for one in content.get("categories", [])}
         return _coco_table(content["annotations"], key, frames, names, images)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except CONTENT_FAULTS as error:
         found = f"{type(error).__name__}: {error}"
         raise _refusal(
             path,
@@ -255,8 +255,8 @@ def _coco_table(
         key,
         np.array([frames[one] if frames else int(one) for one in ids], np.int64),
         np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], axis=1),
-        np.array([one.get("score", 1.0) for one in entries], np.float64),
-        np.array([one.get("category_id", 0) for one in entries], np.int64),
+        np.array([one.get("score", 1.0) for one in entries], np.float64).reshape(count),
+        np.array([one.get("category_id", 0) for one in entries], np.int64).reshape(count),
         names,
         unnamed(count),
         unnamed(count),

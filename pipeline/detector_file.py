@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.input_files import read_input
+from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.onnx_header import FLOAT32, OnnxHeader, OnnxInput, read_onnx_header
 from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError
@@ -120,10 +121,10 @@ def _names(header: OnnxHeader) -> dict[int, str]:
     """Names of the classes by number, as Ultralytics writes them; empty where there are none."""
     try:
         names: Any = ast.literal_eval(header.metadata.get("names", "{}"))
-    except (ValueError, SyntaxError):
+        listed = names.items() if isinstance(names, Mapping) else enumerate(names)
+        return {int(number): str(name) for number, name in listed}
+    except (*CONTENT_FAULTS, SyntaxError, MemoryError, RecursionError):  # both of deep nesting
         return {}
-    listed = names.items() if isinstance(names, Mapping) else enumerate(names)
-    return {int(number): str(name) for number, name in listed}
 
 
 def _first_run(

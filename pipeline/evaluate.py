@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from wayside.pipeline.evaluate_misses import (
 )
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation
 from wayside.pipeline.input_files import read_input_text
+from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.result import RUN_FILE, read_rows, read_run, read_table
 from wayside.pipeline.statistics import Interval, Spread, share_interval
 from wayside.pipeline.writing import write_json
@@ -55,14 +55,14 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     try:
         compare = _on_labels if _LABEL_KEYS <= facts.keys() else _on_truth
         evaluation = compare(out, rows, frames, facts)
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError, ArithmeticError) as error:
+    except CONTENT_FAULTS as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
         ) from error
     return replace(
         evaluation,
         images=len(frames),
-        learned_by=None if learned_by is None else tuple(learned_by),
+        learned_by=None if learned_by is None else tuple(map(str, learned_by)),
     )
 
 
@@ -242,10 +242,10 @@ def _percent(value: float | None) -> str:
 
 def _read_truth(file: Path) -> dict[str, Any]:
     try:
-        facts = json.loads(read_input_text(file))
+        facts = parse_json(read_input_text(file))
     except OSError as error:
         raise InputError(f"truth file {file} cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"truth file {file} is not JSON: {error}") from error
     keys = facts.keys() if isinstance(facts, dict) else set()
     if not (_TRUTH_KEYS <= keys or _LABEL_KEYS <= keys):

@@ -13,6 +13,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from wayside.pipeline.json_text import CONTENT_FAULTS
+from wayside.pipeline.parquet_footer import stated_columns
+
 MOST_BYTES = 1 << 30
 """Of a file read into memory, and of what Parquet unpacks to: forty million boxes with their scores."""
 Where = Mapping[str, str | Collection[int]]
@@ -86,22 +89,31 @@ def read_parquet(
         where a column is missing.
     """
     with open_input(path) as stream:
-        file = pq.ParquetFile(stream)
-        _test(_stated_bytes(file.metadata, columns))
-        schema = file.schema_arrow
-        names = schema.names if columns is None else list(columns)
-        read = list(dict.fromkeys((*names, *(where or ()))))
-        missing = [name for name in read if name not in schema.names]
-        if missing:
-            raise pa.ArrowInvalid(
-                f"it has no column {missing[0]}; its columns are {', '.join(schema.names)}"
-            )
-        texts = [field.name for field in schema if field.type in _TEXTS]
-        stream.seek(0)
-        found = _read_groups(
-            pq.ParquetFile(stream, read_dictionary=texts, pre_buffer=False), read, where or {}
+        try:
+            return _bounded_table(stream, columns, where or {})
+        except (OSError, pa.ArrowException):
+            raise
+        except CONTENT_FAULTS as error:  # names that are no text, two columns of one name
+            raise pa.ArrowInvalid(f"{type(error).__name__}: {error}") from error
+
+
+def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where) -> pa.Table:
+    stated = stated_columns(stream)
+    _test(sum(c.bytes for c in stated if columns is None or c.name in (*columns, *where)))
+    stream.seek(0)
+    schema = pq.ParquetFile(stream).schema_arrow
+    names = schema.names if columns is None else list(columns)
+    read = list(dict.fromkeys((*names, *where)))
+    missing = [name for name in read if name not in schema.names]
+    if missing:
+        raise pa.ArrowInvalid(
+            f"it has no column {missing[0]}; its columns are {', '.join(schema.names)}"
         )
-    found = found.select(names)
+    texts = [field.name for field in schema if field.type in _TEXTS]
+    stream.seek(0)
+    found = _read_groups(
+        pq.ParquetFile(stream, read_dictionary=texts, pre_buffer=False), read, where
+    ).select(names)
     _test(sum(_spelt_bytes(found.column(name)) for name in found.column_names))
     for name in set(texts) & set(found.column_names):
         at = found.schema.get_field_index(name)
@@ -144,20 +156,6 @@ def _test(found: int) -> None:
         raise pa.ArrowInvalid(
             f"Parquet that unpacks to {found} bytes, more than {MOST_BYTES}: leave rows or columns out"
         )
-
-
-def _stated_bytes(metadata: pq.FileMetaData, columns: Sequence[str] | None) -> int:
-    """The larger of what the columns are said to unpack to and what their values take one by one."""
-    total = 0
-    for group in range(metadata.num_row_groups):
-        row_group = metadata.row_group(group)
-        for number in range(row_group.num_columns):
-            column = row_group.column(number)
-            if columns is None or column.path_in_schema.partition(".")[0] in columns:
-                values = max(column.num_values, row_group.num_rows)
-                width = max(metadata.schema.column(number).length or 0, 8)
-                total += max(column.total_uncompressed_size, width * values)
-    return total
 
 
 def _spelt_bytes(column: pa.ChunkedArray[Any]) -> int:

@@ -1,9 +1,12 @@
-"""JSON of files that others may have written."""
+"""JSON of files that others may have written, and the faults of what they hold."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
+
+CONTENT_FAULTS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What a value of another kind, size or structure than expected raises where it is used."""
 
 
 def parse_json(text: str | bytes) -> Any:

@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import yaml
-
 from wayside.pipeline.importing import natural_key
 from wayside.pipeline.input_files import open_input, read_input, read_input_text
 from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.reading.image_headers import read_image_header
+from wayside.pipeline.yaml_text import parse_yaml
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.labels import (
@@ -327,9 +326,7 @@ def _yolo_names(folder: Path) -> dict[int, str]:
         for path in (parent / "data.yaml", parent / "classes.txt"):
             if path.is_file():
                 text = read_input_text(path)
-                names = (
-                    text.splitlines() if path.suffix == ".txt" else yaml.safe_load(text)["names"]
-                )
+                names = text.splitlines() if path.suffix == ".txt" else parse_yaml(text)["names"]
                 return {
                     int(number): str(name)
                     for number, name in (

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
 from wayside.pipeline.class_map import read_class_map
+from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.label_formats import read_json, read_voc, read_yolo
 from wayside.schemas.errors import InputError
@@ -53,7 +54,7 @@ def read_labels(path: Path, class_map: Path | None = None) -> Labels:
             labels = read_json(path, classes)
         else:
             labels = read_label_file(path)
-    except (OSError, ParseError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (OSError, ParseError, *CONTENT_FAULTS) as error:
         found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.input_files import Where, read_input_text, read_parquet
+from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.output_folder import finish_replacement
 from wayside.pipeline.reading.parts import is_bag
 from wayside.pipeline.settings_file import load_settings
@@ -19,6 +20,17 @@ from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import Table
 
 RUN_FILE = "run.json"
+_KINDS: dict[str, type | UnionType] = {
+    "log": str,
+    "log_path": str | None,
+    "log_fingerprint": str | None,
+    "camera_topic": str | None,
+    "camera": dict | None,
+    "files": dict,
+    "learned_from_log": list,
+    "world": str | None,
+}
+"""Entries of `run.json` that are read again, each where it is there."""
 
 
 def read_table(
@@ -41,7 +53,8 @@ def read_table(
     Raises
     ------
     InputError
-        The folder is no result folder, or the file is damaged or something else.
+        The folder is no result folder, or the file is damaged or something else: a column is of another type, or lacks
+        values that every row must have.
     """
     finish_replacement(out)
     file = out / table.file
@@ -59,9 +72,22 @@ def read_table(
         found = read_parquet(file, [name for name in wanted if name in present], where)
         for column in absent:
             found = found.append_column(column, pa.nulls(len(found), column.type))
-        return found.select(wanted)
-    except (pa.ArrowException, OSError) as error:
+        return _typed(found.select(wanted), table)
+    except (pa.ArrowException, OSError, *CONTENT_FAULTS) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
+
+
+def _typed(found: pa.Table, table: Table) -> pa.Table:
+    """The columns in the types of the table; raises pa.ArrowException where one holds something else."""
+    for number, name in enumerate(found.column_names):
+        field, column = table.schema.field(name), found.column(number)
+        kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+        if not pa.types.is_dictionary(column.type) or column.type.value_type != kind:
+            if column.type != kind:
+                found = found.set_column(number, field.with_type(kind), column.cast(kind))
+        if column.null_count and not field.nullable:
+            raise pa.ArrowInvalid(f"column {name} lacks {column.null_count} of its values")
+    return found
 
 
 def read_rows(
@@ -88,11 +114,16 @@ def read_run(out: Path) -> dict[str, Any]:
     if not file.is_file():
         raise _no_result(out, RUN_FILE)
     try:
-        run = json.loads(read_input_text(file))
-    except (OSError, ValueError, RecursionError) as error:
+        run = parse_json(read_input_text(file))
+    except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read: {error}; run the log again") from error
     if not isinstance(run, dict):
         raise InputError(f"{file}: wanted what `wayside run` writes, found something else")
+    odd = [name for name, kind in _KINDS.items() if name in run and not isinstance(run[name], kind)]
+    if odd:
+        raise InputError(
+            f"{file}: wanted what `wayside run` writes, found another kind of {odd[0]}"
+        )
     return run
 
 
@@ -109,7 +140,7 @@ def read_settings(out: Path, run: dict[str, Any]) -> ReadSettings:
         settings, _ = load_settings(
             options={f"read.{name}": value for name, value in group.items()}
         )
-    except (KeyError, TypeError, AttributeError, UsageError) as error:
+    except (*CONTENT_FAULTS, UsageError) as error:
         raise InputError(
             f"{out / RUN_FILE}: wanted the settings of the run, found {error}; "
             "it was written by another version of wayside: run the log again"
@@ -126,7 +157,6 @@ def find_log(run: dict[str, Any], given: Path | None) -> Path:
         There is no such file.
     """
     noted = run.get("log_path")
-    noted = noted if isinstance(noted, str) else None
     if given is None and noted is None:
         raise InputError(
             f"wanted the log {run.get('log', '')} to take images from; {RUN_FILE} does not say where it lies; "

@@ -12,6 +12,7 @@ from typing import Any
 
 from wayside.pipeline.fleet.sources import source_name
 from wayside.pipeline.input_files import read_input_text
+from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
@@ -108,7 +109,7 @@ def read_manifest(inventory: Path) -> Manifest:
     """
     file = inventory / MANIFEST
     try:
-        content = json.loads(read_input_text(file))
+        content = parse_json(read_input_text(file))
         known = {each.name for each in fields(Entry)}
         logs = {
             name: Entry(**{k: v for k, v in entry.items() if k in known})
@@ -122,7 +123,7 @@ def read_manifest(inventory: Path) -> Manifest:
         raise InputError(
             f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
         ) from error
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, *CONTENT_FAULTS) as error:
         raise InputError(
             f"{file} cannot be read: {error}; it was not written by wayside"
         ) from error

@@ -22,6 +22,7 @@ from wayside.pipeline.earlier_result import is_finished, log_fingerprint
 from wayside.pipeline.fleet.manifest import DONE, DRIVES, LOGS, QUARANTINE, QUARANTINED, WAITING
 from wayside.pipeline.fleet.sources import UnreachableError, fetched
 from wayside.pipeline.journal import result_keys
+from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.model_files import Models, load_models
 from wayside.pipeline.output_folder import finish_replacement
 from wayside.pipeline.result import read_run
@@ -191,7 +192,7 @@ def finished_outcome(folder: Path, attempts: int) -> Outcome:
             int(counts["frames_read"]),
             int(files[SIGNS.file]["rows"]),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except CONTENT_FAULTS as error:
         raise InputError(f"{folder}: wanted a result of wayside, found {error!r} in it") from error
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
+from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.result import read_run
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -70,7 +71,7 @@ def read_view(folder: Path, settings: ChangeSettings) -> DriveView | None:
         return None
     try:
         camera = Camera(**(about | {"distortion": tuple(about["distortion"])}))
-    except (TypeError, ValueError, KeyError) as error:
+    except CONTENT_FAULTS as error:
         raise InputError(
             f"{folder}: wanted the calibration in run.json, found {error}; run the log again"
         ) from error

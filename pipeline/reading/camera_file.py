@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from wayside.pipeline.input_files import open_input
+from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.reading.contents import ContentError, make_camera
+from wayside.pipeline.yaml_text import YamlLoader, parse_yaml
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
 LARGEST_FILE = 1 << 16
 """Characters that are read: a calibration has about a thousand."""
-_MOST_NUMBERS = 64
 _EXAMPLE = "image_width, image_height, camera_matrix, distortion_model and distortion_coefficients"
 _OPENCV_HEAD = re.compile(r"\A\ufeff?%YAML[^\n]*\n")
 """First line of OpenCV: `%YAML:1.0` up to its version 4 is no YAML directive, and 1.2 one that PyYAML warns of."""
@@ -29,7 +29,7 @@ _LENS_KEYS = (
 )
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(YamlLoader):
     """The safe loader, which also takes the matrices of OpenCV for the mappings they are."""
 
 
@@ -75,15 +75,13 @@ def parse_camera(text: str, name: str) -> Camera:
     try:
         if len(text) > LARGEST_FILE:
             raise ContentError(f"over {LARGEST_FILE} characters")
-        content = yaml.load(_OPENCV_HEAD.sub("", text), _Loader)
+        content = parse_yaml(_OPENCV_HEAD.sub("", text), _Loader)
         if not isinstance(content, dict):
             raise ContentError("it has no named entries")
         return _kalibr(content["cam0"]) if "cam0" in content else _matrices(content)
-    except (yaml.YAMLError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        broken = isinstance(error, (yaml.YAMLError, RecursionError))
-        what = "no YAML" if broken else f"a fault: {error}"
+    except CONTENT_FAULTS as error:
         raise InputError(
-            f"{name}: wanted a camera calibration (YAML of ROS camera_info, OpenCV or Kalibr), found {what}; "
+            f"{name}: wanted a camera calibration (YAML of ROS camera_info, OpenCV or Kalibr), found a fault: {error}; "
             f"a file of ROS has {_EXAMPLE}"
         ) from error
 
@@ -162,7 +160,4 @@ def _numbers(entry: Any) -> tuple[float, ...]:
     values = entry.get("data", ()) if isinstance(entry, dict) else entry
     rows = values if isinstance(values, (list, tuple)) else [values]
     flat = (v for row in rows for v in (row if isinstance(row, list) else [row]))
-    numbers = tuple(float(v) for v in islice(flat, _MOST_NUMBERS + 1))
-    if len(numbers) > _MOST_NUMBERS:
-        raise ContentError(f"a matrix of over {_MOST_NUMBERS} numbers")
-    return numbers
+    return tuple(float(v) for v in flat)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 
-import yaml
-
 from wayside.pipeline.input_files import read_input_text
+from wayside.pipeline.json_text import CONTENT_FAULTS
+from wayside.pipeline.yaml_text import parse_yaml
 from wayside.schemas.errors import InputError
 
 BAG_METADATA = "metadata.yaml"
@@ -68,10 +68,10 @@ def bag_parts(folder: Path) -> list[Path]:
     """
     file = folder / BAG_METADATA
     try:
-        content = yaml.safe_load(read_input_text(file))
+        content = parse_yaml(read_input_text(file))
         listed = content["rosbag2_bagfile_information"]["relative_file_paths"]
         parts = [folder / Path(str(name)).name for name in listed]
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
+    except (OSError, *CONTENT_FAULTS) as error:
         raise InputError(
             f"{folder}: wanted a ROS 2 bag directory with {BAG_METADATA}, found none that can be read "
             f"({type(error).__name__}); give its parts one by one, or repair it with `ros2 bag reindex`"

@@ -12,7 +12,7 @@ from typing import Any
 
 from wayside.pipeline.csv_text import unguarded
 from wayside.pipeline.input_files import open_input, read_input, read_input_text
-from wayside.pipeline.json_text import parse_json
+from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
@@ -101,7 +101,7 @@ def read_review(path: Path, out: Path) -> Review:
     """
     try:
         entries = list(_csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, *CONTENT_FAULTS) as error:
         found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: wanted a review as the evidence index saves it, found {found[:200]}; see docs/corrections.md"
@@ -126,15 +126,15 @@ def read_review(path: Path, out: Path) -> Review:
             if one.sign_id in rows:
                 raise ValueError(f"{one.sign_id} is reviewed twice")
             rows[one.sign_id] = one
-        except ValueError as error:
+        except CONTENT_FAULTS as error:
             raise InputError(f"{path}: review {number}: {error}; correct it") from error
     return Review(rows, tuple(missing))
 
 
 def result_name(run: Mapping[str, Any]) -> str:
     """What tells the signs of one result from those of another run: the start of the digest of their table."""
-    files = run.get("files")
-    digest = files.get(SIGNS.file, {}).get("sha256", "") if isinstance(files, dict) else ""
+    stated = run.get("files", {}).get(SIGNS.file)
+    digest = stated.get("sha256", "") if isinstance(stated, dict) else ""
     return str(digest)[:16]
 
 

@@ -114,7 +114,7 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
             f"run the log again with `wayside run LOG --view file -o {out}`"
         )
     run = read_run(out)
-    recording_id = Path(run["log"]).stem
+    recording_id = Path(run.get("log", out.name)).stem
     if log is None:
         return Recordings(path, recording_id)
     if run.get("view_images") != "none":
@@ -129,7 +129,7 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
             import_log(log, recording_id, whole)
             sync(whole)
             os.replace(whole, imported)
-    return Recordings(path, recording_id, imported, run["camera_topic"])
+    return Recordings(path, recording_id, imported, run.get("camera_topic"))
 
 
 def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> None:

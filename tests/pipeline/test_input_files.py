@@ -11,6 +11,7 @@ import pytest
 
 from wayside.pipeline import input_files
 from wayside.pipeline.input_files import open_input, read_input, read_parquet
+from wayside.pipeline.parquet_footer import stated_columns
 
 
 def test_a_pipe_and_a_device_are_refused_at_once(tmp_path):
@@ -80,3 +81,54 @@ def test_a_column_that_is_not_there_is_named(tmp_path):
     pq.write_table(pa.table({"x": [1]}), file)
     with pytest.raises(pa.ArrowInvalid, match="no column y; its columns are x"):
         read_parquet(file, ["y"])
+
+
+READ_ALL = """
+import sys
+from pathlib import Path
+import pyarrow as pa
+from wayside.pipeline.input_files import read_parquet
+
+path = Path(sys.argv[1])
+content = path.read_bytes()
+for at in range(len(content) - 8 - int.from_bytes(content[-8:-4], "little"), len(content)):
+    for value in (0x15, 0xFF):
+        path.write_bytes(content[:at] + bytes([value]) + content[at + 1 :])
+        try:
+            read_parquet(path)
+        except (OSError, pa.ArrowException):
+            pass
+"""
+
+
+def test_a_changed_footer_of_parquet_is_refused_and_does_not_end_the_process(tmp_path):
+    path = tmp_path / "t.parquet"
+    pq.write_table(pa.table({"text": ["a", None], "list": [[1], None]}), path)
+    done = subprocess.run([sys.executable, "-c", READ_ALL, path], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_columns_are_stated_as_arrow_states_them(tmp_path):
+    rows = 40_000
+    table = pa.table(
+        {
+            "text": pa.array(["a", None] * (rows // 2)),
+            "list": pa.array([[1, 2, 3], None] * (rows // 2)),
+            "fixed": pa.array([b"x" * 20] * rows, pa.binary(20)),
+            "on": pa.array([True, False] * (rows // 2)),
+        }
+    )
+    pq.write_table(table, tmp_path / "t.parquet", row_group_size=15_000)
+    metadata = pq.read_metadata(tmp_path / "t.parquet")
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    stated = [
+        (column.path_in_schema.partition(".")[0], column.num_values, column.total_uncompressed_size)
+        for group in groups
+        for column in (group.column(k) for k in range(metadata.num_columns))
+    ]
+    with (tmp_path / "t.parquet").open("rb") as stream:
+        assert [(c.name, c.bytes) for c in stated_columns(stream)] == [
+            (name, max(size, count * (20 if name == "fixed" else 8)))
+            for name, count, size in stated
+        ]
+    assert len(groups) == 3

@@ -65,7 +65,7 @@ def test_a_matrix_as_rows_is_read():
         (ROS.replace("640", "30000").replace("480", "30000"), "makes no sense"),
         (ROS.replace("640", "9" * 5000), ""),
         (ROS.replace("640", ".inf"), "infinity"),
-        (ROS.replace("438.78", "[" * 30_000), "no YAML"),
+        (ROS.replace("438.78", "[" * 30_000), "nested too deeply"),
         (ROS.replace("438.78", ".nan"), "no focal length"),
         (ROS + "#" * 70_000, "over 65536 characters"),
         (

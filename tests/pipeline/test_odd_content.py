@@ -1,0 +1,146 @@
+"""Values of another kind than expected in files of users: refused in words, whichever value and file it is."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from wayside.pipeline import detector_file
+from wayside.pipeline.box_file import load_boxes
+from wayside.pipeline.detector_file import load_detector
+from wayside.pipeline.exporting.export import export
+from wayside.pipeline.labels import read_labels
+from wayside.pipeline.onnx_header import OnnxHeader, OnnxInput
+from wayside.pipeline.reading.camera_file import parse_camera
+from wayside.pipeline.reading.parts import bag_parts
+from wayside.pipeline.result import read_run, read_table
+from wayside.pipeline.reviewing.review import NO_REVIEW, read_review
+from wayside.pipeline.settings_file import load_settings
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import ModelSettings
+from wayside.schemas.tables import SIGNS
+
+GROWING = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 12)
+)
+"""3e11 texts in a kilobyte."""
+CAMERA = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [438., 0., 305., 0., 437., 243., 0., 0., 1.]}
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.3, 0.1, 0., 0., 0.]}
+"""
+YAML = ["\0", "[" * 50_000, "2001-13-45", "a: &a [*a]", "{[]: 1}"]
+
+
+def result(folder, **columns):
+    """A result of one row, with some of its columns replaced."""
+    row = {field.name: None if field.nullable else "" for field in SIGNS.schema}
+    numbers = {f.name: 0 for f in SIGNS.schema if not f.nullable and pa.types.is_primitive(f.type)}
+    lists = {"best_box": [0.0] * 4, "covariance": [0.0] * 6}
+    row |= numbers | lists | {"sign_id": "a-0001", "status": "sign"}
+    table = pa.Table.from_pylist([row], SIGNS.schema)
+    for name, column in columns.items():
+        table = table.set_column(table.column_names.index(name), name, column)
+    folder.mkdir()
+    pq.write_table(table, folder / SIGNS.file)
+    (folder / "run.json").write_text("{}")
+    return folder
+
+
+@pytest.mark.parametrize("text", [GROWING + CAMERA + "distortion_model: *a11", *YAML])
+def test_yaml_of_a_calibration_that_cannot_be_read_is_refused(text):
+    with pytest.raises(InputError, match="wanted a camera calibration"):
+        parse_camera(text, "camera.yaml")
+
+
+@pytest.mark.parametrize("text", [GROWING + "names: [*a11]", *YAML])
+def test_yaml_of_labels_that_cannot_be_read_is_refused(tmp_path, text):
+    (tmp_path / "data.yaml").write_text(text)
+    with pytest.raises(InputError, match="wanted labels"):
+        read_labels(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text", [GROWING + "rosbag2_bagfile_information: {relative_file_paths: [*a11]}", *YAML]
+)
+def test_yaml_of_a_bag_that_cannot_be_read_is_refused(tmp_path, text):
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(InputError, match="wanted a ROS 2 bag directory"):
+        bag_parts(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"image_id": float("inf")},
+        {"image_id": 2**70},
+        {"score": [0.5, 0.5]},
+        {"category_id": []},
+        {"bbox": {}},
+    ],
+)
+def test_odd_values_of_coco_results_are_refused(tmp_path, change):
+    path = tmp_path / "boxes.json"
+    path.write_text(json.dumps([{"image_id": 1, "bbox": [1, 2, 3, 4], "score": 0.5} | change]))
+    with pytest.raises(InputError, match="wanted COCO JSON"):
+        load_boxes(load_settings(options={"models.detections": str(path)})[0])
+
+
+def test_odd_numbers_of_coco_labels_are_refused(tmp_path):
+    image = {"id": 1, "file_name": "a.jpg", "width": float("inf"), "height": 9}
+    path = tmp_path / "labels.json"
+    path.write_text(json.dumps({"images": [image], "annotations": []}))
+    with pytest.raises(InputError, match="wanted labels"):
+        read_labels(path)
+
+
+@pytest.mark.parametrize("change", [{"sign_id": ["a"]}, {"x": [1]}, {"color": {}}, {"review": []}])
+def test_odd_values_of_reviews_are_refused(tmp_path, change):
+    path = tmp_path / "review.json"
+    entry = {"sign_id": "a-0001", "review": "accepted"} | change
+    path.write_text(json.dumps({"wayside_review": 1, "result": "", "reviews": [entry]}))
+    with pytest.raises(InputError, match="review 1:"):
+        read_review(path, result(tmp_path / "out"))
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("x", pa.array(["far"])),
+        ("sign_id", pa.array([None], pa.string())),
+        ("views", pa.array([[1]])),
+        ("covariance", pa.array([[1.0, 2.0]])),
+        ("best_time_ns", pa.array([1.5])),
+    ],
+)
+def test_a_column_of_another_kind_is_refused_by_its_file(tmp_path, column, values):
+    out = result(tmp_path / "out", **{column: values})
+    with pytest.raises(InputError, match=r"signs\.parquet cannot be read"):
+        export(out, NO_REVIEW, tmp_path / "signs.csv", "csv")
+    assert not (tmp_path / "signs.csv").exists()
+
+
+def test_a_column_of_another_width_is_read_as_that_of_the_schema(tmp_path):
+    out = result(tmp_path / "out", views=pa.array([3], pa.int64()))
+    assert read_table(out, SIGNS)["views"].type == SIGNS.schema.field("views").type
+
+
+@pytest.mark.parametrize(
+    "entry", [{"log": 3}, {"log_path": []}, {"files": []}, {"learned_from_log": 1}, {"camera": "x"}]
+)
+def test_entries_of_another_kind_in_run_json_are_refused(tmp_path, entry):
+    (tmp_path / "run.json").write_text(json.dumps(entry))
+    with pytest.raises(InputError, match=f"another kind of {next(iter(entry))}"):
+        read_run(tmp_path)
+
+
+@pytest.mark.parametrize("names", ["5", "{0: 1}", "{'a': 'b'}", "[" * 5000, "(" * 200, "1/0", "\0"])
+def test_odd_names_of_the_classes_of_a_detector_are_none(tmp_path, monkeypatch, names):
+    image = (OnnxInput("images", 1, (1, 3, 64, 64)),)
+    header = OnnxHeader(image, ("out",), frozenset(), {"names": names})
+    monkeypatch.setattr(detector_file, "read_onnx_header", lambda data: header)
+    (tmp_path / "network.onnx").write_bytes(b"no network")
+    with pytest.raises(InputError, match="a network that can be run"):
+        load_detector(ModelSettings(detector=str(tmp_path / "network.onnx")))
