@@ -143,7 +143,7 @@ def _rows(table: pa.Table, where: Where) -> pa.Table:
         if pa.types.is_dictionary(column.type):
             column = column.cast(column.type.value_type)
         mask = (
-            pc.equal(column, held)
+            pc.equal(column, pa.scalar(held))
             if isinstance(held, str)
             else pc.is_in(column, pa.array(sorted(held), column.type))
         )

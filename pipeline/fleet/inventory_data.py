@@ -242,6 +242,6 @@ def _codes(table: pa.Table, name: str) -> Ints:
     return np.asarray(np.unique(texts, return_inverse=True)[1], np.int64).ravel()
 
 
-def _is_placed(table: pa.Table) -> pa.ChunkedArray[Any]:
+def _is_placed(table: pa.Table) -> pa.BooleanArray:
     """Which signs have a place on WGS 84."""
     return pc.and_(pc.is_valid(table["lon_deg"]), pc.is_valid(table["sigma_east_m"]))

@@ -92,7 +92,7 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
 
 
 def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
-    return np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS
+    return np.asarray(np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS, np.float64)
 
 
 def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> Floats:
