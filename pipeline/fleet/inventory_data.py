@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import cos, radians
 from pathlib import Path
-from typing import Any
 
 import mercantile
 import numpy as np
