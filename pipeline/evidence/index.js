@@ -37,6 +37,10 @@ function show() {
     const link = card.querySelector("a");
     link.href = link.getAttribute("href").split("#")[0] + chosen();
   }
+  try {  // what previous and next on a sheet mean; a sort comes before
+    const kept = cards.filter(card => !card.hidden).map(card => [card.id, card.querySelector("a").getAttribute("href").split("#")[0]]);
+    sessionStorage.setItem("wayside " + new URL(".", location.href), JSON.stringify(kept));
+  } catch { /* not kept */ }
   fields.least.value = least.toFixed(2);
   at("count").textContent = shown + " of " + cards.length + " shown";
   at("empty").hidden = shown > 0;
@@ -288,6 +292,7 @@ try {
   const kept = JSON.parse(localStorage.getItem(store));
   if (kept) { take(kept.reviews); at("reviewer").value = kept.reviewer || ""; }
 } catch { /* none, or not allowed */ }
+at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
 form.hidden = at("review").hidden = false;
 fromAddress();
 draw();

@@ -124,7 +124,12 @@ def _look(evidence: Evidence, drive: DriveMap, log: str) -> str:
 
 def _table(heading: str, figures: list[Figure]) -> str:
     rows = "".join(
-        f'<tr><th scope="row">{escape(f.label)}</th><td>{escape(f.value)}</td><td>{escape(f.remark)}</td></tr>'
+        f'<tr><th scope="row">{escape(f.label)}</th>'
+        + (
+            f"<td>{escape(f.value)}</td><td>{escape(f.remark)}</td></tr>"
+            if f.remark
+            else f'<td colspan="2">{escape(f.value)}</td></tr>'
+        )
         for f in figures
     )
     return (

@@ -24,6 +24,8 @@ class ReviewFigures:
     missing: int
     color_right: int
     shape_right: int
+    others: int
+    """Reviewed rows of another status, which count for nothing here."""
 
     @property
     def right(self) -> int:
@@ -77,6 +79,7 @@ def review_figures(out: Path, review: Review) -> ReviewFigures:
         len(review.missing),
         counts[ACCEPTED] + sum(row["color"] == one.color for row, one in edited),
         counts[ACCEPTED] + sum(row["shape"] == one.shape for row, one in edited),
+        len(review.rows) - len(said),
     )
 
 
@@ -84,13 +87,16 @@ def format_figures(figures: ReviewFigures) -> str:
     """All figures as plain text."""
     f = figures
     lines = [
-        f"reviewed   {f.reviewed} of {f.rows} rows: {f.accepted} accepted, {f.edited} edited, {f.rejected} rejected",
+        f"reviewed   {f.reviewed} of {f.rows} rows with status sign: {f.accepted} accepted, {f.edited} edited, "
+        f"{f.rejected} rejected",
         f"precision  {_shown(f.right, f.reviewed, f.precision_interval)} of the reviewed rows are signs",
         f"recall     {_shown(f.right, f.right + f.missing, f.recall_interval)} of the signs known to the reviewer; "
         f"{f.missing} missing",
         f"colour     {_shown(f.color_right, f.right)} right",
         f"shape      {_shown(f.shape_right, f.right)} right",
     ]
+    if f.others:
+        lines.append(f"not counted: {f.others} reviewed rows with status back or uncertain")
     if f.reviewed < f.rows:
         lines.append(f"{f.rows - f.reviewed} rows are not reviewed: recall counts none of them")
     return "\n".join(lines)

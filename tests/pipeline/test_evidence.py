@@ -465,6 +465,54 @@ def test_the_address_keeps_the_filters_on_the_way_to_a_sign_and_back(out, tmp_pa
     assert back == ["#color=red"] * 3
 
 
+def test_previous_and_next_go_along_what_the_filters_show(out, tmp_path, in_browser):
+    index = write_evidence(out, tmp_path / "sheets").index
+    key = '"wayside " + new URL(".", location.href)'
+    kept = in_browser(
+        index,
+        f"""
+        fields.status.value = "sign";
+        fields.sort.value = "best";
+        fields.sort.dispatchEvent(new Event("input", {{ bubbles: true }}));
+        return [cards.filter(card => !card.hidden).map(card => card.id), JSON.parse(sessionStorage.getItem({key}))];
+        """,
+    )
+    order, links = kept
+    assert links == [[name, quote(f"{name}.html")] for name in order]
+    assert len(order) == 2
+    sheet = tmp_path / "sheets" / f"{order[0]}.html"
+    asked = """
+        return Array.from(document.querySelectorAll("nav a"), link => [link.rel, link.getAttribute("href")]);
+    """
+    stored = (
+        f"<body><script>sessionStorage.setItem({key}, {json.dumps(json.dumps(links))});</script>"
+    )
+    sheet.write_text(sheet.read_text("utf-8").replace("<body>", stored), "utf-8")
+    assert in_browser(sheet, asked, fragment="#status=sign") == [
+        ["up", "index.html#status=sign"],
+        ["next", f"{quote(order[1])}.html#status=sign"],
+    ]
+
+
+def test_filters_are_folded_on_a_phone_until_asked_for(out, tmp_path, in_browser):
+    index = write_evidence(out, tmp_path / "sheets").index
+    seen = in_browser(
+        index,
+        """
+        const rules = Array.from(document.styleSheets[0].cssRules);
+        const narrow = rules.find(rule => rule.conditionText === "(max-width: 640px)");
+        const words = Array.from(narrow.cssRules, rule => rule.cssText).join(" ");
+        document.styleSheets[0].insertRule("@media all {" + words + "}", rules.length);
+        const visible = () => Array.from(form.querySelectorAll("label"), one => one.offsetParent !== null);
+        const fold = at("fold");
+        const found = [visible().some(Boolean), getComputedStyle(fold).display, fold.getAttribute("aria-expanded")];
+        fold.click();
+        return [...found, visible().every(Boolean), fold.getAttribute("aria-expanded")];
+        """,
+    )
+    assert seen == [False, "block", "false", True, "true"]
+
+
 def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser):
     change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
     index = write_evidence(out, tmp_path / "sheets").index

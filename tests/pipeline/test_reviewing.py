@@ -168,11 +168,20 @@ def test_a_file_that_stands_there_is_kept(out, tmp_path):
 def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
     figures = tmp_path / "figures.json"
     words = command("evaluate", out, "--truth", review, "--json", figures)
-    assert "3 of 3 rows: 1 accepted, 1 edited, 1 rejected" in words
+    assert "3 of 3 rows with status sign: 1 accepted, 1 edited, 1 rejected" in words
+    assert "not counted" not in words
     content = json.loads(figures.read_text())
     assert content["precision"] == pytest.approx(2 / 3)
     assert content["recall"] == pytest.approx(2 / 3)
     assert (content["color_right"], content["shape_right"]) == (1, 2)
+
+
+def test_reviewed_rows_of_another_status_are_told(out, review):
+    rows = [sign(1), sign(2), sign(3, status="back")]
+    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
+    assert "not counted: 1 reviewed rows with status back" in command(
+        "evaluate", out, "--truth", review
+    )
 
 
 def test_a_review_gives_labels_of_every_measured_view(out, review, tmp_path):
