@@ -200,7 +200,7 @@ _VIENNA_SIGNS = (
     _sign("B1", "B", "white triangle", _TRIANGLES, "=", 4),
     _sign("B2a", "B", "red octagon", _squares(600, 750, 900), ":stop", 6),
     _sign("B3", "B", "yellow diamond", _squares(400, 500, 600), "=", 3),
-    _sign("C1", "C", "red circle", _DISCS, "=", 3),
+    _sign("C1a", "C", "red circle", _DISCS, ":C1", 3),
     _sign("C2", "C", "white circle", _DISCS, "="),
     _sign("C3e", "C", "white circle", _DISCS, "="),
     _sign("C13a", "C", "white circle", _DISCS, "=", 2),

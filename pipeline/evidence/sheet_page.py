@@ -116,10 +116,13 @@ def _links(neighbours: Mapping[str, str]) -> str:
 def _look(evidence: Evidence, drive: DriveMap, log: str) -> str:
     sign = evidence.sign
     sure = UNKNOWN if sign["confidence"] is None else f"{sign['confidence']:.2f}"
-    seconds = drive.log_times_ns[evidence.best.frame] // 1_000_000_000
-    when = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    frame = evidence.best.frame
+    name, when = drive.images.get(frame, ("", ""))
+    if not name:  # imported images have their own dates or none: their log times are counted
+        seconds = drive.log_times_ns[frame] // 1_000_000_000
+        when = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     look = appearance_of(sign["color"], sign["shape"])
-    return f"{look}, status {sign['status']}, confidence {sure}; {log}, {when}"
+    return f"{look}, status {sign['status']}, confidence {sure}; {', '.join(filter(None, (log, when)))}"
 
 
 def _table(heading: str, figures: list[Figure]) -> str:

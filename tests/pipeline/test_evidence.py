@@ -277,6 +277,7 @@ def test_the_name_of_an_image_is_shown_where_the_result_knows_it(out, tmp_path):
     (sheet,) = write_evidence(out, tmp_path / "sheets", sign_id=NEAR).sheets
     text = sheet.read_text("utf-8")
     assert "IMG &lt;3&gt;.jpg" in text
+    assert " UTC" not in text
     assert "IMG <" not in text
 
 

@@ -74,7 +74,7 @@ def test_what_colour_shape_and_size_settle_is_stated(color, shape, size, wanted,
     [
         ("red", "octagon", (900, 900), "B2a"),
         ("yellow", "diamond", (707, 707), "B3"),
-        ("red", "circle", (600, 600), "C1"),
+        ("red", "circle", (600, 600), "C1a"),
         ("white", "circle", (600, 600), "C"),
         ("white", "rectangle", (300, 1000), "A29"),
     ],
