@@ -176,7 +176,7 @@ def cost_lines(network: DetectionNetwork, images: Sequence[LabelledImage]) -> It
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])
     calls = {
         "decode": lambda: cv2.imdecode(data, cv2.IMREAD_COLOR),
-        "network": lambda: network.boxes(image, 0.0, MOST, SAME_IOU),
+        "network": lambda: network.maps(image),
     }
     seconds = {}
     for name, call in calls.items():

@@ -128,7 +128,6 @@ def described(source: DetectorFile | BoxFile) -> dict[str, Any]:
         "file": Path(source.onnx.path).name,
         "sha256": source.onnx.sha256,
         "format": source.format,
-        "engine": source.engine,
         "input": None if size is None else [size[1], size[0]],
         "classes": classes,
     }

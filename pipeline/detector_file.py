@@ -19,21 +19,17 @@ from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import ModelSettings
-from wayside.stages.detection import ENGINES, multiple_of, recognised
+from wayside.stages.detection import OnnxNetwork, multiple_of, recognised
 
 SIZE_INPUT = "orig_target_sizes"
 """Second input of the networks that give pixels of the image: its width and height."""
 FREE_SIZE = (640, 640)
 """On which a network of free input size is tried."""
-SIZED_BY_CONTENT = frozenset({"Compress", "NonMaxSuppression", "NonZero", "Unique"})
-"""Operators whose outputs may be empty: OpenCV 5.0 ends the process there (integer division by 0), past any handler."""
 ADVICE = "see docs/detectors.md for the formats that are understood"
 
 
 def load_detector(settings: ModelSettings) -> DetectorFile:
     """The detector that `models.detector` names, checked by one run on a grey image.
-
-    OpenCV runs it where it can, else onnxruntime where that is installed.
 
     Raises
     ------
@@ -54,7 +50,7 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
     image, size_input = _inputs(path, header)
     input_size = _input_size(path, image)
     names = _names(header)
-    engine, outputs = _first_run(path, header, image, size_input, input_size or FREE_SIZE)
+    outputs = _first_run(path, header, image, size_input, input_size or FREE_SIZE)
     form = settings.detector_format
     if form == "auto":
         head = header.metadata.get("head", "") or header.metadata.get("description", "")
@@ -73,7 +69,6 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
         signs = numbered(classes, names, str(path), complete=True)
     return DetectorFile(
         OnnxFile(str(path), sha256(data).hexdigest()),
-        engine,
         form,
         input_size,
         image.name,
@@ -133,26 +128,17 @@ def _first_run(
     image: OnnxInput,
     size_input: str,
     size: tuple[int, int],
-) -> tuple[str, dict[str, NDArray[np.float32]]]:
-    """The engine that can run the network, and the outputs on a grey image."""
+) -> dict[str, NDArray[np.float32]]:
+    """The outputs on a grey image."""
     height, width = multiple_of(size) if not image.shape[2] else size
     inputs: dict[str, NDArray[Any]] = {image.name: np.full((1, 3, height, width), 0.5, np.float32)}
     if size_input:
         inputs[size_input] = np.array([[width, height]], np.int64)
-    faults = []
-    for name, engine in ENGINES.items():
-        risky = sorted(header.operators & SIZED_BY_CONTENT)
-        if name == "opencv" and risky:
-            faults.append(f"{name} does not run {', '.join(risky)}")
-            continue
-        try:
-            return name, engine(str(path), header.outputs).run(inputs)
-        except ImportError:
-            faults.append(f"{name} is not installed (pip install 'wayside[detector]')")
-        except Exception as error:  # each engine has classes of its own for what it cannot run
-            words = " ".join(str(error).split())
-            faults.append(f"{name}: {words[:200]}")
-    raise _refusal(path, "a network that can be run", "; ".join(faults), ADVICE)
+    try:
+        return OnnxNetwork(str(path), header.outputs).run(inputs)
+    except ValueError as error:
+        words = " ".join(str(error).split())[:200]
+        raise _refusal(path, "a network that can be run", words, ADVICE) from error
 
 
 def _refusal(path: Path, wanted: str, found: str, advice: str) -> InputError:

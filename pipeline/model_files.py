@@ -11,7 +11,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
 from scipy.special import expit, logit
 
 from wayside.pipeline.box_file import load_boxes
@@ -299,7 +298,7 @@ def _detection_network(folder: Path | None, name: str) -> OnnxFile | None:
         _verify(path, content)
         held = OnnxFile(str(path), sha256(content).hexdigest())
         DetectionNetwork(held.path)
-    except (OSError, ValueError, cv2.error) as error:
+    except (OSError, ValueError) as error:
         raise InputError(
             f"models.network: wanted an ONNX file of a detection network, found {type(error).__name__} at {name}: "
             f"{error}; correct the path or leave the setting out"

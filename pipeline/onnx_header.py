@@ -30,9 +30,7 @@ _MESSAGES: dict[str, tuple[tuple[str, int, _Kind.Type.ValueType, str], ...]] = {
     "Type": (("tensor_type", 1, _PART, "Tensor"),),
     "Value": (("name", 1, _TEXT, ""), ("type", 2, _PART, "Type")),
     "Weights": (("name", 8, _TEXT, ""),),
-    "Node": (("op_type", 4, _TEXT, ""),),
     "Graph": (
-        ("node", 1, _PART, "Node"),
         ("initializer", 5, _PART, "Weights"),
         ("input", 11, _PART, "Value"),
         ("output", 12, _PART, "Value"),
@@ -40,7 +38,7 @@ _MESSAGES: dict[str, tuple[tuple[str, int, _Kind.Type.ValueType, str], ...]] = {
     "Entry": (("key", 1, _TEXT, ""), ("value", 2, _TEXT, "")),
     "Model": (("graph", 7, _PART, "Graph"), ("metadata_props", 14, _PART, "Entry")),
 }
-_REPEATED = {"dim", "node", "initializer", "input", "output", "metadata_props"}
+_REPEATED = {"dim", "initializer", "input", "output", "metadata_props"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +52,10 @@ class OnnxInput:
 
 @dataclass(frozen=True, slots=True)
 class OnnxHeader:
-    """Inputs, names of the outputs, kinds of its operators, and metadata of a network."""
+    """Inputs, names of the outputs, and metadata of a network."""
 
     inputs: tuple[OnnxInput, ...]
     outputs: tuple[str, ...]
-    operators: frozenset[str]
     metadata: dict[str, str]
 
 
@@ -84,8 +81,7 @@ def read_onnx_header(data: bytes) -> OnnxHeader:
     if not inputs or not outputs:
         raise ValueError("bytes without inputs and outputs of an ONNX network")
     metadata = {entry.key: entry.value for entry in model.metadata_props}  # type: ignore[attr-defined]
-    operators = frozenset(node.op_type for node in graph.node)
-    return OnnxHeader(inputs, outputs, operators, metadata)
+    return OnnxHeader(inputs, outputs, metadata)
 
 
 @cache

@@ -31,13 +31,12 @@ class SignClass:
 class DetectorFile:
     """A detector in an ONNX file, and how it is run and read.
 
-    engine: `opencv` or `onnxruntime`; format: one of the setting `models.detector_format` except `auto`; input_size:
-    height and width of the image that it takes, None: any multiple of 32; image_input, size_input: names of the inputs
-    for the image and for its size (empty: none); outputs: names; signs: classes that are signs by number, None: all.
+    format: one of the setting `models.detector_format` except `auto`; input_size: height and width of the image that it
+    takes, None: any multiple of 32; image_input, size_input: names of the inputs for the image and for its size (empty:
+    none); outputs: names; signs: classes that are signs by number, None: all.
     """
 
     onnx: OnnxFile
-    engine: str
     format: str
     input_size: tuple[int, int] | None
     image_input: str

@@ -32,6 +32,7 @@ from wayside.pipeline.learning.detector_images import (
 )
 from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, export, losses
 from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
+from wayside.pipeline.learning.quantization import quantize
 
 BATCH, LEARNING_RATE, WEIGHT_DECAY, WARM_UP, DECAY_FROM = 16, 2e-3, 0.02, 500, 0.65
 """Crops of a batch; largest learning rate; weight decay; steps of rising rate; fraction of steps before it falls."""
@@ -51,6 +52,9 @@ REUSED_AFTER = 48
 
 MOST_WAIT_S = 300.0
 """A batch that takes longer will never come: the second process has died."""
+
+RANGED = 100
+"""Images, about, that tell the range of values of the network in whole numbers."""
 
 EVERY = 2
 """Every n-th image of rendered drives: neighbours are much alike."""
@@ -299,11 +303,14 @@ def provenance(
 
 
 def learn_network(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) -> None:
-    """Train up to `steps` and write the averaged network as `network.onnx` with what it was learned from.
+    """Train up to `steps` and write the averaged network with what it was learned from.
 
-    A checkpoint of so many steps is written as it is.
+    `float.onnx` is the network as it was learned, `network.onnx` the same in whole numbers. A checkpoint of so many
+    steps is written as it is.
     """
     training = train(drives, real, folder, steps, seed)
     images, library = training_images(drives, real), read_face_library(real)
     seen = provenance(images, library, seed, training.step)
-    export(training.average, folder / "network.onnx", seen)
+    export(training.average, folder / "float.onnx", seen)
+    some = (image.rgb for image in images[:: max(1, len(images) // RANGED)])
+    quantize(folder / "float.onnx", folder / "network.onnx", some)

@@ -14,15 +14,16 @@ from wayside.stages.detection.feature_vectors import (
 )
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
+    IMAGE,
     MAPS,
     SIDE_PX,
     STRIDE,
     DetectionNetwork,
+    as_blob,
     boxes_of_maps,
 )
 from wayside.stages.detection.onnx_detector import (
-    ENGINES,
-    Network,
+    OnnxNetwork,
     as_input,
     multiple_of,
     named_boxes,
@@ -38,7 +39,7 @@ from wayside.stages.detection.proposals import propose
 
 __all__ = [
     "CENTRE_PX",
-    "ENGINES",
+    "IMAGE",
     "INNER",
     "MAPS",
     "PATCH_CNN_FEATURES",
@@ -50,7 +51,8 @@ __all__ = [
     "STRIDE",
     "BoxClassifier",
     "DetectionNetwork",
-    "Network",
+    "OnnxNetwork",
+    "as_blob",
     "as_input",
     "box_feature_names",
     "box_features",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES, NetworkBoxes
+from wayside.stages.detection.onnx_detector import OnnxNetwork
 from wayside.stages.geometry import non_maximum_suppression
 
 STRIDE, MULTIPLE = 4, 32
@@ -19,24 +20,28 @@ MAPS = 2 + 4 + len(COLORS) + len(SHAPES)
 """Maps: log odds of fronts and of backs, box (a, b, c, d), log odds of colours, of shapes."""
 
 
-class DetectionNetwork:
-    """A network from an ONNX file. OpenCV's networks are not safe to share between threads: one each.
+IMAGE, OUTPUT = "image", "maps"
+"""Names of the input and of the output of a network."""
 
-    Raises cv2.error where the file is none that OpenCV can read.
-    """
+
+class DetectionNetwork:
+    """A network from an ONNX file; raises ValueError where it cannot be run."""
 
     def __init__(self, path: str) -> None:
-        # The classic engine takes 0.6 of the time of the new one, which networks from memory always get.
-        self._network = cv2.dnn.readNetFromONNX(path, cv2.dnn.ENGINE_CLASSIC)
+        self._network = OnnxNetwork(path, (OUTPUT,))
 
     def maps(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Maps (`MAPS`, rows, columns) of an image, padded at the right and below to whole multiples of 32."""
-        height, width = rgb.shape[:2]
-        padded = cv2.copyMakeBorder(
-            rgb, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE
-        )
-        self._network.setInput(cv2.dnn.blobFromImage(padded, 1 / 255))
-        return np.asarray(self._network.forward()[0], np.float32)
+        return self._network.run({IMAGE: as_blob(rgb)})[OUTPUT][0]
+
+
+def as_blob(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """An image as the network takes it: (1, 3, height, width), 0 to 1, padded to whole multiples of 32."""
+    height, width = rgb.shape[:2]
+    padded = cv2.copyMakeBorder(
+        rgb, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE
+    )
+    return np.asarray(cv2.dnn.blobFromImage(padded, 1 / 255), np.float32)
 
 
 def boxes_of_maps(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,60 +30,40 @@ MULTIPLE = 32
 """Height and width of what a network of free input size sees are multiples of this."""
 GREY = 114
 """Level of the border of a letterboxed image, as in the training of the YOLO networks."""
+ERRORS = 3
+"""Severity from which onnxruntime writes to the terminal."""
 
 
-class Network(Protocol):
-    """A network that an engine runs."""
+class OnnxNetwork:
+    """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
 
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
-        """Outputs by name."""
-
-
-class OpenCvNetwork:
-    """By OpenCV; not safe to share between threads. Raises cv2.error where OpenCV cannot read or run the file."""
-
-    def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
-        self._network = cv2.dnn.readNetFromONNX(path, cv2.dnn.ENGINE_NEW)
-        self._outputs = outputs
-
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
-        """Outputs by name."""
-        for name, value in inputs.items():
-            self._network.setInput(value, name)
-        values = self._network.forward(list(self._outputs))
-        return {
-            name: np.array(value, np.float32)
-            for name, value in zip(self._outputs, values, strict=True)
-        }
-
-
-class OnnxRuntimeNetwork:
-    """By onnxruntime, in one thread. Raises ImportError where it is not installed."""
+    Raises ValueError where the file is none that can be run.
+    """
 
     def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
-        self._session = onnxruntime.InferenceSession(
-            path, options, providers=["CPUExecutionProvider"]
-        )
+        options.log_severity_level = ERRORS
+        try:
+            self._session = onnxruntime.InferenceSession(
+                path, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # the engine has a class of its own for each fault of a file
+            raise ValueError(str(error)) from error
         self._outputs = outputs
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
-        """Outputs by name."""
-        values = self._session.run(list(self._outputs), dict(inputs))
+        """Outputs by name; raises ValueError where the inputs are none that the network takes."""
+        try:
+            values = self._session.run(list(self._outputs), dict(inputs))
+        except Exception as error:
+            raise ValueError(str(error)) from error
         return {
             name: np.asarray(value, np.float32)
             for name, value in zip(self._outputs, values, strict=True)
         }
-
-
-ENGINES: dict[str, Callable[[str, tuple[str, ...]], Network]] = {
-    "opencv": OpenCvNetwork,
-    "onnxruntime": OnnxRuntimeNetwork,
-}
-"""Engines by name, in the order in which they are tried."""
 
 
 class OnnxDetector:
@@ -91,7 +71,7 @@ class OnnxDetector:
 
     def __init__(self, file: DetectorFile) -> None:
         self._file = file
-        self._network = ENGINES[file.engine](file.onnx.path, file.outputs)
+        self._network = OnnxNetwork(file.onnx.path, file.outputs)
 
     def boxes(self, rgb: NDArray[np.uint8], least_score: float, same_iou: float) -> ExternalBoxes:
         """Boxes of signs in an image (height, width, 3), best first.

@@ -280,30 +280,35 @@ def _gradients(patch: Any, row: Any, at: Any, sine: Any, cosine: Any) -> None:
     """Histogram of directions per cell of the strongest channel's gradient, over its total; the total behind it."""
     size = (SIDE - 2) // HOG_CELLS
     total = np.float32(0)
+    strength = np.empty(SIDE, np.float32)
+    bin_ = np.empty(SIDE, np.int32)
     for i in range(1, SIDE - 1):
+        # A row without branches, so that it is vectorised; then its strengths into their cells.
         for j in range(1, SIDE - 1):
-            best = np.float32(-1)
-            gx = np.float32(0)
-            gy = np.float32(0)
-            for c in range(3):
+            gx = patch[0, i, j + 1] - patch[0, i, j - 1]
+            gy = patch[0, i + 1, j] - patch[0, i - 1, j]
+            best = gx * gx + gy * gy
+            for c in range(1, 3):
                 dx = patch[c, i, j + 1] - patch[c, i, j - 1]
                 dy = patch[c, i + 1, j] - patch[c, i - 1, j]
                 q = dx * dx + dy * dy
-                if q > best:
-                    best = q
-                    gx = dx
-                    gy = dy
-            if gy < 0 or (gy == 0 and gx < 0):
-                gx = -gx
-                gy = -gy
+                more = q > best
+                best = q if more else best
+                gx = dx if more else gx
+                gy = dy if more else gy
+            back = (gy < 0) | ((gy == 0) & (gx < 0))
+            gx = -gx if back else gx
+            gy = -gy if back else gy
             # Number of bin borders that the direction lies beyond.
-            bin_ = 0
+            beyond = np.int32(0)
             for k in range(HOG_BINS - 1):
-                bin_ += gy * cosine[k] - gx * sine[k] >= 0
-            strength = np.sqrt(best)
-            total += strength
+                beyond += np.int32(gy * cosine[k] - gx * sine[k] >= 0)
+            bin_[j] = beyond
+            strength[j] = np.sqrt(best)
+        for j in range(1, SIDE - 1):
+            total += strength[j]
             cell = ((i - 1) // size) * HOG_CELLS + (j - 1) // size
-            row[at + cell * HOG_BINS + bin_] += strength
+            row[at + cell * HOG_BINS + bin_[j]] += strength[j]
     n = HOG_CELLS * HOG_CELLS * HOG_BINS
     over = np.float32(1) / (total + np.float32(1))
     for k in range(n):

@@ -81,7 +81,6 @@ def propose(
     """
     if ranking is not None:
         require_names("ranking", ranking.features, REGION_FEATURES, exact=True)
-    # not safe to share between threads, and each worker has its own instance of this stage
     detection_network = None if network is None else DetectionNetwork(network.path)
     for item in items:
         rgb, camera = item.image.rgb, item.frame.camera

@@ -121,7 +121,6 @@ def test_a_detector_is_run_from_the_command_line(tmp_path, capsys):
         "file": "yolov8.onnx",
         "sha256": about["models"]["detector"],
         "format": "yolov8",
-        "engine": "opencv",
         "input": [64, 64],
         "classes": {"0": {"color": "red", "shape": "octagon"}},
     }

@@ -126,9 +126,9 @@ def test_drives_and_sets_are_kinds_of_their_own(training):
     assert training.source_kind("scenes_mixed/ro") == "scenes_mixed"
 
 
-def test_the_network_gives_the_same_maps_in_opencv(torch, network, tmp_path: Path):
+def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.stages.detection import DetectionNetwork as InOpenCV
+    from wayside.stages.detection import DetectionNetwork as InOnnxRuntime
 
     fresh = network.DetectionNetwork()
     fresh.eval()
@@ -137,5 +137,5 @@ def test_the_network_gives_the_same_maps_in_opencv(torch, network, tmp_path: Pat
     rgb = np.random.default_rng(0).integers(0, 256, (96, 128, 3)).astype(np.uint8)
     with torch.no_grad():
         expected = fresh(torch.from_numpy(rgb / 255).float().permute(2, 0, 1)[None])[0]
-    found = InOpenCV(str(tmp_path / "network.onnx")).maps(rgb)
+    found = InOnnxRuntime(str(tmp_path / "network.onnx")).maps(rgb)
     np.testing.assert_allclose(found, expected, atol=1e-3)
