@@ -167,6 +167,8 @@ def measure(name: str, folder: str, *, keep: bool) -> Measured:
         by_place = models.location_classes.at_alpha(rule) if rule else models.location_classes
         gates["location", rule] = tracks.evaluation(location=by_place)
         for form, density in densities.items():
+            if rule and not density.curve:
+                continue  # a model without operating points
             moves = density.at_alpha(rule) if rule else density
             gates[f"trajectory, {form}", rule] = tracks.evaluation(moves)
             gates[f"location and trajectory, {form}", rule] = tracks.evaluation(moves, by_place)
@@ -229,6 +231,7 @@ def curves(
         found[name] = [
             _point(together(measured[drive].gates[name, rule] for drive in names))
             for rule in RULES[1:]
+            if all((name, rule) in measured[drive].gates for drive in names)
         ]
     return found
 
@@ -276,6 +279,8 @@ def _allowed(measured: Mapping[str, Measured]) -> Iterator[str]:
     yield f"| --- | ---: | {' | '.join(['---: | ---: | ---:'] * len(SETS))} |"
     for gate in GATES:
         for rule in RULES:
+            if any((gate, rule) not in one.gates for one in measured.values()):
+                continue
             cells = []
             for names in SETS.values():
                 e = together(measured[name].gates[gate, rule] for name in names)

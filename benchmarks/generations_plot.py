@@ -32,6 +32,8 @@ def draw(
         left = LEFT + k * (WIDE + APART)
         _axes(page, left, f"Precision against recall, {title} drives")
         for name, points in lines.items():
+            if not points:
+                continue
             at = np.array([(left + WIDE * x, TOP + TALL * (1 - y)) for x, y in points])
             page.line(at, INKS.get(name, POINT), 2)
             for point in at:

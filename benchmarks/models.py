@@ -59,7 +59,7 @@ ELSEWHERE = """\
 [docs/report.md](../docs/report.md) |
 | a refit from 50 labelled pictures, and what it changes | [docs/fit.md](../docs/fit.md#measured) |
 | calibration against the truth and on real boards | [docs/calibration.md](../docs/calibration.md) |
-| recall of preset `default` by colour and size of the face | [seeing.md](seeing.md), [scenes.md](scenes.md) |
+| recall of preset `default` by colour and size of the face | [seeing.md](seeing.md) |
 """.splitlines()
 DEFAULT = ("detector", "landmark", "confidence")
 RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
@@ -260,6 +260,23 @@ def trajectory_beside_location(folds: Sequence[Fold]) -> Iterator[str]:
             counts.setdefault(name, []).append([int(one.sum()) for one in flags])
     for name, rows in counts.items():
         yield f"| {name.replace('_', ', ')} | {Counts(np.array(rows, np.int64)).rates()} |"
+    false, others = np.array(counts["location"], np.int64).sum(axis=0)[2:]
+    yield ""
+    yield (
+        f"At the false positive rate of the location, {100 * false / others:.0f} %, no threshold lets the trajectory "
+        f"keep more than {_most_kept([own for own, _ in folds], false / others)} of the signs."
+    )
+
+
+def _most_kept(drives: Sequence[Drive], rate: float) -> str:
+    """The largest true positive rates of the trajectories at a false positive rate, in words."""
+    words = []
+    for form, name in TRAJECTORIES.items():
+        own = ClassifierSamples.joined([drive[name] for drive in drives]).known()
+        score, on = own.values[:, 0], own.label == ON
+        least = np.quantile(score[~on], 1 - rate, method="higher")
+        words.append(f"{100 * (score[on] > least).mean():.0f} % ({form})")
+    return " or ".join(words)
 
 
 def _by_evidence(drives: Mapping[str, Drive]) -> Iterator[str]:

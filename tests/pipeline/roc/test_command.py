@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.labels import read_labels
-from wayside.pipeline.learning.gates import learn_gates
+from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.roc.command import (
@@ -20,7 +20,12 @@ from wayside.pipeline.roc.command import (
     measure_roc,
 )
 from wayside.pipeline.roc.questions import confusion, questions
-from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.roc.samples import (
+    TRAJECTORIES,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
@@ -214,3 +219,22 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
         sums, *ratios = found["landmark"].values.T
         shift = used.landmark_classifier.shift
         assert sums == pytest.approx(shift + np.sum(ratios, axis=0), abs=1e-6)
+
+
+@pytest.mark.slow
+def test_densities_that_decide_nothing_are_asked_about_the_tracks_that_reach_the_location():
+    settings = load_settings("report", None, ["read.until_s=2"])[0]
+    labels = read_labels(DEMO.with_suffix(".truth.json"))
+    wanted = ("location", *TRAJECTORIES.values())
+    found = gather_samples(
+        DEMO,
+        labels,
+        settings,
+        load_models(settings),
+        undecided=trajectory_densities({}),
+        only=wanted,
+    )
+    assert found.keys() == set(wanted)
+    for name in TRAJECTORIES.values():
+        assert (found[name].box == found["location"].box).all()
+        assert 0 < found[name].accepted.mean() < 1
