@@ -185,8 +185,10 @@ def scaled(messages: Messages, factor: float) -> Messages:
             round(size * factor) for size in (content.width, content.height)
         )
         for matrix in (content.K, content.P):
-            for k in range(len(matrix) - len(matrix) // 3):
-                matrix[k] *= factor
+            width = len(matrix) // 3
+            for k in range(2 * width):
+                middle = 0.5 if k % width == 2 else 0.0  # that of the first pixel lies at 0
+                matrix[k] = (matrix[k] + middle) * factor - middle
 
     changes = {IMAGE: smaller, CALIBRATION: smaller_camera}
     return [edited(m, changes.get(m.topic)) for m in messages]

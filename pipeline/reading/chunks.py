@@ -14,6 +14,7 @@ import zstandard
 
 from wayside.pipeline.reading.layout import (
     CHANNEL,
+    LAST_KNOWN,
     MESSAGE,
     MESSAGE_HEAD,
     RECORD_HEAD,
@@ -140,11 +141,15 @@ def zstd_unpacker() -> zstandard.ZstdDecompressor:
 
 
 class RecordOffsets(NamedTuple):
-    """Where the schemas, channels and messages in a chunk begin, how many records it has, and why no more follow."""
+    """Where the schemas, channels and messages in a chunk begin, how many records it has, and why no more follow.
+
+    misplaced: how many of its records are of kinds that stand outside of chunks, as chunks do.
+    """
 
     offsets: array[int]
     records: int
     fault: str
+    misplaced: int = 0
 
 
 def find_records(data: memoryview, most: int) -> RecordOffsets:
@@ -163,7 +168,7 @@ def find_records(data: memoryview, most: int) -> RecordOffsets:
         It has more.
     """
     offsets = array("Q")
-    position, end, count = 0, len(data), 0
+    position, end, count, misplaced = 0, len(data), 0, 0
     while position < end:
         if position + RECORD_HEAD.size > end:
             return RecordOffsets(offsets, count, "a record in it is cut off")
@@ -181,8 +186,10 @@ def find_records(data: memoryview, most: int) -> RecordOffsets:
             )
         if opcode in (MESSAGE, SCHEMA, CHANNEL):
             offsets.append(position)
+        elif opcode <= LAST_KNOWN:
+            misplaced += 1
         position += RECORD_HEAD.size + length
-    return RecordOffsets(offsets, count, "")
+    return RecordOffsets(offsets, count, "", misplaced)
 
 
 def take_records(data: memoryview, offsets: Iterable[int]) -> Iterator[tuple[int, memoryview]]:

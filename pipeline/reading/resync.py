@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 from wayside.pipeline.reading.chunks import LARGEST_HEAD, ChunkError, parse_chunk_head
 from wayside.pipeline.reading.layout import (
+    CHANNEL,
     CHUNK,
     DATA_END,
     FOOTER,
@@ -16,7 +17,9 @@ from wayside.pipeline.reading.layout import (
     MESSAGE,
     MESSAGE_HEAD,
     ONLY_IN_DATA,
+    ONLY_IN_SUMMARY,
     RECORD_HEAD,
+    SCHEMA,
     length_is_plausible,
 )
 
@@ -97,3 +100,17 @@ def follows_a_record(stream: BinaryIO, offset: int, size: int) -> bool:
         return True  # cut off within a record's head
     opcode, length = RECORD_HEAD.unpack(head)
     return 0 < opcode <= LAST_KNOWN and length_is_plausible(opcode, length)
+
+
+def end_of_log(stream: BinaryIO, offset: int, size: int) -> int | None:
+    """Where the end mark of a log ends whose summary or footer begins at `offset`; None where there is no such mark."""
+    while offset + RECORD_HEAD.size <= size:
+        stream.seek(offset)
+        opcode, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        offset += RECORD_HEAD.size + length
+        if opcode == FOOTER and offset + len(MAGIC) <= size:
+            stream.seek(offset)
+            return offset + len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else None
+        if opcode not in (SCHEMA, CHANNEL, *ONLY_IN_SUMMARY):
+            return None
+    return None

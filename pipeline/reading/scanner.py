@@ -46,7 +46,13 @@ from wayside.pipeline.reading.layout import (
     parse_attachment,
     parse_metadata,
 )
-from wayside.pipeline.reading.resync import data_ends, find_record, follows_a_record, is_chunk
+from wayside.pipeline.reading.resync import (
+    data_ends,
+    end_of_log,
+    find_record,
+    follows_a_record,
+    is_chunk,
+)
 from wayside.pipeline.reading.salvage import unpack_front
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.summary import Summary, has_data_checksum, read_summary
@@ -113,7 +119,9 @@ class Scanner:
             else:
                 yield from self._record(opcode, length, start)
             self.report.bytes_read = self.position
-        if opcode not in (DATA_END, FOOTER) and not self.cut:
+        if opcode in (DATA_END, FOOTER):
+            self._look_behind(start if opcode == FOOTER else self.position)
+        elif not self.cut:
             self.report.add_problem(
                 self.position, "the log ends without its end mark: the recording was cut off"
             )
@@ -233,6 +241,10 @@ class Scanner:
             self._find_next(start)
             return
         self.allowance.records += found.records
+        if found.misplaced:
+            self.report.add_problem(
+                start, f"{found.misplaced} records in a chunk lost: their kinds have no place there"
+            )
         self.report.compressions[head.compression or "none"] += 1
         yield from self._messages(data, found.offsets, start)
 
@@ -321,6 +333,16 @@ class Scanner:
                 self.size,
                 f"{stated - self.report.messages} messages lost: the summary counts {stated}, "
                 f"{self.report.messages} were found",
+            )
+
+    def _look_behind(self, summary: int) -> None:
+        """Tell of bytes behind the end mark, as where two logs were put into one file."""
+        end = end_of_log(self.stream, summary, self.size)
+        if end is not None and end < self.size:
+            self.report.add_problem(
+                end,
+                f"{self.size - end} bytes lost: they stand behind the end mark of the log; "
+                "if they are another log, part the file there and use `wayside join`",
             )
 
     def _end_data(self, content: bytes, start: int, checksum: int | None) -> None:

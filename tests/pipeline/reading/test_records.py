@@ -318,12 +318,27 @@ def test_a_channel_whose_schema_is_missing_is_counted_and_its_messages_still_com
     assert "schema 1" in str(report.problems[0])
 
 
-def test_what_follows_the_end_of_the_data_is_not_read(tmp_path):
-    path = write(tmp_path / "log.mcap")
+@pytest.mark.parametrize("options", [{}, {"use_chunking": False}])
+def test_what_follows_the_end_mark_is_not_read_and_is_told(tmp_path, options):
+    path = write(tmp_path / "log.mcap", **options)
+    length = path.stat().st_size
     path.write_bytes(path.read_bytes() * 2)
     found, report = read(path)
     assert found == everything()
-    assert not report.lost
+    (problem,) = report.problems
+    assert problem.offset == length
+    assert f"{length} bytes lost: they stand behind the end mark" in str(problem)
+
+
+@pytest.mark.parametrize("kind", ["chunk", "message index", "footer"])
+def test_records_that_have_no_place_in_a_chunk_are_counted(tmp_path, kind):
+    inner = {"chunk": chunk(message(1, 2)), "message index": record(7, bytes(6)), "footer": b""}
+    misplaced = inner[kind] or record(2, bytes(20))
+    path = handmade(tmp_path, chunk(FIRST + misplaced + message(1, 3)), record(15, bytes(4)))
+    found, report = read(path)
+    assert len(found) == 2
+    (problem,) = report.problems
+    assert "1 records in a chunk lost" in str(problem)
 
 
 def test_metadata_and_small_attachments_come_and_large_ones_do_not(tmp_path):
