@@ -1,14 +1,12 @@
 """Learn the landmark classifiers from drives: `python -m wayside.pipeline.learn_landmarks`.
 
 The drives are others than those of `learn.py`: on images that a detector has learned from, its scores are higher than
-on the road. Real ones weigh as they are: how far the views of shop fronts and lorries look like signs, rendered drives
-do not tell.
+on the road.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -40,22 +38,16 @@ from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.stages.odometry import estimate_motion
 
-REAL_DRIVES = ("ca_city_garmin",)
-"""Real drives with labels that may be learned from and that no model of one image has learned from."""
-
 LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of the box classifier is lowered: else few landmarks are no signs."""
 
 Notify = Callable[[str], None]
 
 
-def learn_landmarks(
-    drives: Path, real: Path | None, folder: Path, notify: Notify
-) -> dict[str, str]:
+def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str]:
     """Learn `place.json` and `back_place.json` from the drives of a folder; the digests by file name.
 
-    real: folder of real drives with labels; folder: the models that the drives are tracked with; what is learned is
-    written there.
+    folder: the models that the drives are tracked with; what is learned is written there.
 
     Raises
     ------
@@ -65,8 +57,6 @@ def learn_landmarks(
         If a file cannot be written.
     """
     logs = learning_logs(drives)
-    if real is not None:
-        logs += [log for log in (real / f"{name}.mcap" for name in REAL_DRIVES) if log.is_file()]
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
@@ -102,7 +92,7 @@ def _posed(folder: Path, log: Path) -> Iterator[PosedDrive]:
     """A drive up to its motion, with its panels, once for each threshold of the box classifier."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    known = _known_panels(log)
+    known = KnownPanels.of(read_truth(log.with_suffix(".truth.json")))
     for lower in LENIENT:
         classifier = models.box_classifier
         if classifier is None:
@@ -124,25 +114,17 @@ def _posed(folder: Path, log: Path) -> Iterator[PosedDrive]:
         )
 
 
-def _known_panels(log: Path) -> KnownPanels:
-    labels = log.with_suffix(".labels.json")
-    if labels.is_file():
-        return KnownPanels.of_labels(json.loads(labels.read_text(encoding="utf-8")))
-    return KnownPanels.of(read_truth(log.with_suffix(".truth.json")))
-
-
 def main(arguments: list[str] | None = None) -> int:
     """The command line; the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m wayside.pipeline.learn_landmarks", description=__doc__
     )
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
-    parser.add_argument("--real", type=Path, help="folder of real drives with labels")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
-        learn_landmarks(given.drives, given.real, given.out, lambda text: print(text, flush=True))
+        learn_landmarks(given.drives, given.out, lambda text: print(text, flush=True))
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

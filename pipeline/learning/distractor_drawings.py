@@ -13,7 +13,8 @@ HEIGHTS_PX = (8.0, 110.0)
 """Heights, log-uniform."""
 
 ASPECTS = {
-    "signal": (0.38, 0.38),
+    "signal": (0.32, 0.42),
+    "level signal": (2.4, 3.1),
     "cone": (0.6, 0.6),
     "lamp": (0.5, 0.5),
     "panel": (0.4, 4.0),
@@ -24,6 +25,12 @@ ASPECTS = {
 
 LAMPS = ((255, 40, 30), (255, 190, 30), (40, 255, 160))
 """Red, amber and green of signals, RGB."""
+
+BACKPLATE = 0.4
+"""Most that a backplate reaches beyond the housing, in shorter sides of that."""
+
+HOUSINGS = ((20, 20, 20), (200, 160, 20), (215, 130, 25), (30, 60, 40), (90, 92, 95))
+"""Paints of signals, RGB: black, yellow, orange, green, grey."""
 
 Corners = tuple[float, float, float, float]
 
@@ -38,9 +45,11 @@ def draw_distractor(
     left = rng.uniform(-0.1, 1) * rgb.shape[1]
     top = rng.uniform(-0.1, 1) * rgb.shape[0]
     box = (left, top, left + wide, top + high)
-    if overlaps((left - 2, top - 2, left + wide + 2, top + high + 2), list(map(tuple, taken))):
+    margin = 2 + (BACKPLATE * min(wide, high) if kind.endswith("signal") else 0)
+    around = (left - margin, top - margin, left + wide + margin, top + high + margin)
+    if overlaps(around, list(map(tuple, taken))):
         return
-    if kind == "signal":
+    if kind.endswith("signal"):
         _signal(rgb, box, rng)
     elif kind == "cone":
         _cone(rgb, box)
@@ -62,13 +71,25 @@ def _rectangle(rgb: NDArray[np.uint8], box: Corners, color: tuple[float, ...]) -
 
 
 def _signal(rgb: NDArray[np.uint8], box: Corners, rng: np.random.Generator) -> None:
-    _rectangle(rgb, box, SHEETING["black"] if rng.random() < 0.7 else (200, 160, 20))
-    high, lit = box[3] - box[1], int(rng.integers(4))
+    """Three lamps in a housing, upright or level, with or without a backplate; the lit one may be too bright."""
+    paint = np.array(HOUSINGS[int(rng.integers(len(HOUSINGS)))]) * rng.uniform(0.6, 1.2)
+    x0, y0, x1, y1 = box
+    wide, high = x1 - x0, y1 - y0
+    short, lit = min(wide, high), int(rng.integers(4))
+    if rng.random() < 0.4:
+        edge = short * rng.uniform(0.1, BACKPLATE)
+        backplate = (20, 20, 20) if rng.random() < 0.6 else tuple(paint.tolist())
+        _rectangle(rgb, (x0 - edge, y0 - edge, x1 + edge, y1 + edge), backplate)
+    _rectangle(rgb, box, tuple(np.minimum(paint, 255).tolist()))
+    radius = max(1, round(short * rng.uniform(0.26, 0.4)))
     for number, lamp in enumerate(LAMPS):
-        dim = 1.0 if number == lit else 0.15
-        middle = round((box[0] + box[2]) / 2), round(box[1] + high * (0.18 + 0.32 * number))
-        radius = max(1, round(high * 0.11))
-        cv2.circle(rgb, middle, radius, tuple(dim * v for v in lamp), -1, cv2.LINE_AA)
+        along, across = 0.18 + 0.32 * number, 0.5
+        u, v = (along, across) if wide > high else (across, along)
+        middle = round(x0 + u * wide), round(y0 + v * high)
+        color = tuple((1.0 if number == lit else 0.15) * part for part in lamp)
+        cv2.circle(rgb, middle, radius, color, -1, cv2.LINE_AA)
+        if number == lit and rng.random() < 0.5:
+            cv2.circle(rgb, middle, max(1, round(radius * 0.7)), (255, 255, 255), -1, cv2.LINE_AA)
 
 
 def _cone(rgb: NDArray[np.uint8], box: Corners) -> None:

@@ -63,8 +63,6 @@ UNCERTAIN_TIMES = 3.0
 """A face is uncertain, not refused, up to so many times the false-alarm rate of the decision. A back is refused."""
 SIGN, NOTHING, NEITHER = 1, 0, -1
 Values = NDArray[np.float64]
-SignId = int | str
-"""As a `truth.json` or a `labels.json` has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,21 +259,17 @@ class KnownPanels:
     """Panels of a drive with truth: boxes by frame, and where each stands from the camera of a frame.
 
     boxes: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel; centres:
-    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame. Of labels made by hand: where a
-    sign stands is not known, it has boxes in some of the frames that show it (`in_all_frames` False), and some are
-    neither right nor wrong (`doubtful`), as groups of plates that are there one by one.
+    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame.
     """
 
-    boxes: dict[int, list[tuple[SignId, bool, tuple[float, float, float, float]]]]
-    centres: dict[SignId, Values]
+    boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]]
+    centres: dict[int, Values]
     poses: dict[int, tuple[Values, Values]]
-    in_all_frames: bool = True
-    doubtful: frozenset[SignId] = frozenset()
 
     @classmethod
     def of(cls, truth: dict[str, Any]) -> KnownPanels:
         """From the content of a `truth.json`."""
-        boxes: dict[int, list[tuple[SignId, bool, tuple[float, float, float, float]]]] = {}
+        boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]] = {}
         for sign in truth["signs"]:
             for view in sign["frames"]:
                 back = view["side"] == "back"
@@ -290,28 +284,8 @@ class KnownPanels:
         poses = {frame["index"]: camera_pose(frame) for frame in truth["frames"]}
         return cls(boxes, centres, poses)
 
-    @classmethod
-    def of_labels(cls, labels: dict[str, Any]) -> KnownPanels:
-        """From the content of a `labels.json`."""
-        boxes: dict[int, list[tuple[SignId, bool, tuple[float, float, float, float]]]] = {}
-        for sign in labels["signs"]:
-            for view in sign["boxes"]:
-                entry = (sign["id"], sign["facing"] == "back", tuple(view["box"]))
-                boxes.setdefault(view["i"], []).append(entry)
-        doubtful = {
-            sign["id"]
-            for sign in labels["signs"]
-            if not (sign["wanted"] or sign["facing"] == "back")
-        }
-        return cls(boxes, {}, {}, in_all_frames=False, doubtful=frozenset(doubtful))
-
-    def stands_at(self, landmark: Landmark, sign: SignId) -> bool:
-        """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them.
-
-        Of a sign without a position its boxes alone tell.
-        """
-        if sign not in self.centres:
-            return True
+    def stands_at(self, landmark: Landmark, sign: int) -> bool:
+        """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them."""
         rotation, origin = self.poses[landmark.best_frame]
         actual = (self.centres[sign] - origin) @ rotation
         return bool(np.isfinite(match_distance(landmark.position - actual, actual)))
@@ -324,8 +298,7 @@ def label_of(landmark: Landmark, known: KnownPanels) -> int:
     depth, or rays that met by chance, are no signs either.
     """
     there = {s: on for s, on in _faces(landmark, known).items() if known.stands_at(landmark, s)}
-    sure = any(on_face for sign, on_face in there.items() if sign not in known.doubtful)
-    return SIGN if sure else NEITHER if there else NOTHING
+    return SIGN if any(there.values()) else NEITHER if there else NOTHING
 
 
 def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
@@ -334,22 +307,17 @@ def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
     return SIGN if any(touched.values()) else NEITHER if touched else NOTHING
 
 
-def _faces(landmark: Landmark, known: KnownPanels) -> dict[SignId, bool]:
-    """The signs that a landmark touches in its nearest views, and whether it lies on their face.
-
-    Where a sign has boxes in some frames only, the nearest views are those of these frames.
-    """
-    views = sorted(landmark.views, key=lambda view: -view.frame)
-    overlaps: dict[SignId, list[float]] = {}
-    for view in views[:NEAREST] if known.in_all_frames else views:
+def _faces(landmark: Landmark, known: KnownPanels) -> dict[int, bool]:
+    """The signs that a landmark touches in its nearest views, and whether it lies on their face."""
+    views = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
+    overlaps: dict[int, list[float]] = {}
+    for view in views:
         for sign, back, box in known.boxes.get(view.frame, ()):
             if back == landmark.back:
                 overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
                 overlaps.setdefault(sign, []).append(float(overlap))
-    nearest = {sign: own[:NEAREST] for sign, own in overlaps.items()}
-    without_box = min(NEAREST, len(views)) if known.in_all_frames else 0
     return {
-        sign: float(np.median([*own, *[0.0] * (without_box - len(own))])) >= ON_FACE
-        for sign, own in nearest.items()
+        sign: float(np.median([*own, *[0.0] * (len(views) - len(own))])) >= ON_FACE
+        for sign, own in overlaps.items()
         if max(own) > NEAR_FACE
     }

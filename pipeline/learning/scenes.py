@@ -48,7 +48,7 @@ def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]
 
     Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole.
     """
-    drives = ("us_freeway_challenge", "us_freeway_white_right")
+    drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
     sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
         name: partial(real_drive_images, folder / f"{name}.mcap", complete=True) for name in drives
     }

@@ -77,25 +77,6 @@ def test_what_is_followed_as_a_back_is_one_where_a_panel_is_seen_from_behind():
     assert label(SeenAt(AWAY, AWAY, AWAY, back=True), side="back") == NOTHING
 
 
-def label_by_hand(landmark, **changed):
-    boxes = [{"i": i, "box": [100, 100, 140, 140]} for i in (1, 3)]
-    sign = {"id": "P1", "facing": "front", "wanted": True, "boxes": boxes} | changed
-    return label_of(landmark, KnownPanels.of_labels({"signs": [sign]}))
-
-
-def test_hand_made_boxes_tell_in_the_frames_that_have_them():
-    assert label_by_hand(SeenAt(AWAY, FACE, AWAY, FACE, AWAY)) == SIGN
-    assert label_by_hand(SeenAt(FACE, AWAY, FACE, AWAY, FACE)) == NOTHING
-    assert label_by_hand(SeenAt(FACE, HALF, FACE, HALF, FACE)) == NEITHER
-
-
-def test_hand_made_labels_that_are_not_wanted_are_nobodys_example_but_backs_are():
-    assert label_by_hand(SeenAt(*[FACE] * 4), wanted=False) == NEITHER
-    behind = {"facing": "back", "wanted": False}
-    assert label_by_hand(SeenAt(*[FACE] * 4, back=True), **behind) == SIGN
-    assert label_by_hand(SeenAt(*[FACE] * 4), **behind) == NOTHING
-
-
 def examples(count=800, seed=4):
     """Landmarks whose scores and misses tell signs from others, with their log odds at even shares."""
     rng = np.random.default_rng(seed)
