@@ -42,6 +42,10 @@ class MergeSettings:
         30.0, "m", "sightings farther apart are never compared", low=0.1,
         origin="four standard deviations between two drives with fixes of 5 m",
     )  # fmt: skip
+    near_sigmas: float = setting(
+        4.0, "sigmas", "nor are those farther apart than so many standard deviations of their common errors", low=0.1,
+        origin="of normal errors one pair in 16,000 lies beyond",
+    )  # fmt: skip
     facing_deg: float = setting(
         45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
         origin="between the scatter of a facing and panels back to back or at a corner",

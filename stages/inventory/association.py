@@ -18,23 +18,23 @@ YEAR_NS = 365.25 * 86_400e9
 
 
 def candidate_pairs(
-    sightings: Sightings, settings: MergeSettings, sigmas: float, position: Floats | None = None
+    sightings: Sightings, settings: MergeSettings, position: Floats | None = None
 ) -> Ints:
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
+
+    Near: within `near_sigmas` standard deviations of the common errors of both, level, and at most within `reach_m`.
 
     Parameters
     ----------
     sightings, settings
-        What is compared, and `reach_m` and `facing_deg`.
-    sigmas
-        Near: within so many standard deviations of the common errors of both, level, and at most within the reach.
+        What is compared, and the gates.
     position
         (n, 3) to compare instead of that measured.
     """
     where = sightings.position if position is None else position
     spread = sightings.common_sigma_m[:, 0]
     own = np.sqrt(sightings.covariance[:, [0, 1], [0, 1]].max(axis=1, initial=0.0))
-    around = sigmas * np.hypot(spread, own)
+    around = settings.near_sigmas * np.hypot(spread, own)
     radius = min(settings.reach_m, float(np.hypot(1, 1) * around.max(initial=0.0)))
     found = cKDTree(where[:, :2]).query_pairs(radius, output_type="ndarray")
     pairs = np.sort(np.asarray(found, np.int64).reshape(-1, 2), axis=1)

@@ -27,7 +27,6 @@ from wayside.stages.kernels import compiled, require_array
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_SIGMAS = 4.0
 
 
 def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPanels:
@@ -51,7 +50,7 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
     """
     offsets = solve_offsets(sightings, settings)
     corrected = sightings.position - offsets.offset_m
-    pairs = candidate_pairs(sightings, settings, _SIGMAS, corrected)
+    pairs = candidate_pairs(sightings, settings, corrected)
     relative = relative_variance(sightings, offsets, pairs, settings)
     place = _places(sightings, corrected, pairs, relative, settings)
     panel = face_runs(sightings, place, settings)

@@ -32,7 +32,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
 """Width of the kernel, parts of the common error's standard deviation, in order of the iterations."""
-_SIGMAS = 4.0
 _LEAST = 1e-3
 """Pairs of a smaller share are left out of an iteration."""
 _SHORTEST_S = 1e-3
@@ -52,7 +51,7 @@ class DriveOffsets:
 def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets:
     """Common error of the drives at every sighting; zero where no panel is common to two drives."""
     offset = np.zeros((len(sightings), 3))
-    pairs = candidate_pairs(sightings, settings, _SIGMAS)
+    pairs = candidate_pairs(sightings, settings)
     ratio = face_log_ratio(sightings, pairs[:, 0], pairs[:, 1], settings)
     pairs, ratio = pairs[ratio > 0], ratio[ratio > 0]
     if not len(pairs):
