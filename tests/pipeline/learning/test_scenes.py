@@ -77,7 +77,7 @@ def test_small_sources_are_read_several_times():
 
 def test_nothing_is_learned_from_sources_that_are_for_tests_only(tmp_path):
     names = " ".join(real_sources(tmp_path))
-    for source in ("kitti", "autobahn", "mb", "crops", "garmin"):
+    for source in ("kitti", "autobahn", "mb", "crops"):
         assert source not in names
 
 
