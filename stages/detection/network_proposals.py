@@ -32,7 +32,7 @@ class DetectionNetwork:
 
     def maps(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Maps (`MAPS`, rows, columns) of an image, padded at the right and below to whole multiples of 32."""
-        return self._network.run({IMAGE: as_blob(rgb)})[OUTPUT][0]
+        return np.asarray(self._network.run({IMAGE: as_blob(rgb)})[OUTPUT][0], np.float32)
 
 
 def as_blob(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
