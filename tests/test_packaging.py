@@ -96,7 +96,7 @@ def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> No
         name = requirement_name(text)
         # a peer to compare with is nobody's need, and the others few people's: they are installed by hand
         by_hand = [
-            text for name in ("benchmark", "detector", "fleet", "query") for text in extras[name]
+            text for name in ("benchmark", "fleet", "query") for text in extras[name]
         ]
         assert name in pins() or text in by_hand, f"{name} is not in requirements.lock"
         assert f"`{name}`" in words, f"{name} is not explained in docs/dependencies.md"

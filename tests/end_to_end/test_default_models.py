@@ -40,8 +40,8 @@ def test_where_the_location_model_has_no_sign_is_evidence_against_one(run_with):
 
 
 def test_a_panel_larger_than_the_settings_allow_is_none(run_demo):
-    result = run_demo(*SHORT, "--set", "locate.largest_side_m=1.2")
-    assert max(row["panel_width_m"] for row in result.signs) <= 1.2
+    result = run_demo(*SHORT, "--set", "locate.largest_side_m=0.85")
+    assert max(row["panel_width_m"] for row in result.signs) <= 0.85
     assert result.verdicts["panel_size"] > 0
 
 

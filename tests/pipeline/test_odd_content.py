@@ -139,7 +139,7 @@ def test_entries_of_another_kind_in_run_json_are_refused(tmp_path, entry):
 @pytest.mark.parametrize("names", ["5", "{0: 1}", "{'a': 'b'}", "[" * 5000, "(" * 200, "1/0", "\0"])
 def test_odd_names_of_the_classes_of_a_detector_are_none(tmp_path, monkeypatch, names):
     image = (OnnxInput("images", 1, (1, 3, 64, 64)),)
-    header = OnnxHeader(image, ("out",), frozenset(), {"names": names})
+    header = OnnxHeader(image, ("out",), {"names": names})
     monkeypatch.setattr(detector_file, "read_onnx_header", lambda data: header)
     (tmp_path / "network.onnx").write_bytes(b"no network")
     with pytest.raises(InputError, match="a network that can be run"):
