@@ -95,9 +95,7 @@ def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> No
     for text in wanted:
         name = requirement_name(text)
         # a peer to compare with is nobody's need, and the others few people's: they are installed by hand
-        by_hand = [
-            text for name in ("benchmark", "fleet", "query") for text in extras[name]
-        ]
+        by_hand = [text for name in ("benchmark", "fleet", "query") for text in extras[name]]
         assert name in pins() or text in by_hand, f"{name} is not in requirements.lock"
         assert f"`{name}`" in words, f"{name} is not explained in docs/dependencies.md"
 
