@@ -227,7 +227,7 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "classifier and the kinds of faces rendered to learn from were chosen with the misses of "
         "`de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the distance between "
         "used images with those of `ca_city_garmin`. Of `de_city_kitti0001` and `de_autobahn` only counts were in "
-        "view, when the share of false alarms was chosen.",
+        "view, when the share of false alarms and the models that ship were chosen.",
         "",
         "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
         "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "
