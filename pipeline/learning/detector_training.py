@@ -54,7 +54,7 @@ MOST_WAIT_S = 300.0
 """A batch that takes longer will never come: the second process has died."""
 
 RANGED = 100
-"""Images, about, that tell the range of values of the network in whole numbers."""
+"""Images, about, that tell the range of values of the network in 8-bit integers."""
 
 EVERY = 2
 """Every n-th image of rendered drives: neighbours are much alike."""
@@ -305,7 +305,7 @@ def provenance(
 def learn_network(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) -> None:
     """Train up to `steps` and write the averaged network with what it was learned from.
 
-    `float.onnx` is the network as it was learned, `network.onnx` the same in whole numbers. A checkpoint of so many
+    `float.onnx` is the network as it was learned, `network.onnx` the same in 8-bit integers. A checkpoint of so many
     steps is written as it is.
     """
     training = train(drives, real, folder, steps, seed)

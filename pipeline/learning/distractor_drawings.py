@@ -14,7 +14,7 @@ HEIGHTS_PX = (8.0, 110.0)
 
 ASPECTS = {
     "signal": (0.32, 0.42),
-    "level signal": (2.4, 3.1),
+    "horizontal signal": (2.4, 3.1),
     "cone": (0.6, 0.6),
     "lamp": (0.5, 0.5),
     "panel": (0.4, 4.0),
@@ -71,7 +71,7 @@ def _rectangle(rgb: NDArray[np.uint8], box: Corners, color: tuple[float, ...]) -
 
 
 def _signal(rgb: NDArray[np.uint8], box: Corners, rng: np.random.Generator) -> None:
-    """Three lamps in a housing, upright or level, with or without a backplate; the lit one may be too bright."""
+    """Three lamps in a housing, vertical or horizontal, with or without a backplate; the lit one may be too bright."""
     paint = np.array(HOUSINGS[int(rng.integers(len(HOUSINGS)))]) * rng.uniform(0.6, 1.2)
     x0, y0, x1, y1 = box
     wide, high = x1 - x0, y1 - y0

@@ -1,4 +1,4 @@
-"""The detection network in whole numbers of 8 bits: a third of the time of one in floating point, nearly the same maps.
+"""The detection network in 8-bit integers: a third of the time of one in floating point, nearly the same maps.
 
     python -m wayside.pipeline.learning.quantization FLOAT.onnx NETWORK.onnx --drives FOLDER [--real FOLDER]
 
