@@ -26,10 +26,19 @@ class Mount:
         self.slopes = deque(maxlen=self.settings.mount_memory)
         self.heights = deque(maxlen=self.settings.height_memory)
 
-    def learn(self, rotation: Array, direction: Array, points: Array) -> None:
-        """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame."""
+    def learn(self, rotation: Array, direction: Array, points: Array) -> tuple[Array, Array]:
+        """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame.
+
+        Returns what was learned, for `take`: slopes (2,) and heights (n,).
+        """
         self.slopes.append(travel_slopes(rotation, direction))
         self.heights.append(lane_heights(points, self.travel.direction, self.settings))
+        return self.slopes[-1], self.heights[-1]
+
+    def take(self, slopes: Array, heights: Array) -> None:
+        """Take in what `learn` returned."""
+        self.slopes.append(slopes)
+        self.heights.append(heights)
 
     @property
     def known(self) -> bool:

@@ -33,7 +33,7 @@ from wayside.stages.odometry.tie_points import KeypointImage
 
 @dataclass(frozen=True, slots=True)
 class OdometryStep:
-    """A step and what it leaves behind for the next one: all that changes in a `VisualOdometry` but image and frame.
+    """A step and what it leaves behind for the next one.
 
     motion: None where the image shows none and is left out; nothing else changes then. depths (n,), metres, of the
     corners of the image; rotation (3, 3) or None where unknown; sigma_m and speed_mps of the step; dropped, doubts:
@@ -93,7 +93,7 @@ def estimate_motion(
             step = OdometryStep(None)
             if not shows_no_motion(odometry.image, image, settings, ties):
                 odometry.advance(image, item.frame)
-                step = odometry.step()
+                step = odometry.last
             if memory is not None:
                 memory.keep(item.frame.index, step)
         yield PosedDetections(item if step.motion else _left_out(item), step.motion)
@@ -116,7 +116,7 @@ def _left_out(item: Detections) -> Detections:
 
 @dataclass(slots=True)
 class VisualOdometry:
-    """State between images: the last image and its motion, depths (n,) of its corners, and running statistics.
+    """State between images: the last image and its frame, the step to it, and how the camera is mounted.
 
     `estimate` gives the relative pose of two images; simulated drives, which have ties but no pixels, replace it.
     """
@@ -127,74 +127,52 @@ class VisualOdometry:
     estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
     image: KeypointImage | None = None
     frame: Frame | None = None
-    motion: Motion | None = None
-    depths: Array = field(default_factory=lambda: np.zeros(0))
-    rotation: Array | None = None
-    sigma_m: float = 0.0
-    speed_mps: float = nan
-    dropped: int = 0
-    doubts: int = 0
+    last: OdometryStep = field(default_factory=lambda: OdometryStep(None))
     mount: Mount = field(init=False)
 
     def __post_init__(self) -> None:
         self.mount = Mount(self.settings)
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
-        """Motion from the last image to this one; without pixels the expected one."""
-        if self.frame is None or self.motion is None:
-            motion = _START
-        else:
+        """Motion from the last image to this one; without pixels the expected one. The step is `last` then."""
+        motion, step = _START, OdometryStep(_START)
+        if self.frame is not None and self.last.motion is not None:
             expected = predict_motion(
                 self.frame,
                 frame,
                 self.mount.travel,
-                self.rotation,
-                self.speed_mps,
+                self.last.rotation,
+                self.last.speed_mps,
                 self.settings,
             )
-            motion = self._step(self.motion, image, expected)
+            motion, step = self._step(self.last.motion, image, expected)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
-            self.speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
-        self.image, self.frame, self.motion = image, frame, motion
+            speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
+            step = replace(step, motion=motion, speed_mps=speed_mps)
+        self.image, self.frame, self.last = image, frame, step
         return motion
-
-    def step(self) -> OdometryStep:
-        """The last step, for `take`."""
-        learned = None
-        if self.motion is not None and self.motion.ties is not None:
-            learned = self.mount.slopes[-1], self.mount.heights[-1]
-        return OdometryStep(
-            self.motion,
-            self.depths,
-            self.rotation,
-            self.sigma_m,
-            self.speed_mps,
-            self.dropped,
-            self.doubts,
-            learned,
-        )
 
     def take(self, step: OdometryStep, image: KeypointImage | None, frame: Frame) -> None:
         """Be as `advance` of the same image and frame left it where it gave this step."""
         if step.motion is None:
             return
-        self.image, self.frame, self.motion = image, frame, step.motion
-        self.depths, self.rotation = step.depths, step.rotation
-        self.sigma_m, self.speed_mps = step.sigma_m, step.speed_mps
-        self.dropped, self.doubts = step.dropped, step.doubts
+        self.image, self.frame, self.last = image, frame, step
         if step.learned is not None:
-            self.mount.slopes.append(step.learned[0])
-            self.mount.heights.append(step.learned[1])
+            self.mount.take(*step.learned)
 
-    def _step(self, last: Motion, image: KeypointImage | None, expected: MotionPrior) -> Motion:
+    def _step(
+        self, last: Motion, image: KeypointImage | None, expected: MotionPrior
+    ) -> tuple[Motion, OdometryStep]:
+        """A motion, and what else of the step is known: `motion` and `speed_mps` there are not set yet."""
         step = None
         if self.image is not None and image is not None:
             fewest = self.settings.smallest_ties
             step = self.estimate(self.image, image, expected, self.mount, fewest, self.ties)
         if step is None or image is None or self.image is None:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
-            self.depths, self.rotation = np.zeros(0), None if last.ties is None else self.rotation
-            return _unmeasured(last, expected, self.mount.height_m, self.settings)
+            rotation = None if last.ties is None else self.last.rotation
+            kept = replace(self.last, depths=np.zeros(0), rotation=rotation, learned=None)
+            return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
         scatter = step.scatter(image.focal_px, self.ties)
@@ -209,20 +187,19 @@ class VisualOdometry:
             scatter=scatter,
         )
         carried = self._carried_length(step, adjusted)
-        baseline, sigma_m = self._length(carried, expected)
+        baseline, sigma_m, dropped, doubts = self._length(carried, expected)
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
         )
         points = _points(step, rotation, direction, baseline)
-        self.depths = np.full(len(image.corners), np.nan)
+        depths = np.full(len(image.corners), np.nan)
         matched = step.inlier & (step.tied.rows[:, 1] >= 0)
-        self.depths[step.tied.rows[matched, 1]] = points[matched, 2]
-        self.rotation, self.sigma_m = adjusted.rotation, sigma_m
+        depths[step.tied.rows[matched, 1]] = points[matched, 2]
         # Only matched ties measure the height of the road: those predicted by the ground plane are biased.
-        self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
+        learned = self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
         pose = Pose(rotation, baseline * direction)
-        return Motion(
+        motion = Motion(
             last.pose.compose(pose),
             pose,
             adjusted.step_covariance(baseline, sigma_m),
@@ -249,45 +226,51 @@ class VisualOdometry:
             _ratio(carried, last.baseline_m),
             _window_prior(expected, baseline, sigma_m),
         )
+        return motion, OdometryStep(
+            None, depths, adjusted.rotation, sigma_m, nan, dropped, doubts, learned
+        )
 
-    def _length(self, by_points: tuple[float, float], expected: MotionPrior) -> tuple[float, float]:
+    def _length(
+        self, by_points: tuple[float, float], expected: MotionPrior
+    ) -> tuple[float, float, int, int]:
         """The step's length and its sigma, metres, from points common with the step before and from the prior.
+
+        With them the counts `dropped` and `doubts`.
 
         Common points give the ratio of both lengths; none of them was found by its depth. A known spacing is held, or a
         multiple of it where the points say that triggers were dropped. Distances between poses or fixes are noisy, so
         they are averaged with the length by points. Where both differ by many sigmas, a fix has jumped, which takes two
         steps (out and back), or the vehicle brakes; if it lasts, the points are wrong.
         """
-        s = self.settings
+        s, last = self.settings, self.last
         given, sigma = expected.prior.length_m, expected.prior.sigma_m
         carried, scatter = by_points
         if not np.isfinite(carried):
-            return given, sigma
+            return given, sigma, last.dropped, last.doubts
         if expected.source == "straight":
             steps = round(carried / given)
             near = abs(carried / given - steps) < s.spacing_tolerance * steps
-            dropped = near and 1 < steps <= s.most_triggers
-            self.dropped = self.dropped + 1 if dropped else 0
-            if near and steps == 1:
-                return given, sigma
+            dropped = last.dropped + 1 if near and 1 < steps <= s.most_triggers else 0
             # Triggers are not dropped in many steps in a row: then the points have a wrong scale.
-            return (steps * given if 0 < self.dropped <= s.most_dropped else given), sigma
-        carried_sigma = hypot(self.sigma_m, max(scatter, s.common_sigma * carried))
+            length = steps * given if 0 < dropped <= s.most_dropped else given
+            return length, sigma, dropped, last.doubts
+        carried_sigma = hypot(last.sigma_m, max(scatter, s.common_sigma * carried))
         if abs(carried - given) > s.doubt_sigmas * hypot(sigma, carried_sigma):
-            self.doubts += 1
-            jumps = expected.source == "fixes" and self.doubts <= s.most_doubts
+            doubts = last.doubts + 1
+            jumps = expected.source == "fixes" and doubts <= s.most_doubts
             jumps |= expected.source == "speed"
-            return (carried, carried_sigma) if jumps else (given, sigma)
-        self.doubts = 0
+            length, sigma = (carried, carried_sigma) if jumps else (given, sigma)
+            return length, sigma, last.dropped, doubts
         weight = sigma**2 / (sigma**2 + carried_sigma**2)
-        return given + weight * (carried - given), sigma * sqrt(1 - weight)
+        length = given + weight * (carried - given)
+        return length, sigma * sqrt(1 - weight), last.dropped, 0
 
     def _carried_length(self, step: RelativePose, adjusted: PairAdjustment) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by points common with the step before; nan with too few."""
-        if len(self.depths) == 0:
+        if len(self.last.depths) == 0:
             return nan, nan
         rows = step.tied.rows[step.inlier, 0]
-        known = np.where(rows >= 0, self.depths[rows], nan)
+        known = np.where(rows >= 0, self.last.depths[rows], nan)
         lengths = known * adjusted.points[:, 2]
         lengths = lengths[adjusted.displacement_px > self.settings.smallest_parallax_px]
         common = lengths[np.isfinite(lengths)]
