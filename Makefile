@@ -66,7 +66,7 @@ GATES := causeway compact crossing fells tramway
 learn: drives .venv/.learn
 	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
 	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)
-	@$(RUN) wayside.pipeline.learning.network_sum --drives $(AGAIN) -o pipeline/models
+	@$(RUN) wayside.pipeline.learning.box_thresholds --drives $(AGAIN) -o pipeline/models
 	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) -o pipeline/models
 	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS

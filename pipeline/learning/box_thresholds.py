@@ -1,10 +1,11 @@
-"""How the scores of the box classifier and of the detection network are joined.
+"""Thresholds of the box classifiers, and how the scores of that of faces and of the detection network are joined.
 
-    python -m wayside.pipeline.learning.network_sum --drives FOLDER -o MODELS
+    python -m wayside.pipeline.learning.box_thresholds --drives FOLDER -o MODELS
 
-A logistic regression on the boxes that pass the pre-filter, on rendered drives that neither has learned from. The
-folder of models has both; `judge.json` there is written anew. Its threshold stays, and the shift of the sum is such
-that as many boxes off the faces are accepted there as by the box classifier alone.
+A logistic regression on the boxes that pass the pre-filter, on rendered drives that no model of one image has learned
+from, joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on
+these drives. The sum is shifted so that its threshold is that of the classifier; the threshold of backs is replaced.
+`judge.json` and `back.json` of the folder are written anew.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import learning_logs, write_model
+from wayside.pipeline.learning.backs import FALSE_PER_IMAGE as FALSE_BACKS
 from wayside.pipeline.learning.cross_validation import platt
-from wayside.pipeline.learning.detector import FALSE_PER_IMAGE
+from wayside.pipeline.learning.detector import FALSE_PER_IMAGE as FALSE_FACES
+from wayside.pipeline.learning.detector import false_boxes_rule
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
     NEAR_FACE,
@@ -37,7 +40,9 @@ from wayside.pipeline.learning.samples import (
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.statistics import Interval, resampled_interval
 from wayside.pipeline.workers import StageClock
+from wayside.schemas.detections import Candidates
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.models import NetworkSum, TreeModel
 from wayside.stages.geometry import non_maximum_suppression
@@ -51,7 +56,10 @@ BELOW_THRESHOLD = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ScoredBoxes:
-    """Boxes of one image, n rows: box (n, 4), score (n, 2) by classifier and network, label (n,), overlap (n,)."""
+    """Boxes of one image, n rows, as what they may be: faces, or backs of panels.
+
+    box: (n, 4); score (n, 2) by classifier and network, of backs (n, 1); label (n,), overlap (n,) with a true panel.
+    """
 
     box: NDArray[np.float32]
     score: NDArray[np.float32]
@@ -60,17 +68,19 @@ class ScoredBoxes:
 
 
 def learn_network_sum(
-    images: Sequence[ScoredBoxes], threshold: float, max_iou: float
-) -> NetworkSum:
+    drives: Sequence[Sequence[ScoredBoxes]], threshold: float, max_iou: float
+) -> tuple[NetworkSum, Interval | None]:
     """The sum that is a log odds, but for a shift by which it has the `threshold` of the classifier.
 
-    max_iou: overlap above which the lower of two boxes of an image is suppressed.
+    drives: images of each; max_iou: overlap above which the lower of two boxes of an image is suppressed. With it the
+    95 % interval of the threshold.
 
     Raises
     ------
     InputError
         Without boxes on faces, or off them.
     """
+    images = [one for drive in drives for one in drive]
     score = np.concatenate([one.score for one in images])
     label = np.concatenate([one.label for one in images])
     some = (label != NEITHER) & (score[:, 0] >= threshold - BELOW_THRESHOLD)
@@ -80,75 +90,154 @@ def learn_network_sum(
             "scores: wanted boxes on faces and off them, found one kind only; add drives"
         )
     (own, network), _ = platt(score[some], on)
-    joined = [one.score @ np.array([own, network]) for one in images]
-    at = threshold_of(images, joined, max_iou)
-    return NetworkSum(float(own), float(network), float(threshold - at))
+    at, interval = rule_threshold(drives, np.array([own, network]), FALSE_FACES, max_iou)
+    shift = threshold - at
+    if interval is not None:
+        interval = Interval(interval.low + shift, interval.high + shift)
+    return NetworkSum(float(own), float(network), float(shift)), interval
 
 
-def threshold_of(
-    images: Sequence[ScoredBoxes], scores: Sequence[NDArray[np.floating]], max_iou: float
-) -> float:
-    """The score from which `FALSE_PER_IMAGE` boxes an image lie on no face, after suppression."""
-    false: list[NDArray[np.floating]] = []
-    for one, score in zip(images, scores, strict=True):
-        order = np.argsort(-score, kind="stable")
-        kept = order[non_maximum_suppression(one.box[order], max_iou)]
-        false.append(score[kept][one.overlap[kept] < NEAR_FACE])
-    falling = np.sort(np.concatenate(false))[::-1]
-    allowed = round(FALSE_PER_IMAGE * len(images))
-    return float(falling[min(allowed, len(falling) - 1)])
+def rule_threshold(
+    drives: Sequence[Sequence[ScoredBoxes]],
+    weights: NDArray[np.float64],
+    accepted: float,
+    max_iou: float,
+) -> tuple[float, Interval | None]:
+    """The weighted score from which `accepted` boxes an image are on no panel, after suppression.
+
+    With its 95 % interval by resampling the drives; None of a single one.
+    """
+    false = [
+        np.concatenate([false_scores(one, one.score @ weights, max_iou) for one in drive])
+        for drive in drives
+    ]
+    images = np.array([len(drive) for drive in drives])
+    drive_of = np.repeat(np.arange(len(drives)), [len(one) for one in false])
+    falling = np.argsort(-np.concatenate(false), kind="stable")
+    scores, drive_of = np.concatenate(false)[falling], drive_of[falling]
+
+    def at(times: NDArray[np.int64]) -> float:
+        """The threshold, each drive counted so many times."""
+        allowed = round(accepted * int(images @ times))
+        row = int(np.searchsorted(np.cumsum(times[drive_of]), allowed, side="right"))
+        return float(scores[min(row, len(scores) - 1)])
+
+    return at(np.ones(len(drives), np.int64)), resampled_interval(len(drives), at)
 
 
-def scored_boxes(log: Path, folder: Path) -> list[ScoredBoxes]:
-    """The boxes of a rendered drive that pass the pre-filter, scored by the models of a folder."""
+def false_scores(
+    one: ScoredBoxes, score: NDArray[np.floating], max_iou: float
+) -> NDArray[np.floating]:
+    """Scores of the boxes of an image that are on no panel, after suppression by `score` (n,)."""
+    order = np.argsort(-score, kind="stable")
+    kept = order[non_maximum_suppression(one.box[order], max_iou)]
+    return score[kept][one.overlap[kept] < NEAR_FACE]
+
+
+def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[ScoredBoxes]]:
+    """The boxes of a rendered drive that pass the pre-filter, scored by the models of a folder: as faces, as backs.
+
+    As backs those that look more like one than like a face.
+    """
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
     if models.box_classifier is None or models.detection_network is None:
         raise InputError(f"{folder}: wanted a box classifier and a detection network")
-    alone = replace(models.box_classifier, with_network=None)
+    back = models.back_classifier
+    asked = replace(
+        models,
+        box_classifier=replace(models.box_classifier, with_network=None),
+        back_classifier=None if back is None else replace(back, threshold=-np.inf),
+    )
     truth = read_truth(log.with_suffix(".truth.json"))
     seen: dict[int, SignViews] = {}
+    behind: dict[int, SignViews] = {}
     for sign in truth["signs"]:
         for view in sign["frames"]:
             if sign["faces_travel"]:
                 seen.setdefault(view["frame"], []).append((sign, view))
+            if view["side"] == "back":
+                behind.setdefault(view["frame"], []).append((sign, view))
     frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % EVERY == 0)
-    found = []
-    for item in Flow(settings, replace(models, box_classifier=alone), StageClock()).detect(frames):
-        network = item.segmentation.network_score
+    faces: list[ScoredBoxes] = []
+    backs: list[ScoredBoxes] = []
+    for item in Flow(settings, asked, StageClock()).detect(frames):
+        network, candidates = item.segmentation.network_score, item.candidates
         if network is None:
             continue
-        rows = np.flatnonzero(np.isfinite(item.candidates.score))
-        regions = item.candidates.regions.select(rows)
-        faces = TrueFaces.of([seen.get(item.frame.index, [])], [True])
-        nothing = np.zeros((len(rows), 0), np.float32)
-        known = labelled(regions, nothing, np.zeros(len(rows), np.int32), faces)
-        score = np.stack([item.candidates.score[rows], network[rows]], axis=1)
-        found.append(ScoredBoxes(regions.box, score, known.label, known.overlap))
-    return found
+        rows = np.flatnonzero(np.isfinite(candidates.score))
+        score = np.stack([candidates.score[rows], network[rows]], axis=1)
+        faces.append(_scored(candidates, rows, score, seen.get(item.frame.index, [])))
+        if candidates.back_score is not None:
+            rows = np.flatnonzero(np.isfinite(candidates.back_score))
+            score = candidates.back_score[rows, None]
+            backs.append(_scored(candidates, rows, score, behind.get(item.frame.index, [])))
+    return faces, backs
+
+
+def _scored(
+    candidates: Candidates, rows: NDArray[np.int64], score: NDArray[np.float32], views: SignViews
+) -> ScoredBoxes:
+    """Some candidates of an image with their scores (rows, k), labelled by the panels that it shows."""
+    regions = candidates.regions.select(rows)
+    nothing = np.zeros((len(rows), 0), np.float32)
+    panels = TrueFaces.of([views], [True])
+    known = labelled(regions, nothing, np.zeros(len(rows), np.int32), panels)
+    return ScoredBoxes(regions.box, score, known.label, known.overlap)
+
+
+def learn(logs: Sequence[Path], folder: Path) -> dict[str, TreeModel]:
+    """The classifiers of a folder with their thresholds by the rule on these drives, by the name of their file.
+
+    Raises
+    ------
+    InputError
+        If a drive or the models of the folder cannot be used.
+    """
+    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
+    models = load_models(settings)
+    model, back = models.box_classifier, models.back_classifier
+    if not isinstance(model, TreeModel):
+        raise InputError(f"{folder}: wanted a box classifier, found none")
+    found = for_each(lambda log: scored_boxes(log, folder), logs)
+    faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
+    drives = f"{sum(map(len, faces))} images of {len(logs)} drives"
+    max_iou = settings.candidates.same_face_iou
+    joined, interval = learn_network_sum(faces, model.threshold, max_iou)
+    known = model.provenance.partition("; joined with the network by ")[0]
+    learned = {
+        "judge.json": replace(
+            model,
+            with_network=joined,
+            threshold_rule=false_boxes_rule(FALSE_FACES),
+            threshold_interval=interval,
+            provenance=f"{known}; joined with the network by {drives}",
+        )
+    }
+    if isinstance(back, TreeModel):
+        threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS, max_iou)
+        known = back.provenance.partition("; threshold by ")[0]
+        learned["back.json"] = replace(
+            back,
+            threshold=threshold,
+            threshold_rule=false_boxes_rule(FALSE_BACKS),
+            threshold_interval=interval,
+            provenance=f"{known}; threshold by {drives}",
+        )
+    return learned
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m wayside.pipeline.learning.network_sum")
+    parser = argparse.ArgumentParser(prog="python -m wayside.pipeline.learning.box_thresholds")
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
-        logs = learning_logs(given.drives)
-        settings, _ = load_settings("default", None, [], {"models.folder": str(given.out)})
-        model = load_models(settings).box_classifier
-        if not isinstance(model, TreeModel):
-            raise InputError(f"{given.out}: wanted a box classifier, found none")
-        found = for_each(lambda log: scored_boxes(log, given.out), logs)
-        images = [image for drive in found for image in drive]
-        joined = learn_network_sum(images, model.threshold, settings.candidates.same_face_iou)
-        known = model.provenance.partition("; joined with the network by ")[0]
-        origin = f"{known}; joined with the network by {len(images)} images of {len(logs)} drives"
-        learned = replace(model, with_network=joined, provenance=origin)
-        write_model(given.out / "judge.json", learned, lambda text: print(text[-300:]))
-        print(joined)
+        for name, model in learn(learning_logs(given.drives), given.out).items():
+            write_model(given.out / name, model, lambda text: print(text[-300:]))
+            print(name, model.threshold, model.threshold_interval, model.with_network)
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

@@ -259,9 +259,7 @@ def detection_rates(
             own = _decisions(one, score, np.flatnonzero(one.candidates.frame == frame), max_iou)
             decided += own
             drives += [k] * len(own)
-    rule = (
-        f"alpha: {accepted:g} boxes off any face in an image of drives held out, after suppression"
-    )
+    rule = false_boxes_rule(accepted)
     if not decided:
         return DetectionRates((), 0.0, rule, None)
     score, right = (np.array(column) for column in zip(*decided, strict=True))
@@ -283,6 +281,13 @@ def detection_rates(
         float(score[last(accepted, once)]),
         rule,
         resampled_interval(len(passed), lambda count: float(score[last(accepted, count)])),
+    )
+
+
+def false_boxes_rule(accepted: float) -> str:
+    """The rule of a threshold that lets so many boxes an image pass, in words."""
+    return (
+        f"alpha: {accepted:g} boxes off any face in an image of drives held out, after suppression"
     )
 
 
