@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.input_files import read_input_text
+from wayside.pipeline.toml_text import parse_toml
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError
@@ -25,12 +25,12 @@ def read_class_map(path: Path) -> dict[str, SignClass]:
         The file cannot be read, has another structure, or names a colour or shape that there is not.
     """
     try:
-        content = tomllib.loads(read_input_text(path))
+        content = parse_toml(read_input_text(path))
     except OSError as error:
         raise InputError(
             f"models.classes: wanted a TOML file, found: {error.strerror} at {path}; correct the path"
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise InputError(
             f"models.classes: {path} is not valid TOML: {error}; write it as in\n{EXAMPLE}"
         ) from error

@@ -29,7 +29,14 @@ from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import DAMAGED, DUPLICATE, UNDECODABLE, USED
+from wayside.schemas.frame import (
+    DAMAGED,
+    DUPLICATE,
+    NO_CALIBRATION,
+    UNDECODABLE,
+    USED,
+    WRONG_SIZE,
+)
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import FocalCheck
@@ -91,7 +98,12 @@ class RunResult:
     @property
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
-        words = ((UNDECODABLE, "do not decode"), (DAMAGED, "are damaged: they decode in part only"))
+        words = (
+            (UNDECODABLE, "do not decode"),
+            (DAMAGED, "are damaged: they decode in part only"),
+            (WRONG_SIZE, "have another size than the calibration of their time"),
+            (NO_CALIBRATION, "have no calibration"),
+        )
         images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]
         return [*(str(problem) for problem in self.report.problems), *images]
 

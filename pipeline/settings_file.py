@@ -9,7 +9,6 @@ import difflib
 import hashlib
 import json
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import Field, fields, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.lengths import parse_length
+from wayside.pipeline.toml_text import parse_toml
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, RouteSettings, Settings
 
@@ -181,10 +181,10 @@ def _tree(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, An
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_input_text(file))
+        return parse_toml(read_input_text(file))
     except OSError as error:
         raise UsageError(f"settings file {file} cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise UsageError(
             f"settings file {file} is not valid TOML: {error}; "
             "`wayside settings` prints one that is"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from wayside.pipeline.reading.h264 import H264
@@ -49,7 +50,10 @@ class CalibrationContent:
 
 @dataclass(frozen=True, slots=True)
 class PoseContent:
-    """Frame `child` in frame `parent` (names may be empty): rotation x, y, z, w; translation in metres."""
+    """Frame `child` in frame `parent` (names may be empty): rotation x, y, z, w; translation in metres.
+
+    refused: what it states that cannot be and is taken as unknown; empty: nothing.
+    """
 
     time_ns: int | None
     parent: str
@@ -58,6 +62,7 @@ class PoseContent:
     translation: Vector
     sigma_m: float | None = None
     sigma_rad: float | None = None
+    refused: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what is no rigid motion."""
@@ -65,16 +70,17 @@ class PoseContent:
             raise ContentError("a pose that is not finite")
         if not max(map(abs, self.translation)) < FURTHEST_M:
             raise ContentError(f"a pose more than {FURTHEST_M / 1e3:.0f} km from its origin")
-        if not 0.5 < math.hypot(*self.rotation) < 2.0:
-            raise ContentError("a pose whose quaternion has no direction")
+        if not 0.5 < (length := math.hypot(*self.rotation)) < 2.0:
+            raise ContentError(f"a pose whose quaternion has the length {length:.3g}, not 1")
 
 
 @dataclass(frozen=True, slots=True)
 class FixContent:
-    """A satellite fix."""
+    """A satellite fix; refused: as in `PoseContent`."""
 
     time_ns: int | None
     fix: Fix
+    refused: str = ""
 
 
 Content = ImageContent | CalibrationContent | PoseContent | FixContent
@@ -151,12 +157,24 @@ def make_camera(
     return Camera(size[0], size[1], k[0], k[4], k[2], k[5], d)
 
 
+NO_COVARIANCE = "a covariance with variances that are negative or not a number"
+
+
+def refused_variances(variances: Iterable[float]) -> str:
+    """`NO_COVARIANCE` where one of the variances cannot be; empty elsewhere: zero and infinite ones mean unknown."""
+    return "" if all(variance >= 0 for variance in variances) else NO_COVARIANCE
+
+
 def make_fix(
-    latitude: float, longitude: float, altitude: float, covariance: tuple[float, ...] | None
-) -> Fix | None:
+    time_ns: int | None,
+    latitude: float,
+    longitude: float,
+    altitude: float,
+    covariance: tuple[float, ...] | None,
+) -> list[FixContent]:
     """A fix with the standard deviations east, north, up of its row-major 3x3 covariance.
 
-    None where latitude or longitude is not finite or out of range, or known to `VAGUEST_M` at best: receivers write
+    Nothing where latitude or longitude is not finite or out of range, or known to `VAGUEST_M` at best: receivers write
     that while they have no fix. A height that is not finite is taken as 0.
 
     Raises
@@ -165,15 +183,16 @@ def make_fix(
         The height is none of a road.
     """
     if not (abs(latitude) <= 90 and abs(longitude) <= 180):
-        return None
-    sigma = None
+        return []
+    sigma, refused = None, ""
     if covariance is not None and len(covariance) == 9:
         east, north, up = covariance[0], covariance[4], covariance[8]
-        if min(east, north, up) > 0 and math.isfinite(east + north + up):
+        refused = refused_variances((east, north, up))
+        if not refused and max(east, north, up) >= VAGUEST_M**2:
+            return []
+        if not refused and min(east, north, up) > 0:
             sigma = (math.sqrt(east), math.sqrt(north), math.sqrt(up))
-            if max(sigma) >= VAGUEST_M:
-                return None
     height = altitude if math.isfinite(altitude) else 0.0
     if not LOWEST_M < height < HIGHEST_M:
         raise ContentError(f"a fix at a height of {height:.3g} m")
-    return Fix(latitude, longitude, height, sigma)
+    return [FixContent(time_ns, Fix(latitude, longitude, height, sigma), refused)]

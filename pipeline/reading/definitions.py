@@ -99,7 +99,7 @@ class Definitions:
         self._remark(
             place,
             f"the definition of {channel.topic} stands in a damaged chunk only; it is used, as its schema "
-            f"{channel.schema_name} is known",
+            f"{channel.schema_name} is known; nothing tells whether its name is right",
         )
 
     def _is_trusted(self, schema: Schema) -> bool:

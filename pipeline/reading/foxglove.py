@@ -87,8 +87,7 @@ def location_fix(message: Any, _: memoryview) -> list[FixContent]:
     m = message
     known = getattr(m, "position_covariance_type", 0)
     covariance = tuple(map(float, m.position_covariance)) if known else None
-    fix = make_fix(m.latitude, m.longitude, m.altitude, covariance)
-    return [] if fix is None else [FixContent(_time(m), fix)]
+    return make_fix(_time(m), m.latitude, m.longitude, m.altitude, covariance)
 
 
 def _pose(message: Any, pose: Any) -> PoseContent:

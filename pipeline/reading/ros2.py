@@ -6,6 +6,7 @@ Field names and meanings: https://docs.ros.org/en/humble/p/sensor_msgs
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from wayside.pipeline.reading.contents import (
@@ -18,6 +19,7 @@ from wayside.pipeline.reading.contents import (
     check_video_format,
     make_camera,
     make_fix,
+    refused_variances,
     stamp_ns,
 )
 from wayside.pipeline.reading.h264 import H264
@@ -85,10 +87,14 @@ def transform_stamped(message: Any, _: memoryview) -> list[PoseContent]:
 
 def odometry(message: Any, _: memoryview) -> list[PoseContent]:
     """`nav_msgs/msg/Odometry`, with the sigmas of its pose covariance (x, y, z, then rotations about them)."""
-    pose, covariance = message.pose.pose, message.pose.covariance
-    sigma_m, sigma_rad = _sigma(covariance, (0, 7, 14)), _sigma(covariance, (21, 28, 35))
-    m = message
-    return [_pose(m, m.child_frame_id, pose.position, pose.orientation, sigma_m, sigma_rad)]
+    m, pose = message, message.pose.pose
+    sigma_m, sigma_rad, refused = None, None, ""
+    if len(message.pose.covariance) == 36:
+        variances = [float(variance) for variance in message.pose.covariance[::7]]
+        refused = refused_variances(variances)
+        sigma_m, sigma_rad = _sigma(variances[:3]), _sigma(variances[3:])
+    content = _pose(m, m.child_frame_id, pose.position, pose.orientation)
+    return [replace(content, sigma_m=sigma_m, sigma_rad=sigma_rad, refused=refused)]
 
 
 def nav_sat_fix(message: Any, _: memoryview) -> list[FixContent]:
@@ -99,29 +105,20 @@ def nav_sat_fix(message: Any, _: memoryview) -> list[FixContent]:
         return []
     known = getattr(m, "position_covariance_type", 0)
     covariance = tuple(float(v) for v in m.position_covariance) if known else None
-    fix = make_fix(m.latitude, m.longitude, m.altitude, covariance)
-    return [] if fix is None else [FixContent(_time(m), fix)]
+    return make_fix(_time(m), m.latitude, m.longitude, m.altitude, covariance)
 
 
-def _sigma(covariance: Any, diagonal: tuple[int, int, int]) -> float | None:
+def _sigma(variances: list[float]) -> float | None:
     """Root of the mean variance; None where it is unknown (zero, negative, infinite, or `VAGUEST_M` and more)."""
-    variances = [float(covariance[i]) for i in diagonal] if len(covariance) == 36 else [0.0]
-    if min(variances) <= 0 or not sum(variances) / 3 < VAGUEST_M**2:
+    if not min(variances) > 0 or not sum(variances) / 3 < VAGUEST_M**2:
         return None
     return math.sqrt(sum(variances) / 3)
 
 
-def _pose(
-    message: Any,
-    child: str,
-    position: Any,
-    orientation: Any,
-    sigma_m: float | None = None,
-    sigma_rad: float | None = None,
-) -> PoseContent:
+def _pose(message: Any, child: str, position: Any, orientation: Any) -> PoseContent:
     p, q = position, orientation
     turn, shift = (q.x, q.y, q.z, q.w), (p.x, p.y, p.z)
-    return PoseContent(_time(message), _name(message), child, turn, shift, sigma_m, sigma_rad)
+    return PoseContent(_time(message), _name(message), child, turn, shift)
 
 
 def _either(message: Any, name: str, older: str) -> Any:

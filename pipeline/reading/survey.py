@@ -12,6 +12,7 @@ from wayside.pipeline.reading.camera_file import LARGEST_FILE, parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
+    FixContent,
     ImageContent,
     PoseContent,
 )
@@ -36,7 +37,10 @@ _DEPTH = ("16UC1", "32FC1", "compressedDepth")
 
 @dataclass(slots=True)
 class Topic:
-    """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack."""
+    """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack.
+
+    in_part: contents of which something is refused and the rest used; refused: what, of the first of them.
+    """
 
     name: str
     schema: str
@@ -51,6 +55,8 @@ class Topic:
     last_log_ns: int = 0
     first: Content | None = None
     fault: str = ""
+    in_part: int = 0
+    refused: str = ""
 
     @property
     def is_camera(self) -> bool:
@@ -197,6 +203,9 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
             _fail(topic, message.offset, content.why)
             continue
         topic.usable += 1
+        if isinstance(content, PoseContent | FixContent) and content.refused:
+            topic.in_part += 1
+            topic.refused = topic.refused or content.refused
         if isinstance(content, PoseContent) and topic.kind is Kind.TRANSFORM:
             survey.tree.add(content.time_ns or message.log_time_ns, content)
         if topic.first is None:

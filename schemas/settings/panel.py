@@ -213,9 +213,6 @@ class PanelOutlineSettings:
         1.0, "samples", "nearer edges of a segment are preferred: sigma of their weight", low=0.1
     )
     weakest_edge: float = _expert(0.05, "", "strength below which a segment has no edge", low=0)
-    size_sigma: float = _expert(
-        0.4, "samples", "scatter of width and height of a certain outline", low=0
-    )
     flank: float = _expert(
         4.0, "samples", "range in which the outer flank of the edge is measured", low=1
     )

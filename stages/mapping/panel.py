@@ -192,13 +192,14 @@ def solve_panel(
         aspect=None if aspect is None else (aspect, settings.aspect_sigma),
     )
     true_size = np.exp(facing.log_size)
-    edge = outline.sigma * step
     return Panel(
         point,
         *centre_views,
-        centre_sigma=edge / 2,
+        centre_sigma=outline.centre_sigma * step,
         size=true_size,
-        sigma_size=np.hypot(edge, true_size * np.sqrt(np.diag(facing.covariance)[1:])),
+        sigma_size=np.hypot(
+            outline.size_sigma * step, true_size * np.sqrt(np.diag(facing.covariance)[1:])
+        ),
         facing_deg=float(np.degrees(facing.angle)),
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
         shape=outline.shape,

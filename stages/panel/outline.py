@@ -28,6 +28,7 @@ from wayside.stages.panel.outline_fit import (
     Outline,
     refine_outline,
     rim_correction,
+    side_variances,
     strongest_outlines,
 )
 from wayside.stages.panel.outline_shapes import box_size, growth, segments_of
@@ -50,19 +51,32 @@ surrounds; unevenness of the colour of the strip inside (30 grey levels); width 
 whether it is a rectangle."""
 _UNEVEN_LEVELS, _MOST_UNEVEN = 30.0, 60.0
 """Scale and limit of the unevenness, grey levels: part of what the feature means."""
+_CENTRE = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
+_SIZE = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
+"""Centre and size by left, top, right, bottom."""
 
 
 class FaceOutline(NamedTuple):
     """The outer outline of a face: shape, box and rotation as in `Outline`; strength (0 to 1) of the one it surrounds.
 
-    sigma (2,): scatter of width and height, samples.
+    covariance (4, 4) of left, top, right, bottom, samples^2.
     """
 
     shape: str
     box: Array
     rotation: float
     strength: float
-    sigma: Array
+    covariance: Array
+
+    @property
+    def size_sigma(self) -> Array:
+        """Standard deviations (2,) of width and height, samples."""
+        return np.asarray(np.sqrt(np.diag(_SIZE @ self.covariance @ _SIZE.T)))
+
+    @property
+    def centre_sigma(self) -> Array:
+        """Standard deviations (2,) of the centre, right and down, samples."""
+        return np.asarray(np.sqrt(np.diag(_CENTRE @ self.covariance @ _CENTRE.T)))
 
 
 class OutlineCandidate(NamedTuple):
@@ -111,11 +125,11 @@ def fit_face_outline(
     chosen = candidates[best].outline
     sharp = gradients.nearest(settings.refine_views)
     fine = refine_outline(sharp, chosen, settings.refine_search, settings.side_sigma, settings)
-    outer = fine.box + rim_correction(sharp, fine, settings)
-    sizes = np.array([box_size(candidate.outline.box) for candidate in candidates])
-    variance = (probability[:, None] * (sizes - sizes[best]) ** 2).sum(axis=0)
-    sigma = np.sqrt(variance + settings.size_sigma**2)
-    return FaceOutline(chosen.shape, outer, fine.rotation, chosen.strength, sigma)
+    fine = fine._replace(box=fine.box + rim_correction(sharp, fine, settings))
+    rivals = np.array([candidate.outline.box for candidate in candidates]) - chosen.box
+    covariance = (rivals.T * probability) @ rivals
+    covariance += np.diag(side_variances(sharp, fine, settings))
+    return FaceOutline(chosen.shape, fine.box, fine.rotation, chosen.strength, covariance)
 
 
 def outline_candidates(

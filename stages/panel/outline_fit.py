@@ -37,6 +37,8 @@ _DIRECTIONS = {
 """How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
 _STEPS, _LONGEST_STEP, _CONVERGED = 4, 2.0, 0.02
 """Least-squares steps of a refinement, and of its weights; samples."""
+_SIDE_SIGMAS = 4.0
+"""Standard deviations of a side, either way, in which edges are its rivals."""
 
 
 class Outline(NamedTuple):
@@ -181,6 +183,27 @@ def rim_correction(gradients: Gradients, outline: Outline, settings: PanelOutlin
     outward = settings.rim_fraction * (flank - settings.sharp_flank)
     limited = np.clip(outward, -settings.most_rim_inward, settings.most_rim_outward)
     return np.asarray(limited * growth(segments))
+
+
+def side_variances(gradients: Gradients, outline: Outline, settings: PanelOutlineSettings) -> Array:
+    """Variance (4,) of each side of a box about where it lies, by all edges that it could lie on alone, samples^2.
+
+    The posterior of its offset, with the prior of a side and the information of an edge as in `refine_outline`; edges
+    count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
+    """
+    segments = segments_of(outline.shape, outline.box, outline.rotation)
+    reach = STEP * np.ceil(_SIDE_SIGMAS * settings.side_sigma / STEP)
+    profiles = edge_profiles(gradients, segments, -reach, reach, settings)
+    offset = np.linspace(-reach, reach, profiles.shape[1])
+    moves = segments.jacobian[:, :4]
+    strength = np.zeros((4, len(offset)))
+    for profile, move in zip(profiles, moves, strict=True):
+        for side in np.flatnonzero(move):
+            strength[side] += abs(move[side]) * np.interp(offset * move[side], offset, profile)
+    strength /= np.abs(moves).sum(axis=0)[:, None]
+    likelihood = strength / settings.edge_sigma**2 - (offset / settings.side_sigma) ** 2 / 2
+    probability = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
+    return np.asarray(probability @ offset**2 / probability.sum(axis=1))
 
 
 def nearest_edges(

@@ -13,7 +13,12 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from wayside.pipeline import flow
 
@@ -95,6 +100,38 @@ def test_4_a_damaged_log_gives_what_can_be_read_and_says_what_is_lost(command, t
     assert done.returncode == 4, done.stderr
     assert "lost:" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
+
+
+def test_4_images_of_another_size_than_their_calibration_are_lost_and_said_so(command, tmp_path):
+    log = tmp_path / "sizes.mcap"
+    images = 0
+    with DEMO.open("rb") as stream, log.open("wb") as written:
+        writer = Writer(written)
+        writer.start()
+        channels = {}
+        for schema, channel, message in make_reader(stream).iter_messages():
+            data = message.data
+            if channel.topic == "/camera/image":
+                images += 1
+                if images == 3:
+                    data = shrunk(data)
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                encoding = channel.message_encoding
+                channels[channel.topic] = writer.register_channel(channel.topic, encoding, number)
+            writer.add_message(channels[channel.topic], message.log_time, data, message.log_time)
+        writer.finish()
+    done = command("run", log, *SHORT, "-o", tmp_path / "out")
+    assert done.returncode == 4, done.stderr
+    assert "2 used, 21 outside, 1 wrong_size" in done.stdout
+    assert "1 images have another size than the calibration of their time" in done.stdout
+
+
+def shrunk(data):
+    image = CompressedImage.FromString(data)
+    pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR)
+    image.data = cv2.imencode(".jpg", pixels[::2, ::2])[1].tobytes()
+    return image.SerializeToString()
 
 
 def test_5_a_folder_that_cannot_be_written_is_named(command, tmp_path):

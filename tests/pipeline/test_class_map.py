@@ -53,6 +53,8 @@ def test_a_detector_without_names_wants_numbers(tmp_path):
         ('[classes]\nstop = { color = "pink" }\n', "one of white, yellow.*found 'pink'"),
         ('[classes]\nstop = { shape = "heart" }\n', "one of rectangle.*found 'heart'"),
         ("[classes\n", "not valid TOML"),
+        ("a = " + "[" * 100_000, "too deeply"),
+        ("classes" + ".a" * 100_000 + " = {}\n", "more than 32 parts"),
     ],
 )
 def test_what_is_no_class_map_is_refused_with_words(tmp_path, text, words):

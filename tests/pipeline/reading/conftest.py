@@ -27,6 +27,7 @@ LATENCY = 12_000_000
 WIDTH, HEIGHT = 32, 24
 K = [40.0, 0.0, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
 D = [-0.1, 0.01, 0.001, -0.002, 0.003]
+FIX_VARIANCES = (4.0, 9.0, 16.0)
 CAMERA, WORLD = "camera_optical", "world"
 TYPES = {
     f"foxglove.{t.__name__}": t
@@ -46,6 +47,10 @@ TYPES = {
 def image(index, width=WIDTH, height=HEIGHT):
     pixels = np.random.default_rng(index).integers(0, 256, (height, width, 3), np.uint8)
     return cv2.imencode(".jpg", pixels)[1].tobytes()
+
+
+def diagonal(variances):
+    return np.diag(variances).ravel().tolist()
 
 
 def ray(position):
@@ -117,7 +122,7 @@ class Protobuf:
             "latitude": latitude,
             "longitude": longitude,
             "altitude": altitude,
-            "position_covariance": [4.0, 0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 16.0],
+            "position_covariance": diagonal(c.get("variances", FIX_VARIANCES)),
             "position_covariance_type": 2,
         }
 
@@ -224,7 +229,7 @@ class Ros2:
             )
             return self.new(name, [stamped])
         status = self.new("sensor_msgs/msg/NavSatStatus", c.get("status", 0), 1)
-        covariance = np.diag([4.0, 9.0, 16.0]).ravel()
+        covariance = np.array(diagonal(c.get("variances", FIX_VARIANCES)))
         return self.new(name, self.header(t, "gps"), status, *c["place"], covariance, 2)
 
 

@@ -1,10 +1,13 @@
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
 
 from wayside.schemas.settings import PanelOutlineSettings
-from wayside.stages.panel.outline import fit_face_outline
+from wayside.stages.panel.outline import FaceOutline, fit_face_outline
 from wayside.stages.panel.outline_edges import STEP, edge_profiles, gradients_of, strip_colors
+from wayside.stages.panel.outline_fit import Outline, side_variances
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
 
 ROWS, COLUMNS, SCALE = 110, 120, 8
@@ -39,10 +42,16 @@ def painted(layers, seed):
     return cv2.GaussianBlur(small.astype(np.float32), (0, 0), 0.6)
 
 
-def views_of(shape, middle, half, rotation=0.0, rim=2.0):
-    """Three views of a yellow face with a black line inside a yellow rim, each before another background."""
+def views_of(shape, middle, half, rotation=0.0, rim=2.0, behind=()):
+    """Three views of a yellow face with a black line inside a yellow rim, each before another background.
+
+    behind: polygons and colours between the background and the face.
+    """
     apothem = np.sqrt(2) if shape == "diamond" else 1.0
-    layers = [(polygon(shape, middle, half, rotation), (240, 180, 20))]
+    layers = [
+        *behind,
+        (polygon(shape, middle, half, rotation), (240, 180, 20)),
+    ]
     if rim:
         for inset, color in ((rim, (20, 20, 20)), (2 * rim, (240, 180, 20))):
             inner = np.asarray(half) - inset * apothem
@@ -132,6 +141,43 @@ def test_a_rotated_panel_keeps_its_size(outline_model):
     assert face is not None
     assert np.degrees(face.rotation) == pytest.approx(4.0, abs=1.2)  # drawn to upright
     np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
+
+
+def test_a_side_with_another_edge_beside_it_is_known_worse_than_the_others():
+    middle, half = np.array([60.0, 54.0]), np.array([30.0, 22.0])
+    shelf = (polygon("rectangle", middle + np.array([0, 1.5]), half), (120, 90, 20))
+    alone, beside = (
+        side_variances(
+            gradients_of(views_of("rectangle", middle, half, rim=0, behind=behind)),
+            Outline("rectangle", around(middle, half), 0.0, 1.0),
+            PanelOutlineSettings(),
+        )
+        for behind in ((), (shelf,))
+    )
+    assert beside[3] > 1.8 * alone[3]
+    assert beside[3] > 1.8 * beside[:3].max()
+    np.testing.assert_allclose(beside[:3], alone[:3], rtol=0.1)
+
+
+def test_the_errors_of_size_and_centre_are_those_of_the_sides():
+    covariance = np.diag([0.0, 0.0, 0.0, 4.0])
+    face = FaceOutline("rectangle", np.array([10.0, 10.0, 50.0, 40.0]), 0.0, 1.0, covariance)
+    np.testing.assert_allclose(face.size_sigma, [0, 2])
+    np.testing.assert_allclose(face.centre_sigma, [0, 1])
+    shifted = face._replace(covariance=np.full((4, 4), 4.0))
+    np.testing.assert_allclose(shifted.size_sigma, [0, 0])
+    np.testing.assert_allclose(shifted.centre_sigma, [2, 2])
+
+
+def test_the_other_outlines_that_a_face_may_have_count_in_its_errors(outline_model):
+    middle, half = np.array([60.0, 54.0]), np.array([30.0, 22.0])
+    views, settings = views_of("rectangle", middle, half), PanelOutlineSettings()
+    undecided = dataclasses.replace(outline_model, weights=0.0 * outline_model.weights)
+    start = around(middle, half * 0.95)
+    decided, either = (
+        fit_face_outline(views, start, model, settings) for model in (outline_model, undecided)
+    )
+    assert (either.size_sigma > 2 * decided.size_sigma).all()
 
 
 def test_no_face_has_an_outline_on_an_even_wall(outline_model):

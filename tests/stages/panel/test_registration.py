@@ -86,7 +86,7 @@ def test_what_hides_the_panel_in_the_nearest_images_is_not_taken_for_it(images_o
 
 
 def test_the_weight_keeps_from_the_edge_of_the_face_by_the_margin():
-    face = FaceOutline("diamond", np.array([10.0, 10.0, 50.0, 50.0]), 0.0, 1.0, np.ones(2))
+    face = FaceOutline("diamond", np.array([10.0, 10.0, 50.0, 50.0]), 0.0, 1.0, np.eye(4))
     near, far = inside_outline(face, (60, 60), 1.0), inside_outline(face, (60, 60), 2.4)
     assert near.shape == (60, 60)
     assert near[30, 13:48].all()
