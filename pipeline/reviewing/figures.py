@@ -15,14 +15,19 @@ from wayside.schemas.tables import SIGNS
 
 @dataclass(frozen=True, slots=True)
 class ReviewFigures:
-    """Counts of rows with status `sign`, by what is said of them; `color_right`, `shape_right`: of the right rows."""
+    """Counts of rows with status `sign`, by what is said of them.
+
+    color_stated, shape_stated: right rows that state one; color_right, shape_right: of these, those whose is right.
+    """
 
     rows: int
     accepted: int
     edited: int
     rejected: int
     missing: int
+    color_stated: int
     color_right: int
+    shape_stated: int
     shape_right: int
     others: int
     """Reviewed rows of another status, which count for nothing here."""
@@ -70,15 +75,21 @@ def review_figures(out: Path, review: Review) -> ReviewFigures:
     rows = {row["sign_id"]: row for row in read_rows(out, SIGNS, columns, {"status": "sign"})}
     said = {name: review.rows[name] for name in rows if name in review.rows}
     counts = Counter(one.review for one in said.values())
-    edited = [(rows[name], one) for name, one in said.items() if one.review == EDITED]
+    looks = []
+    for look in ("color", "shape"):
+        stated = [
+            one.review == ACCEPTED or getattr(one, look) == rows[name][look]
+            for name, one in said.items()
+            if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
+        ]
+        looks += [len(stated), sum(stated)]
     return ReviewFigures(
         len(rows),
         counts[ACCEPTED],
         counts[EDITED],
         counts[REJECTED],
         len(review.missing),
-        counts[ACCEPTED] + sum(row["color"] == one.color for row, one in edited),
-        counts[ACCEPTED] + sum(row["shape"] == one.shape for row, one in edited),
+        *looks,
         len(review.rows) - len(said),
     )
 
@@ -92,8 +103,8 @@ def format_figures(figures: ReviewFigures) -> str:
         f"precision  {_shown(f.right, f.reviewed, f.precision_interval)} of the reviewed rows are signs",
         f"recall     {_shown(f.right, f.right + f.missing, f.recall_interval)} of the signs known to the reviewer; "
         f"{f.missing} missing",
-        f"colour     {_shown(f.color_right, f.right)} right",
-        f"shape      {_shown(f.shape_right, f.right)} right",
+        f"colour     {_shown(f.color_right, f.color_stated)} right",
+        f"shape      {_shown(f.shape_right, f.shape_stated)} right",
     ]
     if f.others:
         lines.append(f"not counted: {f.others} reviewed rows with status back or uncertain")
