@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.result import read_rows
-from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review
+from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review, Reviewed
 from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.tables import SIGNS
 
@@ -75,23 +76,29 @@ def review_figures(out: Path, review: Review) -> ReviewFigures:
     rows = {row["sign_id"]: row for row in read_rows(out, SIGNS, columns, {"status": "sign"})}
     said = {name: review.rows[name] for name in rows if name in review.rows}
     counts = Counter(one.review for one in said.values())
-    looks = []
-    for look in ("color", "shape"):
-        stated = [
-            one.review == ACCEPTED or getattr(one, look) == rows[name][look]
-            for name, one in said.items()
-            if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
-        ]
-        looks += [len(stated), sum(stated)]
+    color, shape = (_looks(rows, said, look) for look in ("color", "shape"))
     return ReviewFigures(
         len(rows),
         counts[ACCEPTED],
         counts[EDITED],
         counts[REJECTED],
         len(review.missing),
-        *looks,
+        *color,
+        *shape,
         len(review.rows) - len(said),
     )
+
+
+def _looks(
+    rows: Mapping[str, Mapping[str, Any]], said: Mapping[str, Reviewed], look: str
+) -> tuple[int, int]:
+    """How many right rows state a colour or shape, and how many of these are right."""
+    stated = [
+        one.review == ACCEPTED or getattr(one, look) == rows[name][look]
+        for name, one in said.items()
+        if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
+    ]
+    return len(stated), sum(stated)
 
 
 def format_figures(figures: ReviewFigures) -> str:
