@@ -60,7 +60,8 @@ def fit(
         list[Path],
         typer.Argument(
             metavar="LABELS...",
-            help="Labels: wayside's Parquet, COCO, YOLO, VOC, or the truth of a drive. One, or one for each --images.",
+            help="Labels: wayside's Parquet, COCO, YOLO, VOC, the truth of a drive, or a reviewed result. One, or one "
+            "for each --images.",
         ),
     ],
     images: Annotated[

@@ -34,8 +34,9 @@ class _Command(TyperCommand):
         return _without_types_of_flags(super().get_params(ctx))
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """As `TyperCommand.collect_usage_pieces`, the braces that typer sets around what must be given left out."""
         return [
-            piece.replace("{", "").replace("}...", "")
+            piece.replace("{", "").replace("}", "").replace("......", "...")
             for piece in super().collect_usage_pieces(ctx)
         ]
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError
-
-if TYPE_CHECKING:
-    from wayside.pipeline.reviewing.review import Review
 
 LABEL_EPILOG = examples(
     "wayside label out -o page",
@@ -29,8 +26,8 @@ def label(
         list[Path],
         typer.Argument(
             metavar="OUT|LOG|LABELS...",
-            help="To mark: a folder written by `wayside run`, or a log. To convert: marks.json, review.json, COCO, "
-            "VOC, YOLO or truth.",
+            help="To mark: a folder written by `wayside run`, or a log. To convert: marks.json, COCO, VOC, YOLO or "
+            "truth, or a folder of `wayside run` with its review.",
         ),
     ],
     out: Annotated[
@@ -92,10 +89,11 @@ def _convert(
     from wayside.pipeline.labels import joined, read_labels
     from wayside.pipeline.result import RUN_FILE
     from wayside.pipeline.reviewing.labels import review_labels
+    from wayside.pipeline.reviewing.review import required_review
 
     labels = joined(
         [
-            review_labels(source, _reviewed(source, review))
+            review_labels(source, required_review(source, review))
             if (source / RUN_FILE).is_file()
             else read_labels(source, classes)
             for source in sources
@@ -112,19 +110,6 @@ def _convert(
         typer.echo(visible(f"wayside: left out: {reasons}; see docs/labels.md"), err=True)
         if set(labels.left_out) - {"other_class"}:  # which the class map asks for
             raise typer.Exit(PARTS_LOST)
-
-
-def _reviewed(result: Path, given: Path | None) -> Review:
-    """The review of a result, which must be there."""
-    from wayside.pipeline.reviewing.review import FILES, NO_REVIEW, find_review
-
-    review = find_review(result, given)
-    if review == NO_REVIEW:
-        raise UsageError(
-            f"{result}: wanted corrections to make labels of, found no {' or '.join(FILES)} there; save them in its "
-            "evidence index, or name the file with --review"
-        )
-    return review
 
 
 def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> int:

@@ -17,7 +17,7 @@ REPORT_FIGURES_EPILOG = examples(
 
 
 def report_figures(
-    log: Annotated[Path, typer.Argument(help="The log of a drive.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The log of a drive.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of report_figures.html.")],
     labels: Annotated[
         Path | None,

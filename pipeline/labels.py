@@ -12,7 +12,10 @@ from wayside.pipeline.class_map import read_class_map
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.label_formats import read_json, read_voc, read_yolo
-from wayside.schemas.errors import InputError
+from wayside.pipeline.result import RUN_FILE
+from wayside.pipeline.reviewing.labels import review_labels
+from wayside.pipeline.reviewing.review import is_review, required_review
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.labels import Label, LabelledImage, Labels
 
 
@@ -36,7 +39,8 @@ def read_labels(path: Path, class_map: Path | None = None) -> Labels:
     ----------
     path
         Our Parquet file; JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or
-        `scenes.json`; a folder: of VOC where it holds XML files, else of YOLO.
+        `scenes.json`; a folder: a result with its review where it holds `run.json`, of VOC where it holds XML files,
+        else of YOLO.
     class_map
         TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
 
@@ -44,7 +48,16 @@ def read_labels(path: Path, class_map: Path | None = None) -> Labels:
     ------
     InputError
         It cannot be read, is none of these, or holds not one label that can be used.
+    UsageError
+        It is a result without a review, or a review without its result, which has the boxes.
     """
+    if (path / RUN_FILE).is_file():
+        return review_labels(path, required_review(path, None))
+    if path.is_file() and is_review(path):
+        raise UsageError(
+            f"{path}: wanted labels, found a review, which names signs and has no boxes; save it in the folder of the "
+            "result that it is of, and give that folder"
+        )
     classes = None if class_map is None else read_class_map(class_map)
     try:
         if path.is_dir():

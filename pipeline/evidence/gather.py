@@ -17,7 +17,10 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _LONGEST_ID = 240
-_FRAME_COLUMNS = ("frame", "log_time_ns", "status", "x", "y", "z", "image_name", "image_date")
+_FRAME_COLUMNS = (
+    *("frame", "log_time_ns", "status", "x", "y", "z", "lon_deg", "lat_deg"),
+    *("image_name", "image_date"),
+)
 _VIEW_COLUMNS = ("sign_id", "frame", "box", "residual_px")
 _SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != "geometry")
 
@@ -64,7 +67,8 @@ class DriveMap:
     """Cameras and signs of a whole drive, world frame, metres.
 
     cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame;
-    images: name and date of the file that was imported, by frame.
+    images: name and date of the file that was imported, by frame; north (2,): its direction along x, y, None where it
+    is not known.
     """
 
     cameras: dict[int, NDArray[np.float64]]
@@ -72,6 +76,7 @@ class DriveMap:
     signs: NDArray[np.float64]
     log_times_ns: dict[int, int]
     images: dict[int, tuple[str, str]] = field(default_factory=dict)
+    north: NDArray[np.float64] | None = None
 
 
 def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
@@ -120,7 +125,28 @@ def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
             for row in frames
             if row.get("image_name")
         },
+        _north([row for row in placed if row["lon_deg"] is not None]),
     )
+
+
+def _north(located: list[dict[str, Any]]) -> NDArray[np.float64] | None:
+    """Direction (2,) of north along world x, y, by cameras that are known in both; None where they do not differ.
+
+    Least squares for the turn and scale that take x, y to east, north, as a complex factor.
+    """
+    lon, lat, x, y = (
+        np.array([row[name] for row in located], np.float64)
+        for name in ("lon_deg", "lat_deg", "x", "y")
+    )
+    if not len(located):
+        return None
+    east = (np.remainder(lon - lon[0] + 180, 360) - 180) * np.cos(np.radians(lat[0]))
+    world, globe = x + 1j * y, east + 1j * (lat - lat[0])
+    factor = np.vdot(world - world.mean(), globe - globe.mean())
+    if factor == 0:
+        return None
+    north = 1j * np.conj(factor) / abs(factor)
+    return np.array([north.real, north.imag])
 
 
 def _positions(rows: list[dict[str, Any]]) -> NDArray[np.float64]:

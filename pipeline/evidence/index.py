@@ -46,17 +46,15 @@ class Card:
         return str(self.sign["sign_id"])
 
 
-def format_index(
-    cards: Sequence[Card], drive: DriveMap, log: str, world: str, result: str, mark: str
-) -> str:
+def format_index(cards: Sequence[Card], drive: DriveMap, log: str, result: str, mark: str) -> str:
     """HTML page that lists all signs, with a map and filters, and takes a review of them.
 
     Parameters
     ----------
     cards, drive
         What it shows.
-    log, world
-        Name of the log and of its world frame.
+    log
+        Its name.
     result
         What tells this result from others of the log.
     mark
@@ -81,7 +79,7 @@ def format_index(
         shapes=_options(SHAPES, [card.sign["shape"] for card in cards]),
         codes=_code_options([code_of(card.sign) for card in cards]),
         statuses=_options(tuple(SIGN_STATUSES), [card.sign["status"] for card in cards]),
-        map="" if view is None else _map(cards, drive, view, world),
+        map="" if view is None else _map(cards, drive, view),
         script=files(__package__).joinpath("index.js").read_text("utf-8"),
         about=json.dumps(about).replace("<", "\\u003c"),
         allcolors=_choices(COLORS),
@@ -219,7 +217,7 @@ def _map_view(drive: DriveMap) -> _MapView | None:
     return _MapView(rotation, low, high, float(np.min(room / np.maximum(high - low, 1.0))))
 
 
-def _map(cards: Sequence[Card], drive: DriveMap, view: _MapView, world: str) -> str:
+def _map(cards: Sequence[Card], drive: DriveMap, view: _MapView) -> str:
     """The path and every sign from above; a sign leads to its card. Below: scale, and where north is if known."""
     camera_path, positions = (points[:, :2] @ view.rotation for points in (drive.path, drive.signs))
     width, height = np.maximum(view.high - view.low, 1.0) * view.scale + 2 * _MAP_MARGIN
@@ -236,26 +234,26 @@ def _map(cards: Sequence[Card], drive: DriveMap, view: _MapView, world: str) -> 
     return (
         f'<svg class="map" viewBox="0 0 {width:.0f} {height + _FOOT:.0f}" role="group" '
         'aria-label="The drive from above, from left to right">'
-        f'<polyline points="{path}"/>{"".join(dots)}{_foot(view, float(width), float(height), world)}</svg>'
+        f'<polyline points="{path}"/>{"".join(dots)}{_foot(view, float(width), float(height), drive.north)}</svg>'
     )
 
 
-def _foot(view: _MapView, width: float, height: float, world: str) -> str:
-    """Scale bar below the map, and an arrow to the north where the world frame has one."""
+def _foot(view: _MapView, width: float, height: float, north: NDArray[np.float64] | None) -> str:
+    """Scale bar below the map, and an arrow to the north where that is known."""
     metres = round_length(0.2 * width / view.scale)
     left, right, base = _MAP_MARGIN, _MAP_MARGIN + metres * view.scale, height + _FOOT - 12
     bar = (
         f'<path class="rule" d="M{left:.1f},{base - 6:.1f}v6H{right:.1f}v-6"/>'
         f'<text x="{right + 8:.1f}" y="{base:.1f}">{length_words(metres)}</text>'
     )
-    if world != "enu":
+    if north is None:
         return bar
-    x, y = (np.array([0.0, 1.0]) @ view.rotation) * [1, -1]
+    x, y = (north @ view.rotation) * [1, -1]
     turn = math.degrees(math.atan2(x, -y))
     middle = f"{width - 2 * _MAP_MARGIN:.1f},{base - 4:.1f}"
     return (
         f'{bar}<g transform="translate({middle}) rotate({turn:.1f})"><title>north</title>'
-        '<path class="rule" d="M0,12V-12M-5,-5L0,-12L5,-5"/></g>'
+        '<path class="rule needle" d="M0,12V-12M-5,-5L0,-12L5,-5"/></g>'
         f'<text x="{width - 3.5 * _MAP_MARGIN:.1f}" y="{base:.1f}" text-anchor="end">north</text>'
     )
 

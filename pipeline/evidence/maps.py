@@ -17,7 +17,6 @@ from wayside.pipeline.evidence.canvas import (
     MEDIUM,
     TEXT,
     Canvas,
-    text_width,
 )
 from wayside.pipeline.evidence.gather import DriveMap, Evidence
 from wayside.pipeline.evidence.marks import Ink, ink_of
@@ -28,9 +27,8 @@ ELLIPSE_FILL: Ink = (252, 226, 240)
 SIGMAS = 2.0
 _MARGIN_PX, _FOOT_PX = 26, 46
 _SMALL, _DOT_PX, _OTHER_PX = 17, 8.5, 4.5
-_ORIENTATION = {"enu": "north up"}
 _NARROWEST_M = 20.0
-_PANEL_THICKNESS = 7
+_PANEL_THICKNESS, _ARROW_PX = 7, 11
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +54,7 @@ def fit(points: NDArray[np.float64], size: tuple[int, int], narrowest_m: float) 
     return Projection(scale, (low + high) / 2, middle)
 
 
-def draw_drive_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
+def draw_drive_map(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
     """The camera's path, every sign in grey and this one in its colour."""
     position = _position(evidence)
     everything = np.concatenate([drive.path[:, :2], drive.signs[:, :2]])
@@ -65,10 +63,10 @@ def draw_drive_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str
     _draw_others(page, to_page, drive, position)
     _draw_ellipse(page, to_page, evidence)
     _draw_sign(page, to_page, evidence)
-    _draw_foot(page, to_page, world)
+    _draw_foot(page, to_page, drive.north)
 
 
-def draw_sight_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
+def draw_sight_map(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
     """Where the camera stood when it measured the sign, with the lines of sight."""
     position = _position(evidence)
     stands = [drive.cameras[v.frame] for v in evidence.views if v.frame in drive.cameras]
@@ -83,10 +81,10 @@ def draw_sight_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str
     _draw_others(page, to_page, drive, position)
     _draw_ellipse(page, to_page, evidence)
     _draw_sign(page, to_page, evidence)
-    _draw_foot(page, to_page, world)
+    _draw_foot(page, to_page, drive.north)
 
 
-def draw_ellipse_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
+def draw_ellipse_map(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
     """The error ellipse close by, the panel as a line of its measured width, and the direction of travel."""
     ellipse, panel = error_ellipse(evidence), panel_line(evidence, drive)
     position = _position(evidence)
@@ -97,7 +95,7 @@ def draw_ellipse_map(page: Canvas, evidence: Evidence, drive: DriveMap, world: s
         page.line(to_page(panel), TEXT, _PANEL_THICKNESS + 4)
         page.line(to_page(panel), ink_of(evidence.sign["color"]), _PANEL_THICKNESS)
     page.dot(to_page(position), 4, ACCENT)
-    _draw_foot(page, to_page, world)
+    _draw_foot(page, to_page, drive.north)
 
 
 def error_ellipse(evidence: Evidence) -> NDArray[np.float64]:
@@ -165,8 +163,8 @@ def _draw_sign(page: Canvas, to_page: Projection, evidence: Evidence) -> None:
     page.dot(to_page(_position(evidence)), _DOT_PX, ink_of(evidence.sign["color"]), TEXT)
 
 
-def _draw_foot(page: Canvas, to_page: Projection, world: str) -> None:
-    """Scale bar at the left, orientation at the right, below the map."""
+def _draw_foot(page: Canvas, to_page: Projection, north: NDArray[np.float64] | None) -> None:
+    """Scale bar at the left, at the right an arrow to the north or what the axes are, below the map."""
     width, height = _size(page)
     length_m = round_length(0.3 * width / to_page.scale)
     baseline, left = height - 17, _MARGIN_PX
@@ -183,8 +181,20 @@ def _draw_foot(page: Canvas, to_page: Projection, world: str) -> None:
         2,
     )
     page.text((right + 10, baseline), length_words(length_m), _SMALL, TEXT, MEDIUM)
-    words = _ORIENTATION.get(world, "x right, y up")
-    page.text((width - _MARGIN_PX - text_width(words, _SMALL), baseline), words, _SMALL, FAINT)
+    words, end = "x right, y up", width - _MARGIN_PX
+    if north is not None:
+        words, end = "north", end - 2 * _ARROW_PX - 6
+        _draw_arrow(page, np.array([width - _MARGIN_PX - _ARROW_PX, baseline - 6]), north)
+    page.text((end, baseline), words, _SMALL, FAINT, right=True)
+
+
+def _draw_arrow(page: Canvas, middle: NDArray[np.float64], towards: NDArray[np.float64]) -> None:
+    """An arrow about a point of the page, in a direction (2,) of the world."""
+    along = towards * [1, -1] * _ARROW_PX
+    across = np.array([-along[1], along[0]])
+    tip = middle + along
+    page.line([middle - along, tip], TEXT, 2)
+    page.line([tip - (along - across) / 2, tip, tip - (along + across) / 2], TEXT, 2)
 
 
 def round_length(most: float) -> float:

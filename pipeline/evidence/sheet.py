@@ -72,7 +72,7 @@ def draw_sheet(
     _draw_view(page, (MARGIN, _TOP), BIG, evidence.best, crops)
     _draw_figures(page, evidence, world)
     _draw_evidence(page, evidence)
-    _draw_maps(page, evidence, drive, world)
+    _draw_maps(page, evidence, drive)
     _draw_views(page, evidence, crops)
     return page.rgb
 
@@ -133,9 +133,7 @@ def _draw_evidence(page: Canvas, evidence: Evidence) -> None:
         page.block((axis, _BARS + 18), (1, len(terms) * _BAR_ROW), FAINT)
 
 
-def map_images(
-    evidence: Evidence, drive: DriveMap, world: str
-) -> list[tuple[str, NDArray[np.uint8]]]:
+def map_images(evidence: Evidence, drive: DriveMap) -> list[tuple[str, NDArray[np.uint8]]]:
     """The maps of a sign with their headings, RGB (height, width, 3) each."""
     maps = (
         ("Whole drive", draw_drive_map),
@@ -145,13 +143,13 @@ def map_images(
     drawn = []
     for heading, draw in maps:
         part = Canvas(*_MAP, PANEL)
-        draw(part, evidence, drive, world)
+        draw(part, evidence, drive)
         drawn.append((heading, part.rgb))
     return drawn
 
 
-def _draw_maps(page: Canvas, evidence: Evidence, drive: DriveMap, world: str) -> None:
-    for number, (heading, image) in enumerate(map_images(evidence, drive, world)):
+def _draw_maps(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
+    for number, (heading, image) in enumerate(map_images(evidence, drive)):
         corner = MARGIN + number * (_MAP[0] + GAP), _MIDDLE
         page.text((corner[0], _MIDDLE - 12), heading, _BODY, TEXT, BOLD)
         page.paste(corner, image)

@@ -66,7 +66,7 @@ def format_sheet(
         if rows
     )
     count = len(evidence.views)
-    maps = map_images(evidence, drive, world)
+    maps = map_images(evidence, drive)
     page = Template(files(__package__).joinpath("sheet.html").read_text("utf-8"))
     return page.substitute(
         mark=marked_head(mark),

@@ -98,9 +98,7 @@ def write_evidence(
             _fill(binder, signs, *source, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            index_page = format_index(
-                cards, drive, binder.log, binder.world, result_name(run), mark
-            )
+            index_page = format_index(cards, drive, binder.log, result_name(run), mark)
             _write(output.part / INDEX_FILE, index_page.encode())
         output.commit()
     index = folder / INDEX_FILE if sign_id is None else None

@@ -13,6 +13,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
@@ -228,15 +229,15 @@ def _label(
 
 
 def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:
-    """Every panel as a thin box in the colour of its face, and the path; they stay until the end."""
+    """Every panel as a thin box in the colour of its face, missing signs by name, and the path; all stay to the end."""
     first = rows[0]
     time = _stamp(first["header_time_ns"] or min(row["log_time_ns"] for row in rows))
     placed = {row["frame"]: row for row in rows if row["qw"] is not None}
     entities = [_path(time, list(placed.values()))]
     entities += [
-        _panel(time, sign, placed[sign["best_frame"]])
+        (_missing if sign.get("status") is None else _panel)(time, sign, placed[sign["best_frame"]])
         for sign in table.rows
-        if sign.get("status") is not None and sign["best_frame"] in placed
+        if sign["best_frame"] in placed
     ]
     for entity in entities:
         entity.frame_id = world
@@ -272,17 +273,29 @@ def _panel(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
                 pose=_pose(panel), size=Vector3(x=width, y=height, z=_THICKNESS_M), color=color
             )
         ],
-        texts=[
-            TextPrimitive(
-                pose=_pose(above),
-                billboard=True,
-                font_size=_SCENE_TEXT_PX,
-                scale_invariant=True,
-                color=color,
-                text=_words(sign),
-            )
-        ],
+        texts=[_name(above, color, _words(sign))],
         metadata=[],
+    )
+
+
+def _missing(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
+    """The name of a sign that only the review knows, at the height of the camera, as its own is not known."""
+    place = np.array([sign["x"], sign["y"], camera["z"]], np.float64)
+    look = {name: sign[f"reviewed_{name}"] for name in ("color", "shape")}
+    name = _name(
+        Pose(_IDENTITY.rotation, place), _color(ink_of(look["color"])), _words(sign | look)
+    )
+    return SceneEntity(timestamp=time, id=sign["sign_id"], texts=[name])
+
+
+def _name(at: Pose, color: Color, words: str) -> TextPrimitive:
+    return TextPrimitive(
+        pose=_pose(at),
+        billboard=True,
+        font_size=_SCENE_TEXT_PX,
+        scale_invariant=True,
+        color=color,
+        text=words,
     )
 
 
@@ -314,7 +327,7 @@ def _pose(pose: Pose) -> PoseMessage:
 
 def _words(sign: Row) -> str:
     """Name, status where it is not `sign`, colour, shape and review of a sign."""
-    status = "" if sign["status"] == "sign" else sign["status"]
+    status = "" if sign.get("status") == "sign" else sign.get("status")
     look = [str(sign[name]).replace("_", " ") for name in ("color", "shape") if sign[name]]
     return " ".join([sign["sign_id"], *filter(None, (status, *look, sign.get("review")))])
 

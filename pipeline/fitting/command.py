@@ -20,6 +20,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.model_json import model_to_json
 from wayside.schemas.settings.fitting import FitSettings
 
+_SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")
 FIGURES, PAGE = "fit.json", "fit.html"
 
 
@@ -91,7 +92,9 @@ def fit_labels(
 
 def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
     """What a model file says of the labels, the images and their licence."""
-    files = ", ".join(f"{path.name} (SHA-256 {digest_of(path)})" for path in options.labels)
+    files = ", ".join(
+        f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
+    )
     images = ", ".join(
         f"{one.name} ({len(one.stretch)} labelled images, {len(one.sign)} boxes of "
         f"{len(set(one.sign.tolist()))} signs)"
@@ -104,11 +107,14 @@ def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256, hexadecimal, of a file, or of the names and contents of all files in a folder."""
+    """SHA-256, hexadecimal, of a file, or of the names and contents of all files in a folder that say what is labelled.
+
+    Of a result these are its review and `run.json`, which has the digests of its tables.
+    """
     if path.is_file():
         return sha256(path.read_bytes()).hexdigest()
     digest = sha256()
-    for file in sorted(one for one in path.rglob("*") if one.suffix in (".xml", ".txt", ".yaml")):
+    for file in sorted(one for one in path.rglob("*") if one.suffix in _SAYING):
         digest.update(file.relative_to(path).as_posix().encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()
 

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.result import read_rows
-from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review
+from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review, Reviewed
 from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.tables import SIGNS
 
 
 @dataclass(frozen=True, slots=True)
 class ReviewFigures:
-    """Counts of rows with status `sign`, by what is said of them; `color_right`, `shape_right`: of the right rows."""
+    """Counts of rows with status `sign`, by what is said of them.
+
+    color_stated, shape_stated: right rows that state one; color_right, shape_right: of these, those whose is right.
+    """
 
     rows: int
     accepted: int
     edited: int
     rejected: int
     missing: int
+    color_stated: int
     color_right: int
+    shape_stated: int
     shape_right: int
     others: int
     """Reviewed rows of another status, which count for nothing here."""
@@ -70,17 +76,29 @@ def review_figures(out: Path, review: Review) -> ReviewFigures:
     rows = {row["sign_id"]: row for row in read_rows(out, SIGNS, columns, {"status": "sign"})}
     said = {name: review.rows[name] for name in rows if name in review.rows}
     counts = Counter(one.review for one in said.values())
-    edited = [(rows[name], one) for name, one in said.items() if one.review == EDITED]
+    color, shape = (_looks(rows, said, look) for look in ("color", "shape"))
     return ReviewFigures(
         len(rows),
         counts[ACCEPTED],
         counts[EDITED],
         counts[REJECTED],
         len(review.missing),
-        counts[ACCEPTED] + sum(row["color"] == one.color for row, one in edited),
-        counts[ACCEPTED] + sum(row["shape"] == one.shape for row, one in edited),
+        *color,
+        *shape,
         len(review.rows) - len(said),
     )
+
+
+def _looks(
+    rows: Mapping[str, Mapping[str, Any]], said: Mapping[str, Reviewed], look: str
+) -> tuple[int, int]:
+    """How many right rows state a colour or shape, and how many of these are right."""
+    stated = [
+        one.review == ACCEPTED or getattr(one, look) == rows[name][look]
+        for name, one in said.items()
+        if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
+    ]
+    return len(stated), sum(stated)
 
 
 def format_figures(figures: ReviewFigures) -> str:
@@ -92,8 +110,8 @@ def format_figures(figures: ReviewFigures) -> str:
         f"precision  {_shown(f.right, f.reviewed, f.precision_interval)} of the reviewed rows are signs",
         f"recall     {_shown(f.right, f.right + f.missing, f.recall_interval)} of the signs known to the reviewer; "
         f"{f.missing} missing",
-        f"colour     {_shown(f.color_right, f.right)} right",
-        f"shape      {_shown(f.shape_right, f.right)} right",
+        f"colour     {_shown(f.color_right, f.color_stated)} right",
+        f"shape      {_shown(f.shape_right, f.shape_stated)} right",
     ]
     if f.others:
         lines.append(f"not counted: {f.others} reviewed rows with status back or uncertain")

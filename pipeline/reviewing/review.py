@@ -15,7 +15,7 @@ from wayside.pipeline.input_files import open_input, read_input, read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import SIGNS
 
 ACCEPTED, REJECTED, EDITED, MISSING = "accepted", "rejected", "edited", "missing"
@@ -78,6 +78,25 @@ def find_review(out: Path, given: Path | None) -> Review:
             f"{out}: wanted one review, found {' and '.join(FILES)}; say which with --review"
         )
     return read_review(found[0], out) if found else NO_REVIEW
+
+
+def required_review(out: Path, given: Path | None) -> Review:
+    """The review of a result as `find_review` finds it, which must be there.
+
+    Raises
+    ------
+    InputError
+        As in `find_review`.
+    UsageError
+        There is none.
+    """
+    review = find_review(out, given)
+    if review == NO_REVIEW:
+        raise UsageError(
+            f"{out}: wanted corrections to make labels of, found no {' or '.join(FILES)} there; save them in its "
+            "evidence index, or name the file with --review of `wayside label`"
+        )
+    return review
 
 
 def is_review(path: Path) -> bool:

@@ -22,6 +22,8 @@ def test_help_has_a_short_name_and_fits_into_80_columns(command, monkeypatch):
     done = CliRunner().invoke(cli.app, [*words, "-h"])
     assert done.exit_code == 0
     assert max(map(len, done.stdout.splitlines())) <= 80
+    usage = next(line for line in done.stdout.splitlines() if "Usage:" in line)
+    assert not set("{}") & set(usage)
     if command in (None, "run"):
         said = " ".join(done.stdout.split())
         for status in ("0 done", "1 a fault", "2 wrong", "3 the input", "4 done, but", "130 "):

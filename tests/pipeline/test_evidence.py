@@ -341,6 +341,26 @@ def test_another_log_is_refused(out, tmp_path):
         write_evidence(out, tmp_path / "sheets")
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 70.0, -160.0])
+def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, turn_deg):
+    """Of a drive whose own frame is turned against east by some angle; and of one without fixes."""
+    write_evidence(out, tmp_path / "plain")
+    assert "<title>north</title>" not in (tmp_path / "plain" / "index.html").read_text("utf-8")
+    assert gather(out, NEAR)[0].north is None
+    rows = pq.read_table(out / FRAMES.file).to_pylist()
+    turn = math.radians(turn_deg)
+    for row in rows:
+        east = row["x"] * math.cos(turn) - row["y"] * math.sin(turn)
+        north = row["x"] * math.sin(turn) + row["y"] * math.cos(turn)
+        row["lat_deg"] = 38.5 + north / 111e3
+        row["lon_deg"] = -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
+    pq.write_table(table_of(FRAMES, rows), out / FRAMES.file)
+    assert gather(out, NEAR)[0].north == pytest.approx([math.sin(turn), math.cos(turn)], abs=1e-3)
+    index = write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")
+    shown = float(re.search(r"rotate\((-?[0-9.]+)\)\"><title>north", index)[1])
+    assert shown == pytest.approx(turn_deg, abs=0.2)  # the path runs to the right, along x
+
+
 def test_an_unknown_sign_is_answered_with_the_nearest(out, tmp_path):
     with pytest.raises(UsageError, match=f"did you mean {NEAR}"):
         write_evidence(out, tmp_path / "sheets", sign_id=f"{STEM}-001")

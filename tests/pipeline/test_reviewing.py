@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.label_file import read_label_file
+from wayside.pipeline.labels import read_labels
 from wayside.pipeline.reviewing.review import COLUMNS, FILES, REVIEWS, find_review, read_review
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 RESULT = "0123456789abcdef"
@@ -197,6 +198,26 @@ def test_a_review_gives_labels_of_every_measured_view(out, review, tmp_path):
     ]
     assert [one.image.log_time_ns for one in labels] == [100, 200, 300]
     assert [one.box for one in labels] == [(1, 2, 11, 12 + n) for n in (1, 2, 3)]
+
+
+def test_a_reviewed_result_is_read_as_labels_and_its_review_alone_is_not(out, review, tmp_path):
+    shutil.copy(review, out / "review.csv")
+    command("label", out, "-o", tmp_path / "labels.parquet", status=4)
+    assert read_labels(out).labels == read_label_file(tmp_path / "labels.parquet").labels
+    for file in (out / "review.csv", as_json(tmp_path / "review.json")):
+        with pytest.raises(UsageError, match=r"found a review.* give that folder"):
+            read_labels(file)
+    (out / "review.csv").unlink()
+    with pytest.raises(UsageError, match=r"no review\.json or review\.csv"):
+        read_labels(out)
+
+
+def test_looks_that_a_row_does_not_state_are_not_counted_as_right(out, review):
+    rows = [sign(1, shape=None), sign(2), sign(3, color=None)]
+    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
+    words = command("evaluate", out, "--truth", review)
+    assert "colour     1.000   1 of 1 right" in words
+    assert "shape      1.000   1 of 1 right" in words
 
 
 def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.exporting.export import export
-from wayside.pipeline.reviewing.review import NO_REVIEW
+from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
 from wayside.pipeline.settings_file import load_settings, settings_values
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
@@ -79,9 +79,9 @@ def drive(new_log, motion):
     return log.finish()
 
 
-def export_log(new_log, tmp_path, motion="poses", world="log"):
+def export_log(new_log, tmp_path, motion="poses", world="log", review=NO_REVIEW):
     out = write_result(tmp_path / "out", drive(new_log, motion), world)
-    export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
+    export(out, review, tmp_path / "signs.mcap", "mcap")
     found = {}
     with (tmp_path / "signs.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -128,6 +128,19 @@ def test_a_panel_stands_in_the_frame_of_the_poses_turned_as_it_faces(new_log, tm
         np.abs(axes[:, 0]), [1, 0, 0], atol=1e-6
     )  # its width lies along the road
     assert sign.texts[0].pose.position.z == pytest.approx(2.5 + 0.375 + 0.3)
+
+
+def test_a_sign_that_a_review_says_is_missing_stands_by_name_where_the_reviewer_put_it(
+    new_log, tmp_path
+):
+    missing = Reviewed(MISSING, color="red", shape="octagon", x=3.0, y=-4.0)
+    found = export_log(new_log, tmp_path, review=Review({}, (missing,)))
+    *_, entity = found["scene", "foxglove.SceneUpdate"][0][1].entities
+    (name,) = entity.texts
+    assert (entity.id, entity.frame_id) == ("d-missing-1", "map")
+    assert name.text == "d-missing-1 red octagon missing"
+    place = name.pose.position
+    assert (place.x, place.y, place.z) == (3.0, -4.0, 1.5)
 
 
 @pytest.mark.parametrize(
