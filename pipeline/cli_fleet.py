@@ -132,7 +132,7 @@ def fleet(
     uris = expand_sources(logs)
     how = FleetOptions(jobs, scheduler, attempts, retry, overwrite, tuple(sys.argv[1:]))
     with FleetProgress() as progress:
-        report = run_fleet(uris, out, chosen, how, progress.watch)
+        report = run_fleet(uris, out, chosen, how, progress.watch, progress.watch_merging)
     typer.echo(visible_lines(_summary(report, out)))
     exit_with([entry.status for entry in report.entries])
 
@@ -226,6 +226,9 @@ def _summary(report: FleetReport, out: Path) -> str:
     if len(listed) > _MOST_LISTED:
         lines.append(f"... and {len(listed) - _MOST_LISTED} more: wayside fleet status {out}")
     lines += [f"{uri}: the same recording as {name}, counted once" for uri, name in report.copies]
+    if report.left:
+        some = ", ".join(report.left[:_MOST_LISTED])
+        lines.append(f"{len(report.left)} logs taken out, as their results are gone: {some}")
     done = sum(entry.state == DONE for entry in report.entries)
     lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")

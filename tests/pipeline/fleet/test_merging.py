@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,12 +19,14 @@ import pytest
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
+from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of
 from wayside.pipeline.fleet.surveys import parse_survey
-from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES, SIGNS
@@ -253,7 +256,7 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     later = simulation.START_NS + simulation.YEAR_NS
     simulation.write_drive(tmp_path / "drives" / "second", empty, later, True, quality, rng, **end)
     merge_inventory(sorted((tmp_path / "drives").iterdir()), tmp_path)
-    find_changes(tmp_path, parse_survey("2024"), parse_survey("2025"))
+    report = find_changes(tmp_path, parse_survey("2024"), parse_survey("2025"))
     rows = pq.read_table(tmp_path / "changes.parquet").to_pylist()
     east = road.origin.topocentric(
         np.array([[r["lon_deg"], r["lat_deg"], r["alt_m"]] for r in rows])
@@ -269,6 +272,34 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     assert {row["change"] for row in rows} == {"not_looked_at", "gone"}
     assert len(gone) > 0.6 * len(inside)  # small faces do not show in three images
     assert {row["drive_after"] for row in gone} == {"second"}
+    write_page(tmp_path, tmp_path / "changes.html", ("2024", "2025"), every=True)
+    text = (tmp_path / "changes.html").read_text()
+    captions = re.findall(r"<figcaption>2025: (.*?)(?:, second.*)?</figcaption>", text)
+    assert Counter(captions) == {
+        "not looked at; not in view of any drive": report.counts["not_looked_at"],
+        "no panel found; seen by 0 of 1 drives": report.counts["gone"],
+    }
+
+
+def test_results_that_are_not_merged_yet_are_not_compared(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    folder = tmp_path / "inventory"
+    shutil.copytree(surveyed.folder, folder)
+    (folder / "drives" / "begun").mkdir()  # a run that was killed
+    surveys = parse_survey("2024"), parse_survey("2025")
+    expected = find_changes(folder, *surveys).counts
+    names = [path.name for path in (folder / "drives").iterdir() if path.name != "begun"]
+    entries = {name: Entry(name, name, name, 1, name, DONE) for name in names}
+    tried = Entry("begun", "begun", "begun", 1, "begun", QUARANTINED)
+    merged = Manifest(entries | {"begun": tried})
+    merged = replace(merged, merged=merged.results())
+    write_manifest(folder, merged)
+    assert find_changes(folder, *surveys).counts == expected
+    later = Entry("y1p1", "y1p1", "y1p1", 1, "another run", DONE)
+    write_manifest(folder, merged.with_entries([later]))
+    with pytest.raises(InputError, match="other results since"):
+        find_changes(folder, *surveys)
 
 
 @pytest.mark.parametrize("text", ["24", "2024-13", "2024-05..2024-03", "last year"])
