@@ -38,7 +38,8 @@ _SIDES = ("before", "after")
 _OTHER = {"before": "after", "after": "before"}
 _PANEL = (
     "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
-    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "geometry",
+    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit",
+    "geometry",
 )  # fmt: skip
 _SIGHTING = (
     "panel_id",

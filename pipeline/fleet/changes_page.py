@@ -165,7 +165,7 @@ def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
     if row["distance_m"] is not None:
         facts.append(f"moved {row['distance_m']:.1f} m")
     if row["route"] is not None and row["measure"] is not None:
-        facts.append(f"{row['route']} {row['measure']:.3f}")
+        facts.append(f"{row['route']} {row['measure']:.3f} {row['measure_unit']}")
     sides = _figure(row, "before", names[0], images[0]) + _figure(row, "after", names[1], images[1])
     return (
         f'<li class="{row["change"]}"><h2>{escape(_words(row["change"]))}: {escape(name)}</h2>'

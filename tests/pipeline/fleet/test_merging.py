@@ -13,6 +13,7 @@ from typing import Any
 
 import mercantile
 import numpy as np
+import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
@@ -119,6 +120,31 @@ def test_supports_list_their_panels_and_panels_their_support(surveyed: Surveyed)
         assert support["panel_ids"] == own
         assert support["support_id"] == own[0]
         assert support["panels"] == len(own)
+
+
+def test_the_route_is_that_of_a_drive_that_knew_it_with_its_unit(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    shutil.copytree(surveyed.folder / "drives", tmp_path / "drives")
+    file = tmp_path / "drives" / "y0p1" / "signs.parquet"
+    signs = pq.read_table(file)
+    about = {
+        "route": ["A 8"] * len(signs),
+        "measure": np.arange(len(signs)) / 8,
+        "measure_unit": ["km"] * len(signs),
+    }
+    for name, values in about.items():
+        at, kind = signs.schema.get_field_index(name), signs.schema.field(name)
+        signs = signs.set_column(at, kind, pa.array(values).cast(kind.type))
+    pq.write_table(signs, file)
+    merge_inventory(sorted((tmp_path / "drives").iterdir()), tmp_path)
+    for table in ("panels", "supports"):
+        rows = list(ds.dataset(tmp_path / table).to_table().to_pylist())
+        named = [row for row in rows if "y0p1" in row["drives"]]
+        assert 0 < len(named) < len(rows)
+        for row in rows:
+            told = (row["route"], row["measure_unit"], row["measure"] is not None)
+            assert told == (("A 8", "km", True) if row in named else (None, None, False))
 
 
 def test_tables_lie_in_the_quadkey_of_their_cell_with_the_stated_columns(
