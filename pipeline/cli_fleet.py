@@ -12,6 +12,7 @@ import typer
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_options as run_options
+from wayside.pipeline import cli_routing as routing
 from wayside.pipeline.cli_help import Application, CommandGroup, examples
 from wayside.pipeline.cli_running import exit_with
 from wayside.pipeline.visible_text import visible, visible_lines
@@ -108,6 +109,8 @@ def fleet(
     detector: boxes.Detector = None,
     classes: boxes.Classes = None,
     models: fitting.Models = None,
+    route: routing.Route = None,
+    routes: routing.Routes = None,
     overwrite: Annotated[
         bool,
         typer.Option("--overwrite", help="Replace results of logs whose content has changed."),
@@ -122,17 +125,18 @@ def fleet(
     from wayside.pipeline.fleet.sources import expand_sources
     from wayside.pipeline.progress import FleetProgress
 
-    calibration, detector, classes, models = (  # workers may have other working folders
+    calibration, detector, classes, models, routes = (  # workers may have other working folders
         None if path is None else path.absolute()
-        for path in (calibration, detector, classes, models)
+        for path in (calibration, detector, classes, models, routes)
     )
     options = run_options.read_options(spacing, camera, calibration, None, None, every, workers)
     options |= boxes.options(detector, None, classes) | fitting.model_options(models)
+    options |= routing.options(route, None, decreasing=False, routes=routes, logs=())
     chosen = run_options.chosen_settings(preset, settings, assignments, options)
     uris = expand_sources(logs)
     how = FleetOptions(jobs, scheduler, attempts, retry, overwrite, tuple(sys.argv[1:]))
     with FleetProgress() as progress:
-        report = run_fleet(uris, out, chosen, how, progress.watch)
+        report = run_fleet(uris, out, chosen, how, progress.watch, progress.watch_merging)
     typer.echo(visible_lines(_summary(report, out)))
     exit_with([entry.status for entry in report.entries])
 
@@ -226,6 +230,9 @@ def _summary(report: FleetReport, out: Path) -> str:
     if len(listed) > _MOST_LISTED:
         lines.append(f"... and {len(listed) - _MOST_LISTED} more: wayside fleet status {out}")
     lines += [f"{uri}: the same recording as {name}, counted once" for uri, name in report.copies]
+    if report.left:
+        some = ", ".join(report.left[:_MOST_LISTED])
+        lines.append(f"{len(report.left)} logs taken out, as their results are gone: {some}")
     done = sum(entry.state == DONE for entry in report.entries)
     lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")

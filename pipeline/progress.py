@@ -157,7 +157,14 @@ class FleetProgress(_Shown):
         figures = figures_of(manifest, time.time())
         done = sum(entry.bytes for entry in manifest.logs.values() if entry.state in ENDED)
         total = sum(entry.bytes for entry in manifest.logs.values())
-        self._bar.update(self._task, completed=done, total=max(total, 1), words=str(figures))
+        self._tell(done, total, str(figures))
+
+    def watch_merging(self, done: int, total: int) -> None:
+        """So many cells of the inventory are merged."""
+        self._tell(done, total, f"merging: {done} of {total} cells")
+
+    def _tell(self, done: int, total: int, words: str) -> None:
+        self._bar.update(self._task, completed=done, total=max(total, 1), words=words)
         if self._bar.disable and time.monotonic() > self._told_at + _TOLD_S:
             self._told_at = time.monotonic()
-            print(figures, file=sys.stderr, flush=True)
+            print(words, file=sys.stderr, flush=True)

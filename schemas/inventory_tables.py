@@ -5,6 +5,7 @@ from __future__ import annotations
 import pyarrow as pa
 
 from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.routes import MEASURE_UNITS
 from wayside.schemas.tables import SIGN_STATUSES, Column, Table
 
 _TEXT, _WHOLE = pa.string(), pa.int32()
@@ -42,9 +43,24 @@ _HISTORY = (
     Column("drives", _NAMES, "", "their names, in order of time", _SURE),
 )
 _ROUTE = (
-    Column("route", _TEXT, "", "route, by the sighting of the largest view; null: not given"),
     Column(
-        "measure", _DOUBLE, "", "measure along the route, in the unit of the drive; null: not given"
+        "route",
+        _TEXT,
+        "",
+        "route, by the largest view of a drive that knew its route; null: none did",
+    ),
+    Column(
+        "measure",
+        _DOUBLE,
+        "mi, km, ft or m",
+        "measure along the route, in the unit that `measure_unit` names; null without",
+    ),
+    Column(
+        "measure_unit",
+        _CHOICE,
+        "",
+        "its unit: mile, kilometre, foot or metre",
+        values=tuple(MEASURE_UNITS),
     ),
 )
 

@@ -19,12 +19,13 @@ from scipy.spatial import cKDTree
 
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
+from wayside.pipeline.fleet.manifest import DRIVES, MANIFEST, read_manifest
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import FARTHEST_M, DriveView, read_view
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
-from wayside.pipeline.result import read_rows
+from wayside.pipeline.result import RUN_FILE, read_rows
 from wayside.pipeline.writing import not_written, refuse
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
@@ -32,13 +33,13 @@ from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import SIGNS
 from wayside.stages.inventory import PanelPlaces, match_moved
 
-DRIVES = "drives"
 Row = dict[str, Any]
 _SIDES = ("before", "after")
 _OTHER = {"before": "after", "after": "before"}
 _PANEL = (
     "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
-    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "geometry",
+    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit",
+    "geometry",
 )  # fmt: skip
 _SIGHTING = (
     "panel_id",
@@ -104,7 +105,7 @@ def find_changes(
     UsageError
         A survey has no drive, or the surveys overlap.
     InputError
-        The folder is no inventory, or a result in it is damaged.
+        The folder is no inventory, its tables are not merged of its results as they are now, or one is damaged.
     OutputError
         The file cannot be written, or something else stands there.
     """
@@ -157,7 +158,7 @@ class _Comparison:
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
         self._zoom = self.merge.cell_zoom
         self._view = lru_cache(self.merge.drives_in_memory)(self._read_view)
-        for folder in sorted(path for path in (inventory / DRIVES).glob("*") if path.is_dir()):
+        for folder in _merged_results(inventory):
             self._index(folder, surveys)
         self.report.drives = {side: sum(s == side for s in self._side.values()) for side in _SIDES}
         for side, survey in surveys.items():
@@ -308,6 +309,22 @@ class _Comparison:
             gone[g] |= later | {"change": "moved", "distance_m": distance}
         taken = set(between[moved][:, 1].tolist())
         return gone + [row for k, row in enumerate(new) if k not in taken]
+
+
+def _merged_results(inventory: Path) -> list[Path]:
+    """Folders of the results that the merged tables were made of; raises InputError where they are of others.
+
+    A drive that is not merged would count as one that looked everywhere and saw nothing.
+    """
+    if not (inventory / MANIFEST).exists():  # merged without a fleet
+        return sorted(path.parent for path in (inventory / DRIVES).glob(f"*/{RUN_FILE}"))
+    manifest = read_manifest(inventory)
+    if manifest.merged != manifest.results():
+        raise InputError(
+            f"{inventory}: wanted tables merged of all results that are done, found other results since: a fleet is "
+            "under way, or was ended before it merged; let `wayside fleet` come to its end and compare then"
+        )
+    return [inventory / DRIVES / entry.name for entry in manifest.done()]
 
 
 def _row(

@@ -18,7 +18,7 @@ from wayside.pipeline.evidence.crops import cut, read_images
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.evidence.sheet import draw_crop
 from wayside.pipeline.file_marks import is_marked, marked_head
-from wayside.pipeline.fleet.changes import DRIVES
+from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
@@ -165,7 +165,7 @@ def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
     if row["distance_m"] is not None:
         facts.append(f"moved {row['distance_m']:.1f} m")
     if row["route"] is not None and row["measure"] is not None:
-        facts.append(f"{row['route']} {row['measure']:.3f}")
+        facts.append(f"{row['route']} {row['measure']:.3f} {row['measure_unit']}")
     sides = _figure(row, "before", names[0], images[0]) + _figure(row, "after", names[1], images[1])
     return (
         f'<li class="{row["change"]}"><h2>{escape(_words(row["change"]))}: {escape(name)}</h2>'
@@ -176,13 +176,19 @@ def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
 def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
     """The image of one survey; where nothing was seen, the place."""
     seen, looked = row[f"seen_{side}"], row[f"drives_{side}"]
-    face = appearance_of(row[f"color_{side}"], row[f"shape_{side}"]) if seen else "no panel"
+    if not looked:
+        face, by = "not looked at", "not in view of any drive"
+    else:
+        face = (
+            appearance_of(row[f"color_{side}"], row[f"shape_{side}"]) if seen else "no panel found"
+        )
+        by = f"seen by {seen} of {looked} drives"
     where = (
         ""
         if row[f"drive_{side}"] is None
         else f", {row[f'drive_{side}']} frame {row[f'frame_{side}']}"
     )
-    caption = f"{survey}: {face}; seen by {seen} of {looked} drives{where}"
+    caption = f"{survey}: {face}; {by}{where}"
     shown = '<span class="none">no image</span>'
     if image is not None:
         data = base64.b64encode(image).decode()

@@ -27,7 +27,8 @@ _SIGNS = (
     "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
     "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
     "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "right_m", "down_m",
-    "ahead_m", "first_frame", "route", "measure", "mutcd", "vienna",
+    "ahead_m", "first_frame", "route", "measure",
+    "measure_unit", "mutcd", "vienna",
 )  # fmt: skip
 _FRAMES = ("frame", "log_time_ns", "header_time_ns", "station_m", "qx", "qy", "qz", "qw",
            "lon_deg", "lat_deg", "alt_m", "heading_deg")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -78,7 +79,9 @@ class Manifest:
     where
         Host and process of that fleet.
     merged
-        Digest of the results that the merged tables were made of; empty: they are of other results, or not made.
+        `results` at the time when the merged tables were made; empty: they are not made, or about to be replaced.
+    merged_by
+        Digest of the settings that they were merged by.
     """
 
     logs: Mapping[str, Entry] = field(default_factory=dict)
@@ -86,6 +89,7 @@ class Manifest:
     updated: float = 0.0
     where: str = ""
     merged: str = ""
+    merged_by: str = ""
 
     def with_entries(self, entries: Iterable[Entry]) -> Manifest:
         """The same with these entries in the place of those of their names."""
@@ -97,6 +101,11 @@ class Manifest:
             (entry for entry in self.logs.values() if entry.state == DONE),
             key=lambda entry: entry.name,
         )
+
+    def results(self) -> str:
+        """Digest that says which results are part of the inventory now."""
+        text = json.dumps([(entry.name, entry.key) for entry in self.done()])
+        return hashlib.sha256(text.encode()).hexdigest()
 
 
 def read_manifest(inventory: Path) -> Manifest:
@@ -118,7 +127,7 @@ def read_manifest(inventory: Path) -> Manifest:
         if any(e.state not in STATES or name != e.name for name, e in logs.items()):
             raise ValueError("a log of an unknown state or another name")
         told = {k: content[k] for k in ("started", "updated", "where", "merged")}
-        return Manifest(logs, **told)
+        return Manifest(logs, **told, merged_by=content.get("merged_by", ""))
     except FileNotFoundError as error:
         raise InputError(
             f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
@@ -137,6 +146,7 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
         "updated": manifest.updated,
         "where": manifest.where,
         "merged": manifest.merged,
+        "merged_by": manifest.merged_by,
         "logs": {name: asdict(entry) for name, entry in sorted(manifest.logs.items())},
     }
     text = json.dumps(content, indent=1) + "\n"

@@ -99,7 +99,7 @@ def write_cell(
         "replaces": before,
         "replaced_by": after,
     }
-    supports = _supports(block, merged.position[kept], support, panel, panel_id, history, panels)
+    supports = _supports(block, merged.position[kept], support, panel, panel_id, history, columns)
     supports["support_id"] = support_id
     for table, values, sort in (
         (PANELS, panels, panel_id),
@@ -136,6 +136,7 @@ def _columns(block: Block, rows: Ints) -> dict[str, NDArray[Any]]:
         "best_box",
         "route",
         "measure",
+        "measure_unit",
         "mutcd",
         "vienna",
     )
@@ -143,7 +144,7 @@ def _columns(block: Block, rows: Ints) -> dict[str, NDArray[Any]]:
     table = pa.concat_tables([t.select(names).unify_dictionaries() for t in taken]).take(rows)
     columns: dict[str, NDArray[Any]] = {
         name: np.asarray(table[name].cast(pa.string()).to_pylist(), object)
-        for name in ("sign_id", "status", "route", "mutcd", "vienna")
+        for name in ("sign_id", "status", "route", "measure_unit", "mutcd", "vienna")
     }
     for name in ("confidence", "up_m", "measure"):
         columns[name] = np.asarray(table[name].cast(pa.float64()).to_numpy(), np.float64)
@@ -223,8 +224,7 @@ def _panels(
         "vienna": columns["vienna"][largest],
         "best_drive": columns["drive"][largest],
         "best_sign_id": columns["sign_id"][largest],
-        "route": columns["route"][largest],
-        "measure": known(columns["measure"][largest]),
+        **_along_route(columns, members),
     }
 
 
@@ -235,19 +235,28 @@ def _supports(
     panel: Ints,
     panel_id: NDArray[Any],
     history: _Histories,
-    panels: dict[str, Any],
+    columns: dict[str, NDArray[Any]],
 ) -> dict[str, Any]:
     of_support = _members(support)
     middle = np.array([position[r].mean(axis=0) for r in of_support])
     sightings = _members(support[panel])
-    first = np.array([r[0] for r in of_support])
     return {
         **_on_globe(block.origin, middle),
         "panels": [len(r) for r in of_support],
         "panel_ids": [sorted(panel_id[r].tolist()) for r in of_support],
         **history.columns(sightings),
-        "route": np.asarray(panels["route"])[first],
-        "measure": panels["measure"].take(pa.array(first)),
+        **_along_route(columns, sightings),
+    }
+
+
+def _along_route(columns: dict[str, NDArray[Any]], groups: list[Ints]) -> dict[str, Any]:
+    """The columns of the route for groups of sightings: of the largest view of a drive that knew its route."""
+    larger = np.where(np.isfinite(columns["measure"]), columns["area_px"], -1.0)
+    best = np.array([rows[np.argmax(larger[rows])] for rows in groups])
+    return {
+        "route": columns["route"][best],
+        "measure": known(columns["measure"][best]),
+        "measure_unit": columns["measure_unit"][best],
     }
 
 

@@ -59,6 +59,7 @@ _READERS = 8
 
 OpenEngine = Callable[[], Engine[Task, Outcome]]
 Watch = Callable[[Manifest], None]
+WatchMerging = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +102,8 @@ class FleetReport:
         Names of those whose results stood before.
     copies
         Given logs that are the same recording as another one, with the name of that: counted once.
+    left
+        Names of logs that belong to the inventory no more, as somebody took their results away.
     merged
         What was merged, in words; None: nothing has changed since the last time, or no log is done.
     """
@@ -108,6 +111,7 @@ class FleetReport:
     entries: tuple[Entry, ...]
     kept: frozenset[str]
     copies: tuple[tuple[str, str], ...]
+    left: tuple[str, ...]
     merged: str | None
 
 
@@ -121,6 +125,7 @@ def run_fleet(
     settings: Settings,
     options: FleetOptions,
     watch: Watch = lambda manifest: None,
+    watch_merging: WatchMerging = lambda done, total: None,
     open_engine: OpenEngine | None = None,
 ) -> FleetReport:
     """Run logs into an inventory, those whose results stand excepted, and merge all results of the inventory.
@@ -135,6 +140,8 @@ def run_fleet(
         Of the runs; of the fleet.
     watch
         Called every few seconds with the given logs.
+    watch_merging
+        Called with the number of cells merged and to merge.
     open_engine
         Another engine than the options name.
 
@@ -152,7 +159,7 @@ def run_fleet(
     inventory = inventory.absolute()
     key_of = result_keys(settings, load_models(settings).digests(), every_region=False)
     with locked_inventory(inventory):
-        earlier = read_manifest(inventory) if (inventory / MANIFEST).exists() else Manifest()
+        earlier, left = _earlier(inventory)
         planned, copies = _plan(uris, earlier, key_of, options, inventory)
         where = f"{socket.gethostname()}, process {os.getpid()}"
         book = _Book(inventory, replace(earlier, started=time.time(), where=where), planned, watch)
@@ -173,9 +180,10 @@ def run_fleet(
         ]
         if tasks:
             _carry_out(tasks, open_engine or _engine_of(options, inventory, len(tasks)), book)
-        merged = _merge(inventory, book, settings.merge)
+        merged = _merge(inventory, book, settings.merge, watch_merging)
         kept = frozenset(name for name, entry in planned.items() if entry.state == DONE)
-        return FleetReport(tuple(book.given()), kept, tuple(copies), merged)
+        gone = tuple(name for name in left if name not in planned)
+        return FleetReport(tuple(book.given()), kept, tuple(copies), gone, merged)
 
 
 class _Book:
@@ -282,6 +290,18 @@ def _work(
         book.show()
 
 
+def _earlier(inventory: Path) -> tuple[Manifest, list[str]]:
+    """What the inventory holds, and logs that it held before: somebody took their results away."""
+    if not (inventory / MANIFEST).exists():
+        return Manifest(), []
+    manifest = read_manifest(inventory)
+    left = [
+        entry.name for entry in manifest.done() if not (inventory / DRIVES / entry.name).exists()
+    ]
+    kept = {name: entry for name, entry in manifest.logs.items() if name not in left}
+    return replace(manifest, logs=kept), left
+
+
 def _plan(
     uris: Sequence[str],
     earlier: Manifest,
@@ -386,15 +406,17 @@ def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine
     return lambda: DaskEngine(run_task, scheduler, options.jobs, shared)
 
 
-def _merge(inventory: Path, book: _Book, settings: MergeSettings) -> str | None:
+def _merge(
+    inventory: Path, book: _Book, settings: MergeSettings, watch: WatchMerging
+) -> str | None:
     """Merge what is done, if it or the settings have changed since the last time; what came of it."""
-    done = book.manifest.done()
-    keys = json.dumps([[(entry.name, entry.key) for entry in done], asdict(settings)])
-    digest = hashlib.sha256(keys.encode()).hexdigest()
-    if not done or book.manifest.merged == digest:
+    merged = book.manifest.results()
+    by = hashlib.sha256(json.dumps(asdict(settings)).encode()).hexdigest()
+    folders = [inventory / DRIVES / entry.name for entry in book.manifest.done()]
+    nothing = not folders and not book.manifest.merged
+    if nothing or (book.manifest.merged, book.manifest.merged_by) == (merged, by):
         return None
     book.save(merged="")
-    results = [inventory / DRIVES / entry.name for entry in done]
-    report = merge_inventory(results, inventory, settings)
-    book.save(merged=digest)
+    report = merge_inventory(folders, inventory, settings, watch)
+    book.save(merged=merged, merged_by=by)
     return str(report)

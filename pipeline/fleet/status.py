@@ -14,6 +14,7 @@ from wayside.pipeline.fleet.manifest import (
     DONE,
     ENDED,
     LOGS,
+    MANIFEST,
     QUARANTINE,
     QUARANTINED,
     RUNNING,
@@ -81,8 +82,10 @@ def format_status(inventory: Path) -> str:
     InputError
         The folder is no inventory.
     """
-    manifest = read_manifest(inventory)
     running = is_under_way(inventory)
+    if running and not (inventory / MANIFEST).exists():
+        return f"{inventory}: a fleet has begun and looks at its logs"
+    manifest = read_manifest(inventory)
     figures = figures_of(manifest, manifest.updated)
     told = f"a fleet is under way since {_clock(manifest.started)}: {manifest.where}"
     ended = f"no fleet is under way; the last one ended by {_clock(manifest.updated)}"
@@ -93,8 +96,7 @@ def format_status(inventory: Path) -> str:
     lost = sum(entry.state == DONE and entry.status != 0 for entry in entries)
     if lost:
         lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
-    current = "merged" if manifest.merged else "not merged yet"
-    lines.append(f"panels: {current}")
+    lines.append(f"panels: {_merging(manifest, running=running)}")
     at_work = [entry for entry in entries if entry.state == RUNNING] if running else []
     lines += _listed(
         "running", [f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt" for e in at_work]
@@ -163,6 +165,15 @@ def describe_duration(seconds: float) -> str:
         return f"{minutes // 60} h {minutes % 60} min"
     hours = round(seconds / 3600)
     return f"{hours // 24} days {hours % 24} h"
+
+
+def _merging(manifest: Manifest, *, running: bool) -> str:
+    """Whether the merged tables are of the results as they are now, in words."""
+    if manifest.merged == manifest.results():
+        return "merged"
+    if running and all(entry.state in ENDED for entry in manifest.logs.values()):
+        return "being merged now"
+    return "of earlier results, to be merged anew" if manifest.merged else "not merged yet"
 
 
 def _clock(seconds: float) -> str:

@@ -98,7 +98,7 @@ def fleet(tmp_path, monkeypatch):
         }
         (folder / "run.json").write_text(json.dumps(about))
 
-    def merge(folders, out, settings):
+    def merge(folders, out, settings, watch):
         seen.merged.append([folder.name for folder in folders])
         seen.merge_settings = settings
         return f"{len(folders)} drives"

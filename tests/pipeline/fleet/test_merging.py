@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import mercantile
 import numpy as np
+import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
+from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of
 from wayside.pipeline.fleet.surveys import parse_survey
-from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES, SIGNS
@@ -116,6 +120,31 @@ def test_supports_list_their_panels_and_panels_their_support(surveyed: Surveyed)
         assert support["panel_ids"] == own
         assert support["support_id"] == own[0]
         assert support["panels"] == len(own)
+
+
+def test_the_route_is_that_of_a_drive_that_knew_it_with_its_unit(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    shutil.copytree(surveyed.folder / "drives", tmp_path / "drives")
+    file = tmp_path / "drives" / "y0p1" / "signs.parquet"
+    signs = pq.read_table(file)
+    about = {
+        "route": ["A 8"] * len(signs),
+        "measure": np.arange(len(signs)) / 8,
+        "measure_unit": ["km"] * len(signs),
+    }
+    for name, values in about.items():
+        at, kind = signs.schema.get_field_index(name), signs.schema.field(name)
+        signs = signs.set_column(at, kind, pa.array(values).cast(kind.type))
+    pq.write_table(signs, file)
+    merge_inventory(sorted((tmp_path / "drives").iterdir()), tmp_path)
+    for table in ("panels", "supports"):
+        rows = list(ds.dataset(tmp_path / table).to_table().to_pylist())
+        named = [row for row in rows if "y0p1" in row["drives"]]
+        assert 0 < len(named) < len(rows)
+        for row in rows:
+            told = (row["route"], row["measure_unit"], row["measure"] is not None)
+            assert told == (("A 8", "km", True) if row in named else (None, None, False))
 
 
 def test_tables_lie_in_the_quadkey_of_their_cell_with_the_stated_columns(
@@ -253,7 +282,7 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     later = simulation.START_NS + simulation.YEAR_NS
     simulation.write_drive(tmp_path / "drives" / "second", empty, later, True, quality, rng, **end)
     merge_inventory(sorted((tmp_path / "drives").iterdir()), tmp_path)
-    find_changes(tmp_path, parse_survey("2024"), parse_survey("2025"))
+    report = find_changes(tmp_path, parse_survey("2024"), parse_survey("2025"))
     rows = pq.read_table(tmp_path / "changes.parquet").to_pylist()
     east = road.origin.topocentric(
         np.array([[r["lon_deg"], r["lat_deg"], r["alt_m"]] for r in rows])
@@ -269,6 +298,34 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     assert {row["change"] for row in rows} == {"not_looked_at", "gone"}
     assert len(gone) > 0.6 * len(inside)  # small faces do not show in three images
     assert {row["drive_after"] for row in gone} == {"second"}
+    write_page(tmp_path, tmp_path / "changes.html", ("2024", "2025"), every=True)
+    text = (tmp_path / "changes.html").read_text()
+    captions = re.findall(r"<figcaption>2025: (.*?)(?:, second.*)?</figcaption>", text)
+    assert Counter(captions) == {
+        "not looked at; not in view of any drive": report.counts["not_looked_at"],
+        "no panel found; seen by 0 of 1 drives": report.counts["gone"],
+    }
+
+
+def test_results_that_are_not_merged_yet_are_not_compared(
+    surveyed: Surveyed, tmp_path: Path
+) -> None:
+    folder = tmp_path / "inventory"
+    shutil.copytree(surveyed.folder, folder)
+    (folder / "drives" / "begun").mkdir()  # a run that was killed
+    surveys = parse_survey("2024"), parse_survey("2025")
+    expected = find_changes(folder, *surveys).counts
+    names = [path.name for path in (folder / "drives").iterdir() if path.name != "begun"]
+    entries = {name: Entry(name, name, name, 1, name, DONE) for name in names}
+    tried = Entry("begun", "begun", "begun", 1, "begun", QUARANTINED)
+    merged = Manifest(entries | {"begun": tried})
+    merged = replace(merged, merged=merged.results())
+    write_manifest(folder, merged)
+    assert find_changes(folder, *surveys).counts == expected
+    later = Entry("y1p1", "y1p1", "y1p1", 1, "another run", DONE)
+    write_manifest(folder, merged.with_entries([later]))
+    with pytest.raises(InputError, match="other results since"):
+        find_changes(folder, *surveys)
 
 
 @pytest.mark.parametrize("text", ["24", "2024-13", "2024-05..2024-03", "last year"])

@@ -2,10 +2,11 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
-from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest
+from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
 from wayside.pipeline.fleet.status import (
     describe_duration,
     figures_of,
@@ -115,6 +116,19 @@ def test_logs_are_added_and_all_of_the_inventory_are_merged(fleet, tmp_path):
     assert seen.merged == [["a", "later_a"]]
 
 
+def test_a_log_leaves_the_inventory_with_its_result(fleet, tmp_path):
+    seen = fleet({"a": "one", "b": "two"})
+    shutil.rmtree(seen.inventory / "drives" / "a")
+    (tmp_path / "logs" / "a.mcap").unlink()
+    seen = fleet({})
+    assert seen.report.left == ("a",)
+    assert seen.merged == [["b"]]
+    assert list(read_manifest(seen.inventory).logs) == ["b"]
+    shutil.rmtree(seen.inventory / "drives" / "b")
+    seen = fleet({})  # this one is given still
+    assert (seen.began, seen.report.left) == (["b"], ())
+
+
 def test_copies_of_one_recording_are_counted_once(fleet):
     seen = fleet({"a": "one", "b": "one"})
     assert list(seen.states) == ["a"]
@@ -169,6 +183,21 @@ def test_status_lists_what_is_in_quarantine_and_reads_only_its_own_files(fleet, 
     (seen.inventory / "fleet.json").write_text(json.dumps({"logs": {"a": 1}}))
     with pytest.raises(InputError, match="cannot be read"):
         format_status(seen.inventory)
+
+
+def test_status_says_what_a_fleet_does_besides_running_logs(fleet, tmp_path):
+    with locked_inventory(tmp_path / "inventory"):
+        assert "looks at its logs" in format_status(tmp_path / "inventory")
+    seen = fleet({"a": "one"})
+    assert "panels: merged" in format_status(seen.inventory)
+    manifest = read_manifest(seen.inventory)
+    write_manifest(seen.inventory, replace(manifest, merged=""))
+    assert "panels: not merged yet" in format_status(seen.inventory)
+    with locked_inventory(seen.inventory):
+        assert "panels: being merged now" in format_status(seen.inventory)
+    again = replace(manifest.logs["a"], key="of another run")
+    write_manifest(seen.inventory, manifest.with_entries([again]))
+    assert "panels: of earlier results" in format_status(seen.inventory)
 
 
 def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
