@@ -31,7 +31,6 @@ METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
 NAMES_METADATA, DATES_METADATA = "wayside.image_names", "wayside.image_dates"
 """Metadata records of `wayside import`: name of each image's file, and when it was taken, by log time in ns."""
 
-_MOST_ATTACHMENTS = 16
 MOST_FRAMES = 32
 """Names of cameras in one topic; some write a name of its own into each image."""
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
@@ -132,7 +131,7 @@ class LogSurvey:
     tree: TransformTree = field(default_factory=TransformTree)
     attached_camera: Camera | None = None
     attachment_name: str = ""
-    attachments_tried: int = 0
+    attachment_bytes: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
     image_names: dict[str, str] = field(default_factory=dict)
@@ -276,13 +275,14 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
-    """Read an attached calibration: only a small YAML file that has its words, and none after the first."""
+    """Read an attached calibration: YAML with its words, of `LARGEST_FILE` in all, and none after the first."""
     is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
-    if not is_yaml or survey.attached_camera is not None or len(record.data) > LARGEST_FILE:
+    size = survey.attachment_bytes + len(record.data)
+    if not is_yaml or survey.attached_camera is not None or size > LARGEST_FILE:
         return
-    if b"camera_matrix" not in record.data or survey.attachments_tried >= _MOST_ATTACHMENTS:
+    if b"camera_matrix" not in record.data:
         return
-    survey.attachments_tried += 1
+    survey.attachment_bytes = size
     try:
         text = record.data.decode("utf-8")
         survey.attached_camera = parse_camera(text, record.name)
