@@ -239,6 +239,43 @@ def no_focal(content: Any) -> None:
     content.K[0] = float("nan")
 
 
+def longer(length: float) -> Callable[[Any], None]:
+    """A change that makes the quaternion of a pose so many times as long."""
+
+    def change(content: Any) -> None:
+        turn = content.pose.orientation
+        turn.x, turn.y, turn.z, turn.w = (
+            length * part for part in (turn.x, turn.y, turn.z, turn.w)
+        )
+
+    return change
+
+
+def emptied(content: Any) -> None:
+    """An image without a byte."""
+    content.data = b""
+
+
+def halved(messages: Messages, topics: Sequence[str], since: int = 12) -> Messages:
+    """Calibrations or images at half the size from one on."""
+    return [scaled([m], 0.5)[0] if m.topic in topics and m.number >= since else m for m in messages]
+
+
+def with_other_camera(messages: Messages) -> Messages:
+    """Between images, mirrored ones under another `frame_id` in the same topic."""
+    half_ns = 160_000_000
+
+    def mirrored(content: Any) -> None:
+        pixels = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
+        content.frame_id = "rear"
+        content.data = cv2.imencode(".jpg", pixels[:, ::-1])[1].tobytes()
+
+    rear = [
+        edited(m, mirrored, header_ns=half_ns, log_ns=half_ns) for m in messages if m.topic == IMAGE
+    ]
+    return sorted([*messages, *rear], key=lambda m: m.log_ns)
+
+
 def no_poses(edit: Edit) -> Edit:
     """The same without poses: the drive goes by its fixes."""
     return lambda messages: edit(without(messages, POSE))
@@ -366,4 +403,25 @@ ATTACKS: dict[str, tuple[Edit, tuple[str, ...]]] = {
         partial(changed, no_focal, topic=CALIBRATION, since=2),
         (),
     ),
+    # Content
+    "one quaternion of length 7": (partial(changed, longer(7.0), since=10, until=11), ()),
+    "covariance -1 of all fixes, fixes only": (
+        no_poses(partial(changed, covariance(-1.0), topic=GPS)),
+        (),
+    ),
+    "covariance NaN of one fix": (
+        partial(changed, covariance(NAN), topic=GPS, since=10, until=11),
+        (),
+    ),
+    "calibration half as large from image 12": (partial(halved, topics=(CALIBRATION,)), ()),
+    "calibration and images half as large from image 12": (
+        partial(halved, topics=(CALIBRATION, IMAGE)),
+        (),
+    ),
+    "one image without a byte": (
+        partial(changed, emptied, topic=IMAGE, since=10, until=11),
+        (),
+    ),
+    "images of another camera between": (with_other_camera, ()),
+    "all sequence numbers alike": (lambda m: [replace(x, number=7) for x in m], ()),
 }

@@ -27,6 +27,9 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from wayside.pipeline import cli
 
 LIMIT_S = 15.0
@@ -38,7 +41,7 @@ HEAVY = ("evaluate", "evidence.write", "exporting.export", "fitting.command",
 PATH = "PATH"
 DEMO = "recordings/demo.mcap"
 SHORT = ["--until", "0.9s", "--set", "models.network=", "--workers", "1"]
-BOARD = ["--board", "9x6", "-o", "{scratch}/camera.yaml"]
+BOARD = ["--board", "9x6", "-o", "{scratch}/new.yaml"]
 
 INPUTS: dict[str, list[str]] = {
     "run LOG": ["run", PATH, "-o", "{scratch}/new"],
@@ -200,6 +203,10 @@ def tried(name: str, what: str, path: str, result: Path) -> Ending:
     with tempfile.TemporaryDirectory() as scratch:
         (Path(scratch) / "boxes.json").write_text("[]")
         (Path(scratch) / "camera.yaml").write_text(CAMERA)
+        (Path(scratch) / "images").mkdir()
+        for number in range(2):
+            pixels = np.full((1200, 1600, 3), number, np.uint8)
+            cv2.imwrite(str(Path(scratch) / "images" / f"{number}.jpg"), pixels)
         words = (INPUTS | OUTPUTS)[name]
         filled = [
             path if word == PATH else word.format(scratch=scratch, out=result) for word in words

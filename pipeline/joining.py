@@ -93,20 +93,27 @@ def _join(paths: list[Path], stream: BinaryIO, scratch: Path) -> JoinedLog:
     return JoinedLog(tuple(parts), writer.messages, len(writer.channels), tuple(lost))
 
 
+def _no_part(path: Path, found: str) -> InputError:
+    return InputError(
+        f"{path}: wanted an MCAP file, a ROS 2 bag directory or a ROS 1 bag, found{found}; of a ROS 2 bag give the "
+        "directory"
+    )
+
+
 @contextmanager
 def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
     """The MCAP files of a part: itself, those of its bag, or what it was converted to (removed at the end)."""
+    try:
+        path.stat()
+    except OSError as error:
+        raise _no_part(path, f": {error.strerror}") from error
     parts = bag_parts(path) if path.is_dir() else [path]
     if all(is_mcap(part) for part in parts):
         yield parts
         return
     ros1 = path.suffix == ".bag"
     if not path.is_dir() and not (ros1 and path.is_file()):
-        found = "something else" if path.exists() else "no such file"
-        raise InputError(
-            f"{path}: wanted an MCAP file, a ROS 2 bag directory or a ROS 1 bag, found {found}; "
-            "of a ROS 2 bag give the directory"
-        )
+        raise _no_part(path, " something else")
     try:
         convert(
             [path],

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from itertools import accumulate
 from typing import Any
 
 import yaml
 
 from wayside.pipeline.json_text import CONTENT_FAULTS
+
+_DEEPEST = 64
+"""Brackets within each other; the parser takes time with the square of their number."""
 
 
 class YamlLoader(yaml.SafeLoader):
@@ -27,6 +32,9 @@ def parse_yaml(text: str, loader: type[YamlLoader] = YamlLoader) -> Any:
     ValueError
         It is none, holds an alias, or is nested deeper than can be read.
     """
+    steps = (1 if bracket in "[{" else -1 for bracket in re.findall(r"[\[\]{}]", text))
+    if max(accumulate(steps), default=0) > _DEEPEST:
+        raise ValueError("it is nested too deeply")
     try:
         return yaml.load(text, loader)
     except RecursionError as error:

@@ -36,7 +36,7 @@ FORMATS = {"csv": "csv, header", "json": "json, array true", "parquet": "parquet
 def first_rows(inventory: Path, sql: str, count: int) -> tuple[list[str], list[list[str | None]]]:
     """Names of the columns of an answer and its first rows as text; parameters and errors as of `write_answer`."""
     with _prepared(inventory, sql) as (connection, question):
-        names = [column[0] for column in connection.sql(question).description]
+        names = [name for name, _ in _columns(connection, question)]
         text = connection.sql(
             f"SELECT CAST(COLUMNS(*) AS VARCHAR) FROM ({question}\n) LIMIT {count}"
         )
@@ -70,7 +70,8 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
         file = Path(scratch) / "answer"
         if kind == "csv":
             question = _without_formulas(connection, question)
-        connection.execute(f"COPY ({question}\n) TO {_quoted(file)} (FORMAT {FORMATS[kind]})")
+        into = f"{_quoted(file)} (FORMAT {FORMATS[kind]})"
+        connection.execute(f"COPY (FROM ({question}\n)) TO {into}")
         with file.open("rb") as answer:
             shutil.copyfileobj(answer, stream)
 
@@ -79,7 +80,12 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
 def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
     """A connection with the views that a statement asks for, and the bare statement."""
     manifest = read_manifest(inventory)
-    offline: Any = {"autoinstall_known_extensions": False, "python_enable_replacements": False}
+    offline: Any = {
+        "autoinstall_known_extensions": False,
+        "autoload_known_extensions": False,
+        "lock_configuration": True,  # logs and profiles would go into files
+        "python_enable_replacements": False,
+    }
     lacking: list[str] = []
     with duckdb.connect(":memory:", config=offline) as connection:
         try:
@@ -137,12 +143,21 @@ def _create_view(
     return True
 
 
+def _columns(connection: duckdb.DuckDBPyConnection, question: str) -> list[tuple[str, str]]:
+    """Name and type of the columns of an answer.
+
+    A question is run inside of another one only: by itself one that reads may begin with a COPY that writes.
+    """
+    described = connection.sql(f"FROM ({question}\n) LIMIT 0").description
+    return [(str(name), str(kind)) for name, kind, *_ in described]
+
+
 def _without_formulas(connection: duckdb.DuckDBPyConnection, question: str) -> str:
     """The same question with its texts, names of columns too, as `guarded` gives them."""
-    columns, listed = connection.sql(question).description, []
-    for number, (name, kind, *_) in enumerate(columns):
+    columns, listed = _columns(connection, question), []
+    for number, (name, kind) in enumerate(columns):
         value = f"c{number}"
-        if str(kind) in ("VARCHAR", "STRING") or re.fullmatch(r"ENUM\(.*\)", str(kind), re.DOTALL):
+        if kind in ("VARCHAR", "STRING") or re.fullmatch(r"ENUM\(.*\)", kind, re.DOTALL):
             value = f"CAST({value} AS VARCHAR)"
             mark = f"regexp_matches({value}, {_quoted(FORMULA)})"
             value = f"CASE WHEN {mark} THEN chr(39) || {value} ELSE {value} END"

@@ -28,6 +28,7 @@ from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_POSITION,
+    OTHER_CAMERA,
     USED,
     WRONG_SIZE,
     Camera,
@@ -122,6 +123,9 @@ class _Reader:
         self.problems = 0
         self.calibrations: TimeSeries[Camera] = TimeSeries()
         self.fixes: TimeSeries[Fix] = TimeSeries()
+        is_video = plan.camera.image_format == H264  # whose streams are told apart by themselves
+        self.others = frozenset() if is_video else plan.camera.other_cameras
+        self.others_seen = 0
         self.poses: CameraPoses | None = None
         if plan.motion_source:
             self.poses = CameraPoses(plan.camera_frame, plan.motion_source)
@@ -152,8 +156,13 @@ class _Reader:
     def _seed_calibration(self) -> None:
         """The first calibration serves the images before it, too."""
         topic = self.plan.calibration
-        if topic is not None and isinstance(topic.first, CalibrationContent) and topic.first.camera:
-            self.calibrations.add(-(1 << 62), topic.first.camera)
+        first = None if topic is None else topic.first
+        if isinstance(first, CalibrationContent) and first.camera and not self._is_other(first):
+            self.calibrations.add(-(1 << 62), first.camera)
+
+    def _is_other(self, content: ImageContent | CalibrationContent) -> bool:
+        """Whether an image or a calibration is of a camera that only shares the topic."""
+        return content.frame_id in self.others
 
     def _take(self, message: Message, number: int, *, is_image: bool) -> None:
         channel, entry = message.channel, int(self.inspection.first[number])
@@ -170,7 +179,7 @@ class _Reader:
             elif self.inspection.wrong[entry]:
                 pass
             elif isinstance(content, CalibrationContent):
-                if content.camera is not None:
+                if content.camera is not None and not self._is_other(content):
                     self.calibrations.add(time_ns, content.camera)
             elif isinstance(content, FixContent):
                 self.fixes.add(time_ns, content.fix)
@@ -192,7 +201,9 @@ class _Reader:
         ):
             image = replace(image, data=memoryview(bytes(image.data)))
         report.images += 1
-        taken = message.sequence if self.plan.by_number else index
+        is_other = image is not None and self._is_other(image)
+        self.others_seen += is_other
+        taken = message.sequence if self.plan.by_number else index - self.others_seen
         header_ns = None if image is None else image.time_ns
         capture_ns = int(inspection.capture_ns[entry])
         self.waiting.append(
@@ -204,6 +215,7 @@ class _Reader:
                 int(inspection.time_ns[entry]),
                 None if capture_ns == (header_ns or message.log_time_ns) else capture_ns,
                 image,
+                OTHER_CAMERA if is_other else "",
                 after_loss=report.problem_count > self.problems,
                 channel=message.channel.id,
             )
@@ -282,6 +294,13 @@ class _Reader:
                 f"{self.plan.survey.path}: wanted poses or fixes at the times of images, found "
                 f"{report.statuses[NO_POSITION]} images and none of them near; give the distance between images "
                 "(--spacing 26.4ft)"
+            )
+        if report.statuses[OTHER_CAMERA]:
+            names = ", ".join(sorted(map(shortened, self.others)))
+            report.notes.append(
+                f"{report.statuses[OTHER_CAMERA]} images of {shortened(self.plan.camera.name)} are of another camera "
+                f"(frame_id {names}, not {shortened(self.plan.camera_frame)}): left out; record each camera on a topic "
+                "of its own"
             )
         if report.statuses[NO_POSITION]:
             report.notes.append(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.contents import CalibrationContent, ImageContent, PoseContent
+from wayside.pipeline.reading.contents import CalibrationContent, PoseContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
@@ -55,8 +55,7 @@ class Plan:
     @property
     def camera_frame(self) -> str:
         """`frame_id` of the images."""
-        first = self.camera.first
-        return first.frame_id if isinstance(first, ImageContent) else ""
+        return self.camera.camera_frame
 
 
 def check_settings(settings: ReadSettings) -> None:
@@ -200,10 +199,10 @@ def _choose_calibration(
 
 def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
     """How well a calibration goes with a camera: same frame, same size, topics alike."""
-    image, content = camera.first, calibration.first
-    if not isinstance(image, ImageContent) or not isinstance(content, CalibrationContent):
+    content = calibration.first
+    if not isinstance(content, CalibrationContent):
         return False, False, 0
-    same_frame = bool(image.frame_id) and image.frame_id == content.frame_id
+    same_frame = bool(camera.camera_frame) and camera.camera_frame == content.frame_id
     size = None if content.camera is None else (content.camera.width, content.camera.height)
     shared = 0
     for a, b in zip(camera.name.split("/"), calibration.name.split("/"), strict=False):
@@ -215,9 +214,7 @@ def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
 
 def _choose_motion(survey: LogSurvey, camera: Topic) -> tuple[str, Topic | None]:
     """Transforms that carry the camera itself, else poses, else odometry."""
-    image = camera.first
-    frame = image.frame_id if isinstance(image, ImageContent) else ""
-    if survey.tree.moves(frame):
+    if survey.tree.moves(camera.camera_frame):
         return "transforms", None
     for source, kind in (("poses", Kind.POSE), ("odometry", Kind.ODOMETRY)):
         topics = [t for t in survey.of_kind(kind) if isinstance(t.first, PoseContent)]

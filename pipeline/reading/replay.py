@@ -42,11 +42,7 @@ def messages_of(
         As `scan`; and a log so far out of order that reading it in another exceeds the allowance, or changed meanwhile.
     """
     if order is None:
-        number = 0
-        for record in scan(survey.path, report, allowance):
-            if isinstance(record, Message) and survey.is_stamped(record.channel):
-                yield number, record
-                number += 1
+        yield from _as_in_the_file(survey, report, allowance)
         return
     for one in fields(ScanReport):
         setattr(report, one.name, _copied(getattr(survey.scan, one.name)))
@@ -66,6 +62,28 @@ def messages_of(
                 f"{len(found)}; leave the log alone while it is read, or sort it by time first (mcap sort)"
             )
         yield row, found[row - int(starts[k])]
+
+
+def _as_in_the_file(
+    survey: LogSurvey, report: ScanReport, allowance: Allowance
+) -> Iterator[tuple[int, Message]]:
+    """The messages of the survey in one pass; of a log that is still written, those that stood there then."""
+    known = survey.stamps.offset
+    messages = (r for r in scan(survey.path, report, allowance) if isinstance(r, Message))
+    for number, message in enumerate(m for m in messages if survey.is_stamped(m.channel)):
+        if number == len(known):
+            report.add_problem(
+                message.offset,
+                f"the log grew while it was read: its first {number} messages are used; run it again once "
+                "it is written",
+            )
+            return
+        if message.offset != known[number]:
+            raise InputError(
+                f"{survey.path}: wanted message {number} at byte {known[number]} once more, found it at byte "
+                f"{message.offset}; leave the log alone while it is read"
+            )
+        yield number, message
 
 
 class _Records:

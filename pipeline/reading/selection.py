@@ -13,6 +13,7 @@ from wayside.schemas.frame import (
     DUPLICATE,
     NO_CALIBRATION,
     NO_POSITION,
+    OTHER_CAMERA,
     OUTSIDE,
     SKIPPED,
     THINNED,
@@ -77,7 +78,9 @@ class Selection:
             encoding, width, height = _format_and_size(image)
         status, number = OUTSIDE, one.number
         name = self.names.get(str(one.log_time_ns), "")
-        if self._is_inside(one.time_ns):
+        if self._is_inside(one.time_ns) and one.fault == OTHER_CAMERA:
+            status = OTHER_CAMERA
+        elif self._is_inside(one.time_ns):
             data = _NOTHING if image is None else image.data
             number, is_copy = self.numbers.take(number, name or f"frame {one.index}", data)
             known = (width, height), camera, pose, fix

@@ -31,15 +31,26 @@ METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
 NAMES_METADATA, DATES_METADATA = "wayside.image_names", "wayside.image_dates"
 """Metadata records of `wayside import`: name of each image's file, and when it was taken, by log time in ns."""
 
-_MOST_ATTACHMENTS = 16
+MOST_FRAMES = 32
+"""Names of cameras in one topic; some write a name of its own into each image."""
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
+
+
+@dataclass(slots=True)
+class CameraFrame:
+    """How many images of a topic bear a `frame_id`, and the numbers of the first and the last of them."""
+
+    count: int
+    first: int
+    last: int
 
 
 @dataclass(slots=True)
 class Topic:
     """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack.
 
-    in_part: contents of which something is refused and the rest used; refused: what, of the first of them.
+    frames: of images, by their `frame_id`, up to `MOST_FRAMES`; in_part: contents of which something is refused and the
+    rest used; refused: what, of the first of them.
     """
 
     name: str
@@ -57,6 +68,25 @@ class Topic:
     fault: str = ""
     in_part: int = 0
     refused: str = ""
+    frames: dict[str, CameraFrame] = field(default_factory=dict)
+
+    @property
+    def camera_frame(self) -> str:
+        """The `frame_id` of most images; of as many, the first."""
+        return max(self.frames, key=lambda name: self.frames[name].count, default="")
+
+    @property
+    def other_cameras(self) -> frozenset[str]:
+        """Each `frame_id` of images that stand between those of `camera_frame`: two cameras share the topic.
+
+        One that comes before or behind them all is a new name of the same camera; an empty one tells nothing, nor do
+        more than a rig has cameras.
+        """
+        own = self.frames.get(self.camera_frame)
+        if own is None or not self.camera_frame or len(self.frames) >= MOST_FRAMES:
+            return frozenset()
+        between = (n for n, f in self.frames.items() if f.last > own.first and f.first < own.last)
+        return frozenset(n for n in between if n and n != self.camera_frame)
 
     @property
     def is_camera(self) -> bool:
@@ -101,7 +131,7 @@ class LogSurvey:
     tree: TransformTree = field(default_factory=TransformTree)
     attached_camera: Camera | None = None
     attachment_name: str = ""
-    attachments_tried: int = 0
+    attachment_bytes: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
     image_names: dict[str, str] = field(default_factory=dict)
@@ -203,6 +233,8 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
             _fail(topic, message.offset, content.why)
             continue
         topic.usable += 1
+        if isinstance(content, ImageContent):
+            _take_frame(topic, content.frame_id)
         if isinstance(content, PoseContent | FixContent) and content.refused:
             topic.in_part += 1
             topic.refused = topic.refused or content.refused
@@ -210,6 +242,14 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
             survey.tree.add(content.time_ns or message.log_time_ns, content)
         if topic.first is None:
             topic.first, topic.first_log_ns = content, message.log_time_ns
+
+
+def _take_frame(topic: Topic, frame_id: str) -> None:
+    found = topic.frames.get(frame_id)
+    if found is not None:
+        found.count, found.last = found.count + 1, topic.usable
+    elif len(topic.frames) < MOST_FRAMES:
+        topic.frames[frame_id] = CameraFrame(1, topic.usable, topic.usable)
 
 
 def _fail(topic: Topic, offset: int, why: str) -> None:
@@ -235,13 +275,14 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
-    """Read an attached calibration: only a small YAML file that has its words, and none after the first."""
+    """Read an attached calibration: YAML with its words, of `LARGEST_FILE` in all, and none after the first."""
     is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
-    if not is_yaml or survey.attached_camera is not None or len(record.data) > LARGEST_FILE:
+    size = survey.attachment_bytes + len(record.data)
+    if not is_yaml or survey.attached_camera is not None or size > LARGEST_FILE:
         return
-    if b"camera_matrix" not in record.data or survey.attachments_tried >= _MOST_ATTACHMENTS:
+    if b"camera_matrix" not in record.data:
         return
-    survey.attachments_tried += 1
+    survey.attachment_bytes = size
     try:
         text = record.data.decode("utf-8")
         survey.attached_camera = parse_camera(text, record.name)

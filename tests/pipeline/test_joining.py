@@ -233,3 +233,9 @@ def test_a_part_that_is_no_log_is_named(tmp_path, name):
     with pytest.raises(InputError, match=name):
         join_logs([path], tmp_path / "out.mcap")
     assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_part_whose_name_is_too_long_is_named_and_not_the_output(tmp_path):
+    with pytest.raises(InputError, match=r"xxx\.mcap: wanted an MCAP file.*too long"):
+        join_logs([tmp_path / ("x" * 5000 + ".mcap")], tmp_path / "out.mcap")
+    assert not list(tmp_path.iterdir())

@@ -18,7 +18,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 
 pytest.importorskip("duckdb", reason="wayside[query] is not installed")
-from wayside.pipeline.fleet.query import first_rows, write_answer
+from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "fleet.md"
 
@@ -100,6 +100,26 @@ def test_a_question_that_does_not_only_read_is_refused(inventory):
         with pytest.raises(UsageError, match="one statement that reads"):
             first_rows(inventory, sql, 1)
     assert sorted(inventory.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "WITH t AS (COPY (SELECT 1) TO '{folder}/x.csv') SELECT 1",
+        "FROM enable_profiling(format := 'json', save_location := '{folder}/x.json')",
+        "FROM enable_logging(storage := 'file', storage_path := '{folder}')",
+    ],
+)
+def test_a_question_that_reads_and_writes_is_refused_and_writes_nothing(inventory, tmp_path, sql):
+    folder = tmp_path / "other"
+    folder.mkdir()
+    question = sql.format(folder=folder)
+    with pytest.raises(UsageError, match="cannot be answered"):
+        first_rows(inventory, question, 1)
+    for kind in FORMATS:
+        with pytest.raises(UsageError, match="cannot be answered"):
+            write_answer(inventory, question, io.BytesIO(), kind)
+    assert not list(folder.iterdir())
 
 
 def test_what_is_not_there_is_told(inventory, tmp_path):

@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 import zstandard
 
+from wayside.pipeline.reading import survey
 from wayside.pipeline.reading.bounds import Allowance, allowance_of
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.replay import messages_of
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.survey import survey_log
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.yaml_text import parse_yaml
+from wayside.schemas.errors import InputError
 
 
 def record(opcode, content):
@@ -126,3 +129,27 @@ def test_messages_before_their_definition_stay_lost_when_the_log_is_read_in_anot
     found = list(messages_of(survey_log(path), order, again, Allowance()))
     assert [(row, m.channel.topic) for row, m in found] == [(2, "/1"), (0, "/1"), (1, "/2")]
     assert again.problem_count == 1
+
+
+def test_attached_calibrations_are_read_up_to_a_size_in_all(new_log, monkeypatch):
+    log = new_log()
+    for number in range(40):
+        text = f"camera_matrix: {'[' * 60 + ']' * 60}\nnumber: {number}\n"
+        log.writer.add_attachment(0, 0, f"{number}.yaml", "", text.ljust(10_000).encode())
+    log.add_image(0)
+    tried = []
+    monkeypatch.setattr(survey, "parse_camera", lambda text, name: tried.append(name) or refuse())
+    survey_log(log.finish())
+    assert tried == [f"{number}.yaml" for number in range(6)]
+
+
+def refuse():
+    raise InputError("made up")
+
+
+@pytest.mark.parametrize("bracket", ["[", "{"])
+def test_brackets_without_end_cost_no_time(bracket):
+    started = time.process_time()
+    with pytest.raises(ValueError, match="too deeply"):
+        parse_yaml("camera_matrix: " + bracket * 60_000)
+    assert time.process_time() - started < 0.2

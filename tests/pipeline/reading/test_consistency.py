@@ -279,3 +279,40 @@ def test_a_quaternion_of_another_length_than_one_is_lost_with_its_length(new_log
     _, report = read(log.finish())
     assert "1 messages of /pose lost" in str(report.problems[0])
     assert words in str(report.problems[0])
+
+
+def of_two_cameras(new_log, name_of, focal_of=lambda name: 40.0, count=COUNT):
+    """Images 8 m apart whose `frame_id` is given by their number, each with a calibration of the same camera."""
+    log = new_log()
+    for index in range(count):
+        name = name_of(index)
+        k = [focal_of(name), 0.0, 15.5, 0.0, focal_of(name), 11.5, 0.0, 0.0, 1.0]
+        log.add("/camera/calibration", "calibration", index * STEP, frame=name, k=k)
+        position = (8.0 * index, 0.0, 1.5)
+        log.add("/pose", "pose", index * STEP, position=position, rotation=(0.5, -0.5, 0.5, -0.5))
+        log.add_image(index, index * STEP, frame=name)
+    return log.finish()
+
+
+def test_images_of_another_camera_between_those_of_one_are_left_out_and_told(new_log):
+    names = ["front" if k % 3 else "rear" for k in range(COUNT)]
+    path = of_two_cameras(new_log, names.__getitem__, {"front": 40.0, "rear": 80.0}.__getitem__)
+    frames, report = read(path)
+    assert [f.status for f in frames] == [
+        "used" if name == "front" else "other_camera" for name in names
+    ]
+    assert all(f.camera.fx == 40.0 for f in frames if f.used)
+    assert any("8 images of /camera/image are of another camera" in note for note in report.notes)
+    spaced = list(read_frames(path, ReadSettings(spacing_m=8.0, thin_m=0.0), ReadReport()))
+    assert [f.spacing_m for f in spaced if f.used] == [None, *[8.0] * 15]
+
+
+@pytest.mark.parametrize(
+    "name_of",
+    [lambda k: "old" if k < 9 else "new", lambda k: f"image_{k}", lambda k: "" if k % 2 else "a"],
+    ids=["renamed", "a name for each image", "some without a name"],
+)
+def test_names_that_do_not_tell_two_cameras_leave_out_nothing(new_log, name_of):
+    frames, report = read(of_two_cameras(new_log, name_of))
+    assert all(f.used for f in frames)
+    assert not any("another camera" in note for note in report.notes)

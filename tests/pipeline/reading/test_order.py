@@ -286,6 +286,32 @@ def test_a_log_that_is_read_in_another_order_is_bounded_in_all(new_log, monkeypa
         list(messages_of(survey, halves, ScanReport(), Allowance(ratio=1, extra_bytes=0)))
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
+def test_of_a_log_that_is_still_written_the_messages_are_used_that_stood_there(new_log, share):
+    path = write(new_log, messages())
+    content = path.read_bytes()
+    front = content[: int(share * len(content))]
+    path.write_bytes(front)
+    wanted, _ = read(path)
+    report = ReadReport()
+    frames = read_frames(path, ReadSettings(thin_m=0.0), report)
+    path.write_bytes(content)
+    found = list(frames)
+    assert 0 < len(found) == len(wanted) < COUNT
+    assert told(found) == told(wanted)
+    assert "the log grew while it was read" in str(report.problems[-1])
+
+
+def test_a_log_that_is_changed_while_it_is_read_is_refused(new_log):
+    path = write(new_log, messages())
+    content = bytearray(path.read_bytes())
+    frames = read_frames(path, ReadSettings(thin_m=0.0), ReadReport())
+    content[100] ^= 0xFF  # in the first chunk, whose messages are lost with it
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="leave the log alone"):
+        list(frames)
+
+
 def test_information_tells_of_clocks_before_anything_is_run(new_log):
     path = write(new_log, moved(messages(), -HOUR, 20))
     text = format_information(describe_log(path))
