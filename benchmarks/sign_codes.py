@@ -2,6 +2,9 @@
 
 `python benchmarks/sign_codes.py OUT TRUTH [OUT TRUTH ...]` compares results of `wayside run` with their truth files.
 Right is a code, or a series, that the sign is of; the rest of the panels that were found are wrong or not settled.
+
+`python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier has not learned
+from: how many it names right, by the probability that it gives, and by the height of the face.
 """
 
 from __future__ import annotations
@@ -9,14 +12,23 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.learning.face_classes import TESTED, crops
+from wayside.pipeline.learning.face_codes import still_patches
+from wayside.pipeline.model_files import load_models
 from wayside.pipeline.result import read_rows
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.statistics import share_interval
 from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
 from wayside.schemas.tables import SIGNS
+from wayside.stages.sign_codes import class_log_probabilities
 
 US_CODES = {
     "stop": "R1-1 R",
@@ -133,8 +145,37 @@ def compare(out: Path, truth: Path) -> Counter[str]:
     return counts
 
 
+def crops_table(real: Path) -> list[str]:
+    """Lines of the table of the face classifier that ships, on crops of tracks that were held out."""
+    model = load_models(load_settings()[0]).face_classes
+    examples = list(crops(real, TESTED))
+    patches, truth = still_patches(examples)
+    log_probabilities = class_log_probabilities(model, patches)
+    right = np.array(model.classes)[log_probabilities.argmax(axis=1)] == truth
+    probability = np.exp(log_probabilities.max(axis=1))
+    height = np.array([one.box[3] - one.box[1] for one in examples])
+    parts = {"all": height > 0}
+    parts |= {f"probability at least {p:g}": probability >= p for p in (0.5, 0.7, 0.9)}
+    parts["probability below 0.9"] = probability < 0.9
+    edges = (0, 24, 32, 48, np.inf)
+    parts |= {
+        f"{low:g} px high or more, below {high:g}": (height >= low) & (height < high)
+        for low, high in pairwise(edges)
+    }
+    lines = ["| crops | number | named right | 95 % interval |", "| --- | ---: | ---: | ---: |"]
+    for words, chosen in parts.items():
+        count, total = int(right[chosen].sum()), int(chosen.sum())
+        low, high = share_interval(count, total) or (0.0, 1.0)
+        share = f"{100 * count / max(total, 1):.1f} %"
+        lines.append(f"| {words} | {total} | {share} | {100 * low:.1f} to {100 * high:.1f} % |")
+    return lines
+
+
 def main() -> None:
-    """Print a table row for each drive and one for all."""
+    """Print a table row for each drive and one for all; or the table of the crops."""
+    if sys.argv[1] == "--crops":
+        print(*crops_table(Path(sys.argv[2])), sep="\n")
+        return
     total: Counter[str] = Counter()
     heads = ("right code", "right series", "not settled", "wrong", "kind without a code")
     print("| drive |", " | ".join(heads), "|")

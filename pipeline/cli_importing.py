@@ -37,15 +37,18 @@ def import_(
     """Make a log of numbered images."""
     from wayside.pipeline.importing import import_images
     from wayside.pipeline.lengths import parse_spacing
+    from wayside.pipeline.progress import SheetProgress
 
-    count = import_images(
-        images,
-        calibration,
-        parse_spacing(spacing),
-        out,
-        overwrite=overwrite,
-        warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
-    )
+    with SheetProgress("import", "images") as progress:
+        count = import_images(
+            images,
+            calibration,
+            parse_spacing(spacing),
+            out,
+            overwrite=overwrite,
+            warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
+            watch=progress.watch,
+        )
     typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
 
 

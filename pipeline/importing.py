@@ -75,6 +75,7 @@ def import_images(
     *,
     overwrite: bool = False,
     warn: Callable[[str], None] = lambda words: None,
+    watch: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
     """Write a log of numbered images, a known distance apart, and return how many there are.
 
@@ -96,6 +97,8 @@ def import_images(
         Replace a file of that name that is not this very log.
     warn
         Called with what is amiss with the images, in words: copies, missing numbers.
+    watch
+        Called with how many images are written, and of how many.
 
     Raises
     ------
@@ -122,7 +125,8 @@ def import_images(
     for words in _warnings(files, counts, copies):
         warn(words)
     with whole_file(out, overwrite=overwrite) as stream:
-        _write(Writer(stream, compression=CompressionType.NONE), files, counts, camera, spacing_m)
+        writer = Writer(stream, compression=CompressionType.NONE)
+        _write(writer, files, counts, camera, spacing_m, watch)
     return len(files)
 
 
@@ -224,7 +228,12 @@ def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
 
 
 def _write(
-    writer: Writer, files: list[Path], counts: list[int], camera: Camera, spacing_m: float
+    writer: Writer,
+    files: list[Path],
+    counts: list[int],
+    camera: Camera,
+    spacing_m: float,
+    watch: Callable[[int, int], None],
 ) -> None:
     writer.start(library="wayside")
     writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
@@ -237,12 +246,13 @@ def _write(
     writer.add_message(channel, 0, _fill_calibration(calibration, camera), 0, 1)
     channel = _register(writer, "/camera/image", image)
     dates: dict[str, str] = {}
-    for file, count, time_ns in zip(files, counts, times, strict=True):
+    for done, (file, count, time_ns) in enumerate(zip(files, counts, times, strict=True), 1):
         data, encoding = _read_image(file, camera)
         if date := date_taken(data):
             dates[str(time_ns)] = date
         content = type(image)(data=data, format=encoding, frame_id=_CAMERA_FRAME)
         writer.add_message(channel, time_ns, content.SerializeToString(), time_ns, count)
+        watch(done, len(files))
     if dates:
         writer.add_metadata(DATES_METADATA, dates)
     writer.finish()  # type: ignore[no-untyped-call]

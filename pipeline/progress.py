@@ -18,7 +18,6 @@ from rich.progress import (
     ProgressColumn,
     Task,
     TextColumn,
-    TimeElapsedColumn,
 )
 from rich.text import Text
 
@@ -101,6 +100,14 @@ class _TimeLeft(ProgressColumn):
         return Text(f"{words:>12}")
 
 
+class _TimeTaken(ProgressColumn):
+    """Time since the beginning; that of Rich stands still once all is done, though counting may begin again."""
+
+    def render(self, task: Task) -> Text:
+        """Hours, minutes and seconds."""
+        return Text(str(timedelta(seconds=int(task.elapsed or 0))))
+
+
 class FrameProgress(_Shown):
     """Shows how many images were looked at, how many are settled, which comes later, and the time left."""
 
@@ -131,7 +138,7 @@ class SheetProgress(_Shown):
     """Shows how many of a known number of sheets, or of something else, are done."""
 
     def __init__(self, label: str, things: str = "sheets") -> None:
-        super().__init__(MofNCompleteColumn(), TextColumn(things), TimeElapsedColumn())
+        super().__init__(MofNCompleteColumn(), TextColumn(things), _TimeTaken())
         self._task = self._bar.add_task(label, total=None, label=label)
 
     def watch(self, done: int, total: int | None) -> None:
@@ -148,7 +155,7 @@ class FleetProgress(_Shown):
     """Shows how far a fleet is; where nobody looks, as a line every minute."""
 
     def __init__(self) -> None:
-        super().__init__(TextColumn("{task.fields[words]}"), TimeElapsedColumn())
+        super().__init__(TextColumn("{task.fields[words]}"), _TimeTaken())
         self._task = self._bar.add_task("fleet", total=None, words="")
         self._told_at = time.monotonic()
 

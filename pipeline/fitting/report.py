@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from wayside.pipeline.fitting.confidence import FittedConfidence
-from wayside.pipeline.fitting.fit import FILES, Outcome
+from wayside.pipeline.fitting.fit import CONFIDENCE, FILES, Outcome
 from wayside.pipeline.fitting.models import FittedModel, Rates
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.fitting.validation import Held
@@ -21,6 +21,11 @@ NETWORKS = (
     "few roads; those that ship are used"
 )
 """What cannot be fitted."""
+_CHOSEN = (
+    "no image is complete: what is no sign are marked regions alone, mostly such as a run let pass, of which the "
+    "shipped model accepts more than of all regions and so looks worse than it is; try the result on another drive, "
+    "or label complete images (--complete)"
+)
 
 
 def fit_json(
@@ -52,13 +57,15 @@ def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out
     by_drive = any(drive.fold is not None for drive in drives)
     held = f"{len(drives)} drives" if by_drive else f"{stretches} stretches of road"
     lines.append(f"held out in turn: {held}; brackets: 95 % intervals over {stretches} stretches")
+    if not any(drive.labels.complete for drive in drives):
+        lines.append(_CHOSEN)
     for one in outcomes:
         lines += ["", *outcome_lines(one)]
     lines += ["", f"not fitted: {NETWORKS}"]
-    lines.append(
-        f"written to {out}: {', '.join(FILES[one.what] for one in outcomes if one.written)}"
-    )
-    lines[-1] += f", fit.json, fit.html; next: wayside run drive.mcap --models {out}"
+    written = [one.what for one in outcomes if one.written]
+    lines.append(f"written to {out}: {', '.join(FILES[what] for what in written)}")
+    preset = "" if CONFIDENCE in written else " --preset report"
+    lines[-1] += f", fit.json, fit.html; next: wayside run drive.mcap{preset} --models {out}"
     return "\n".join(lines)
 
 

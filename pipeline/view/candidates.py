@@ -13,8 +13,6 @@ from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import GREY, color_of
 from wayside.schemas.detections import COLORS, SHAPES, VERDICTS, Candidates
 
-TELLING = ("location", "panel_size")
-"""Verdicts on what looks like a sign in every view: few, so their words are shown in the image."""
 MANY, MOST_WORDS = ("glance", "size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 
@@ -42,8 +40,8 @@ def _boxes(candidates: Candidates, rows: NDArray[np.int64], verdict: str) -> tup
         array_format=rr.Box2DFormat.XYXY,
         colors=[color_of(int(c)) for c in candidates.color[rows]] if sign else [GREY],
         labels=labels,
-        show_labels=verdict in TELLING,
-        radii=rr.Radius.ui_points(1.5 if sign or verdict in TELLING else 0.7),
+        show_labels=False,  # of some presets, hundreds would cover the image
+        radii=rr.Radius.ui_points(1.5 if sign else 0.7),
     )
     return (boxes, rr.AnyValues(score=candidates.score[rows])) if many else (boxes,)
 

@@ -94,7 +94,7 @@ def landmark_points(landmarks: list[Landmark]) -> rr.Points3D:
         colors=[landmark_color(p) for p in landmarks] or None,
         labels=[landmark_words(p) for p in landmarks] or None,
         show_labels=False,
-        radii=MARK,
+        radii=rr.Radius.ui_points(3),
     )
 
 

@@ -57,6 +57,13 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "drive.mcap", "images"]
 
 
+def test_it_is_told_how_many_images_are_written(tmp_path, calibration):
+    images = [write_image(tmp_path / f"{n}.png") for n in range(3)]
+    told = []
+    import_images(images, calibration, 8.0, tmp_path / "d.mcap", watch=lambda *of: told.append(of))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+
+
 def test_missing_numbers_are_missing_distances(tmp_path, calibration):
     files = [write_image(tmp_path / f"{n:04d}.png") for n in (3, 4, 6, 7)]
     out = tmp_path / "drive.mcap"

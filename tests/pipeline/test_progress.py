@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from wayside.pipeline.progress import COMPILING, FrameProgress
+from wayside.pipeline.progress import COMPILING, FrameProgress, SheetProgress
 from wayside.pipeline.run import Run
 
 NAME = "rosbag2_2026_03_14-15_09_26_front_camera.mcap"
@@ -43,6 +43,21 @@ def test_the_bar_counts_images_looked_at_and_settled_and_fits_into_80_columns(te
     assert "100500 looked at, 100321 of 120000 settled" in line
     assert line.startswith("rosbag2")
     assert len(line) <= 80
+
+
+def test_the_time_goes_on_where_counting_begins_again(terminal, monkeypatch):
+    """Of several simulations of as many images each."""
+    screen, now = terminal(), [100.0]
+    with SheetProgress("simulated", "images") as progress:
+        monkeypatch.setattr(progress._bar, "get_time", lambda: now[0])
+        monkeypatch.setattr(progress._bar.tasks[0], "_get_time", lambda: now[0])
+        progress._bar.reset(progress._task)
+        for seconds, done in ((3.0, 183), (28.0, 40), (31.0, 183)):
+            now[0] = 100.0 + seconds
+            progress.watch(done, 183)
+            progress._bar.refresh()
+            line = last_line(screen)
+            assert f"{done}/183 images 0:00:{seconds:02.0f}" in line
 
 
 def test_time_is_left_while_images_are_looked_at_and_not_settled(terminal):

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
+from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.sources import labelled_drives, sign_numbers
 from wayside.pipeline.label_file import write_labels
 from wayside.pipeline.labels import FrameLabels, read_labels
@@ -63,6 +64,7 @@ def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):
     said = fit(labels, "--images", folder, *words)
     assert "12 labelled images, 12 boxes of 12 signs" in said
     assert "color.json written" in said
+    assert f"wayside run drive.mcap --preset report --models {out}" in said
     settings, _ = load_settings("report-shape", None, [], {"models.folder": str(out)})
     models = load_models(settings)
     blue = next(one for one in models.color_classes.classes if one.name == "blue")
@@ -73,6 +75,14 @@ def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):
     assert models.shape_classes.provenance == shipped.shape_classes.provenance
     for stated in ("this test", "CC0-1.0", "SHA-256", "12 labelled images", "12 signs"):
         assert stated in models.color_classes.provenance
+
+
+def test_samples_that_a_run_has_chosen_are_told(pictures, tmp_path):
+    folder, labels = pictures
+    whole = read_labels(labels)
+    for labelled, told in ((whole, False), (Labels(whole.labels, ()), True)):
+        drives = labelled_drives([labelled], [folder], ReadSettings(), 4, complete=False)
+        assert ("no image is complete" in format_fit([], drives, tmp_path)) == told
 
 
 def test_figures_and_curves_stand_beside_the_models(pictures, tmp_path):

@@ -26,7 +26,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.run import RECORDING, run_log
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.view.blueprint import GROUND
-from wayside.pipeline.view.candidates import candidate_words
+from wayside.pipeline.view.candidates import candidate_words, verdict_entities
 from wayside.pipeline.view.chains import sign_name
 from wayside.pipeline.view.landmarks import GREY, face_in_image, rejection
 from wayside.pipeline.view.outlines import CURVES
@@ -42,7 +42,7 @@ from wayside.pipeline.view.views import (
     entities_of,
 )
 from wayside.pipeline.writing import PART
-from wayside.schemas.detections import COLOR_RGB, Candidates, Regions
+from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
@@ -485,6 +485,17 @@ def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
     assert candidate_words(named, 0) == "open, score -4.0, yellow"
     far = replace(named, color_distance=np.array([0.5], np.float32))
     assert candidate_words(far, 0) == "open, score -4.0, yellow 0.5"
+
+
+@pytest.mark.parametrize("verdict", ["sign", "location", "panel_size", "residual"])
+def test_words_of_candidates_do_not_cover_the_image(verdict):
+    box = np.tile(np.array([[0, 0, 9, 9]], np.float32), (3, 1))
+    region = Regions(box, np.ones(3, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8))
+    some = replace(Candidates.of(region), verdict=np.full(3, VERDICTS.index(verdict), np.uint8))
+    (entity,) = verdict_entities(some, set(), detail=False)
+    boxes = entity.parts[0]
+    assert len(boxes.labels.as_arrow_array()) == 3
+    assert boxes.show_labels.as_arrow_array().to_pylist() == [False]
 
 
 def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(short, tmp_path):
