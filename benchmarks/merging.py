@@ -160,13 +160,17 @@ def _passes(seed: int) -> list[Passed]:
 
 @dataclass(slots=True)
 class Told:
-    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right."""
+    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right.
+
+    stated: by the drives that looked, of each row that is gone or new its probability and whether it is right.
+    """
 
     rows: int = 0
     unknown: int = 0
     total: Counter[str] = field(default_factory=Counter)
     right: Counter[str] = field(default_factory=Counter)
     false: int = 0
+    stated: dict[int, list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))
 
 
 def measure_changes(seeds: Sequence[int]) -> None:
@@ -175,8 +179,9 @@ def measure_changes(seeds: Sequence[int]) -> None:
         "| drives a survey | not looked at | unchanged re-found | gone | moved | changed face | new | false changes |"
     )
     print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    stated: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)
     for drives in (1, 2, 3):
-        told = Told()
+        told = Told(stated=stated)
         for seed in seeds:
             _changes(seed, drives, told)
         words = []
@@ -191,6 +196,21 @@ def measure_changes(seeds: Sequence[int]) -> None:
         print(
             f"| {drives} | {told.unknown} of {told.rows} | {' | '.join(words)} | {told.false} |",
             flush=True,
+        )
+    _print_stated(stated)
+
+
+def _print_stated(stated: dict[int, list[tuple[float, bool]]]) -> None:
+    """Stated probabilities of gone and new beside what was right, by the drives that looked and saw no panel."""
+    print("\n| drives that looked | gone or new | stated | right |\n| ---: | ---: | ---: | ---: |")
+    for looks, rows in sorted(stated.items()):
+        right = sum(changed for _, changed in rows)
+        between = share_interval(right, len(rows))
+        assert between is not None
+        mean = sum(probability for probability, _ in rows) / len(rows)
+        print(
+            f"| {looks} | {len(rows)} | {100 * mean:.0f} % | {right} ({100 * right / len(rows):.0f} %; "
+            f"{100 * between.low:.0f} to {100 * between.high:.0f}) |"
         )
 
 
@@ -232,6 +252,13 @@ def _count_changes(
         told.setdefault(identity, row["change"])
         if None in (row["color_before"], row["color_after"]) and row["change"] == "unchanged":
             blank.add(identity)
+    became = {after: kind for kind, after in history.values() if after is not None}
+    for row in rows:
+        if row["probability"] is not None:
+            before, after = (of.get(row[f"panel_{side}"], -1) for side in ("before", "after"))
+            kind = became.get(after) if before < 0 else history.get(before, ("unchanged", None))[0]
+            looks = row["drives_after"] if row["change"] == "gone" else row["drives_before"]
+            counted.stated[looks].append((row["probability"], kind not in (None, "unchanged")))
     counted.rows += len(rows)
     counted.unknown += sum(row["change"] == "not_looked_at" for row in rows)
     for identity, (kind, _) in history.items():

@@ -91,6 +91,31 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     return np.asarray(-np.log(absent) * fronts)
 
 
+def gone_probability(
+    confidence: Floats, years: Floats, looks: Ints, settings: MergeSettings
+) -> Floats:
+    """Probability (n,) that panels which one survey saw were not there in another, that looked and saw none.
+
+    Else they stood there and each drive that looked missed them, by a vehicle in front or by its own fault, or they are
+    no panels at all.
+
+    Parameters
+    ----------
+    confidence
+        (n,) that they are panels.
+    years
+        (n,) between the surveys.
+    looks
+        (n,) drives that had the places in view.
+    settings
+        How often faces are replaced, and panels missed.
+    """
+    changed = np.clip(settings.change_per_year * years, 0.0, 0.5)
+    gone = confidence * changed
+    missed = confidence * (1 - changed) * settings.missed**looks
+    return np.asarray(gone / (gone + missed + 1 - confidence), np.float64)
+
+
 def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
     return np.asarray(np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS, np.float64)
 
