@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -400,3 +401,21 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(
     text = page.read_text()
     assert '<li class="gone">' in text
     assert '<li class="unchanged">' not in text
+
+
+def test_the_page_hides_a_kind_of_change_and_needs_no_network(
+    surveyed: Surveyed, tmp_path: Path, in_browser: Callable[..., Any]
+) -> None:
+    report = find_changes(surveyed.folder, parse_survey("2024"), parse_survey("2025"))
+    page = tmp_path / "changes.html"
+    write_page(surveyed.folder, page, ("2024", "2025"))
+    assert "http" not in page.read_text().replace('http-equiv="', "")
+    shown = """
+      const shown = () => [...document.querySelectorAll("li")].filter(li => li.offsetHeight).length;
+      const all = shown(), box = document.querySelector("#show-gone");
+      box.focus(); box.click();
+      return [document.activeElement.id, all, all - shown(), document.documentElement.scrollWidth <= innerWidth];
+    """
+    kinds = [kind for kind in report.counts if kind not in ("unchanged", "not_looked_at")]
+    expected = ["show-gone", sum(report.counts[k] for k in kinds), report.counts["gone"], True]
+    assert in_browser(page, shown) == expected
