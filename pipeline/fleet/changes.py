@@ -295,7 +295,8 @@ class _Comparison:
                     rows[k] |= {f"{name}_{other}": value for name, value in shown.items()}
         confidence = np.array([_confidence(seen[side][name]) for name in names])
         looks = np.array([row[f"drives_{other}"] for row in rows])
-        likely = gone_probability(confidence, years, looks, self.merge)
+        misses = np.array([row[f"drives_{side}"] - row[f"seen_{side}"] for row in rows])
+        likely = gone_probability(confidence, years, looks, misses, self.merge)
         for k in np.flatnonzero(looks):
             rows[k]["probability"] = float(likely[k])
         return rows

@@ -40,9 +40,11 @@ def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_
 
 def test_a_panel_is_gone_the_surer_the_more_drives_looked_and_the_surer_it_was_one() -> None:
     settings = MergeSettings(missed=0.1, change_per_year=0.08)
-    looks, sure, one = np.arange(4), np.ones(4), np.ones(4)
-    found = gone_probability(sure, one, looks, settings)
+    looks, sure, one, none = np.arange(4), np.ones(4), np.ones(4), np.zeros(4, np.int64)
+    found = gone_probability(sure, one, looks, none, settings)
     expected = [0.08 / (0.08 + 0.92 * 0.1**k) for k in range(4)]
     assert found == pytest.approx(expected)
-    assert (gone_probability(0.9 * sure, one, looks, settings) < found).all()
-    assert (gone_probability(sure, 0 * one, looks, settings) == 0).all()
+    unsure = gone_probability(0.9 * sure, one, looks, none, settings)
+    assert (unsure < found).all()
+    assert (gone_probability(0.9 * sure, one, looks, none + 1, settings) < unsure).all()
+    assert (gone_probability(sure, 0 * one, looks, none, settings) == 0).all()
