@@ -19,6 +19,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ Identities = dict[str, list[int]]
 ROADS, LENGTH_M, SPACING_M = 3, 10_000.0, 32.0
 PASSES = (1, 2, 4, 8)
 CHANGED = 0.17
+STATED = (0.0, 0.1, 0.5, 0.8, 1.01)
 
 
 def sighted(inventory: Path, identities: Identities) -> Iterator[tuple[dict[str, Any], int]]:
@@ -162,7 +164,7 @@ def _passes(seed: int) -> list[Passed]:
 class Told:
     """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right.
 
-    stated: by the drives that looked, of each row that is gone or new its probability and whether it is right.
+    stated: of each row that is gone or new its probability, and whether it is right.
     """
 
     rows: int = 0
@@ -170,7 +172,7 @@ class Told:
     total: Counter[str] = field(default_factory=Counter)
     right: Counter[str] = field(default_factory=Counter)
     false: int = 0
-    stated: dict[int, list[tuple[float, bool]]] = field(default_factory=lambda: defaultdict(list))
+    stated: list[tuple[float, bool]] = field(default_factory=list)
 
 
 def measure_changes(seeds: Sequence[int]) -> None:
@@ -179,7 +181,7 @@ def measure_changes(seeds: Sequence[int]) -> None:
         "| drives a survey | not looked at | unchanged re-found | gone | moved | changed face | new | false changes |"
     )
     print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
-    stated: defaultdict[int, list[tuple[float, bool]]] = defaultdict(list)
+    stated: list[tuple[float, bool]] = []
     for drives in (1, 2, 3):
         told = Told(stated=stated)
         for seed in seeds:
@@ -200,17 +202,17 @@ def measure_changes(seeds: Sequence[int]) -> None:
     _print_stated(stated)
 
 
-def _print_stated(stated: dict[int, list[tuple[float, bool]]]) -> None:
-    """Stated probabilities of gone and new beside what was right, by the drives that looked and saw no panel."""
-    print("\n| drives that looked | gone or new | stated | right |\n| ---: | ---: | ---: | ---: |")
-    for looks, rows in sorted(stated.items()):
-        right = sum(changed for _, changed in rows)
-        between = share_interval(right, len(rows))
+def _print_stated(stated: Sequence[tuple[float, bool]]) -> None:
+    """Stated probabilities of gone and new beside the share that was right."""
+    print("\n| stated | gone or new | mean | right |\n| ---: | ---: | ---: | ---: |")
+    for low, high in pairwise(STATED):
+        some = [right for probability, right in stated if low <= probability < high]
+        mean = np.mean([probability for probability, _ in stated if low <= probability < high])
+        between = share_interval(sum(some), len(some))
         assert between is not None
-        mean = sum(probability for probability, _ in rows) / len(rows)
         print(
-            f"| {looks} | {len(rows)} | {100 * mean:.0f} % | {right} ({100 * right / len(rows):.0f} %; "
-            f"{100 * between.low:.0f} to {100 * between.high:.0f}) |"
+            f"| {low:.1f} to {min(high, 1):.1f} | {len(some)} | {100 * mean:.0f} % | {sum(some)} "
+            f"({100 * sum(some) / len(some):.0f} %; {100 * between.low:.0f} to {100 * between.high:.0f}) |"
         )
 
 
@@ -257,8 +259,7 @@ def _count_changes(
         if row["probability"] is not None:
             before, after = (of.get(row[f"panel_{side}"], -1) for side in ("before", "after"))
             kind = became.get(after) if before < 0 else history.get(before, ("unchanged", None))[0]
-            looks = row["drives_after"] if row["change"] == "gone" else row["drives_before"]
-            counted.stated[looks].append((row["probability"], kind not in (None, "unchanged")))
+            counted.stated.append((row["probability"], kind not in (None, "unchanged")))
     counted.rows += len(rows)
     counted.unknown += sum(row["change"] == "not_looked_at" for row in rows)
     for identity, (kind, _) in history.items():
