@@ -19,6 +19,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ Identities = dict[str, list[int]]
 ROADS, LENGTH_M, SPACING_M = 3, 10_000.0, 32.0
 PASSES = (1, 2, 4, 8)
 CHANGED = 0.17
+STATED = (0.0, 0.1, 0.5, 0.8, 1.01)
 
 
 def sighted(inventory: Path, identities: Identities) -> Iterator[tuple[dict[str, Any], int]]:
@@ -160,13 +162,17 @@ def _passes(seed: int) -> list[Passed]:
 
 @dataclass(slots=True)
 class Told:
-    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right."""
+    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right.
+
+    stated: of each row that is gone or new its probability, and whether it is right.
+    """
 
     rows: int = 0
     unknown: int = 0
     total: Counter[str] = field(default_factory=Counter)
     right: Counter[str] = field(default_factory=Counter)
     false: int = 0
+    stated: list[tuple[float, bool]] = field(default_factory=list)
 
 
 def measure_changes(seeds: Sequence[int]) -> None:
@@ -175,8 +181,9 @@ def measure_changes(seeds: Sequence[int]) -> None:
         "| drives a survey | not looked at | unchanged re-found | gone | moved | changed face | new | false changes |"
     )
     print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    stated: list[tuple[float, bool]] = []
     for drives in (1, 2, 3):
-        told = Told()
+        told = Told(stated=stated)
         for seed in seeds:
             _changes(seed, drives, told)
         words = []
@@ -191,6 +198,21 @@ def measure_changes(seeds: Sequence[int]) -> None:
         print(
             f"| {drives} | {told.unknown} of {told.rows} | {' | '.join(words)} | {told.false} |",
             flush=True,
+        )
+    _print_stated(stated)
+
+
+def _print_stated(stated: Sequence[tuple[float, bool]]) -> None:
+    """Stated probabilities of gone and new beside the share that was right."""
+    print("\n| stated | gone or new | mean | right |\n| ---: | ---: | ---: | ---: |")
+    for low, high in pairwise(STATED):
+        some = [right for probability, right in stated if low <= probability < high]
+        mean = np.mean([probability for probability, _ in stated if low <= probability < high])
+        between = share_interval(sum(some), len(some))
+        assert between is not None
+        print(
+            f"| {low:.1f} to {min(high, 1):.1f} | {len(some)} | {100 * mean:.0f} % | {sum(some)} "
+            f"({100 * sum(some) / len(some):.0f} %; {100 * between.low:.0f} to {100 * between.high:.0f}) |"
         )
 
 
@@ -232,6 +254,12 @@ def _count_changes(
         told.setdefault(identity, row["change"])
         if None in (row["color_before"], row["color_after"]) and row["change"] == "unchanged":
             blank.add(identity)
+    became = {after: kind for kind, after in history.values() if after is not None}
+    for row in rows:
+        if row["probability"] is not None:
+            before, after = (of.get(row[f"panel_{side}"], -1) for side in ("before", "after"))
+            kind = became.get(after) if before < 0 else history.get(before, ("unchanged", None))[0]
+            counted.stated.append((row["probability"], kind not in (None, "unchanged")))
     counted.rows += len(rows)
     counted.unknown += sum(row["change"] == "not_looked_at" for row in rows)
     for identity, (kind, _) in history.items():

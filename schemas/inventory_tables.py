@@ -139,6 +139,8 @@ CHANGES = Table(
     "One row per panel that either of two surveys saw. GeoParquet 1.1.",
     (
         Column("change", _CHOICE, "", "what became of it", _SURE, tuple(CHANGES_OF_PANELS)),
+        Column("probability", _SINGLE, "", "that it is gone, or new, and not missed by the drives that looked, nor a "
+               "false row; null: of other changes"),
         Column("panel_before", _TEXT, "", "panel of the earlier survey; null: none"),
         Column("panel_after", _TEXT, "", "panel of the later survey; null: none"),
         Column("support_id", _TEXT, "", "its support, that of after where there is one", _SURE),
@@ -148,8 +150,10 @@ CHANGES = Table(
         Column("shape_before", _CHOICE, "", "shape class", values=SHAPES),
         Column("shape_after", _CHOICE, "", "shape class", values=SHAPES),
         Column("distance_m", _SINGLE, "m", "how far it moved; null: not moved"),
-        Column("drives_before", _WHOLE, "drives", "drives of the earlier survey that saw it or its place", _SURE),
-        Column("drives_after", _WHOLE, "drives", "drives of the later survey that saw it or its place", _SURE),
+        Column("drives_before", _WHOLE, "drives", "drives of the earlier survey that saw it; of what one survey alone "
+               "saw also those that had the place in view", _SURE),
+        Column("drives_after", _WHOLE, "drives", "drives of the later survey that saw it; of what one survey alone "
+               "saw also those that had the place in view", _SURE),
         Column("seen_before", _WHOLE, "drives", "drives of the earlier survey that saw it", _SURE),
         Column("seen_after", _WHOLE, "drives", "drives of the later survey that saw it", _SURE),
         Column("drive_before", _TEXT, "", "drive of the image that shows the place before; null: none does"),

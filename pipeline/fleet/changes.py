@@ -13,6 +13,7 @@ from typing import Any
 
 import mercantile
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -31,15 +32,14 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import SIGNS
-from wayside.stages.inventory import PanelPlaces, match_moved
+from wayside.stages.inventory import YEAR_NS, PanelPlaces, gone_probability, match_moved
 
 Row = dict[str, Any]
 _SIDES = ("before", "after")
 _OTHER = {"before": "after", "after": "before"}
 _PANEL = (
     "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
-    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit",
-    "geometry",
+    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit", "geometry",
 )  # fmt: skip
 _SIGHTING = (
     "panel_id",
@@ -47,6 +47,7 @@ _SIGHTING = (
     "seen",
     "frame",
     "box",
+    "confidence",
     "offset_east_m",
     "offset_north_m",
     "offset_up_m",
@@ -153,6 +154,7 @@ class _Comparison:
         self.report = ChangeReport()
         self._inventory = inventory
         self._side: dict[str, str] = {}
+        self._time_ns: dict[str, int] = {}
         self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
         self._parts = sorted((inventory / PANELS.name).glob("cell=*/part-0.parquet"))
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
@@ -196,7 +198,7 @@ class _Comparison:
         )
         if side is None:
             return
-        self._side[folder.name] = side
+        self._side[folder.name], self._time_ns[folder.name] = side, int(times[0])
         if self._view(folder.name) is None:
             self.report.blind.append(folder.name)
             return
@@ -218,11 +220,11 @@ class _Comparison:
 
     def _cell(self, part: Path) -> list[Row]:
         """One row for each panel, or pair of panels at a place, that a drive of either survey saw."""
-        panels = {row["panel_id"]: row for row in read_parquet(part, list(_PANEL)).to_pylist()}
+        panels = {row["panel_id"]: row for row in _read_part(part, _PANEL)}
         sightings = self._inventory / SIGHTINGS.name / part.parent.name / part.name
         seen: dict[str, dict[str, list[Row]]] = {side: defaultdict(list) for side in _SIDES}
         offsets: defaultdict[str, list[list[float]]] = defaultdict(list)
-        for row in read_parquet(sightings, list(_SIGHTING)).to_pylist():
+        for row in _read_part(sightings, _SIGHTING):
             offsets[row["drive"]].append(
                 [row[f"offset_{axis}_m"] for axis in ("east", "north", "up")]
             )
@@ -265,16 +267,23 @@ class _Comparison:
         placed = replace(places, position=origin.topocentric(places.position))
         pair = [(name, None) if side == "before" else (None, name) for name in names]
         rows = [_row("not_looked_at", panels, seen, *one) for one in pair]
-        largest = np.zeros(len(names))
+        saw = [{one["drive"] for one in seen[side][name]} for name in names]
+        largest, years = np.zeros(len(names)), np.full(len(names), np.inf)
         for drive in self._near.get(cell, ()):
-            view = self._view(drive) if self._side[drive] == other else None
+            view, where = self._view(drive), self._side[drive]
             if view is None:
                 continue
             offset = np.mean(offsets.get(drive, [[0.0, 0.0, 0.0]]), axis=0)
             found = view.views(placed, origin, offset, self.settings)
             for k in np.flatnonzero(found.count >= self.settings.views):
+                if drive in saw[k]:
+                    continue
+                rows[k][f"drives_{where}"] += 1
+                if where == side:
+                    continue
                 rows[k]["change"] = change
-                rows[k][f"drives_{other}"] += 1
+                between = min(abs(self._time_ns[drive] - self._time_ns[one]) for one in saw[k])
+                years[k] = min(years[k], between / YEAR_NS)
                 height = float(found.box[k, 3] - found.box[k, 1])
                 if height > largest[k]:
                     largest[k] = height
@@ -284,6 +293,12 @@ class _Comparison:
                         "box": found.box[k].tolist(),
                     }
                     rows[k] |= {f"{name}_{other}": value for name, value in shown.items()}
+        confidence = np.array([_confidence(seen[side][name]) for name in names])
+        looks = np.array([row[f"drives_{other}"] for row in rows])
+        misses = np.array([row[f"drives_{side}"] - row[f"seen_{side}"] for row in rows])
+        likely = gone_probability(confidence, years, looks, misses, self.merge)
+        for k in np.flatnonzero(looks):
+            rows[k]["probability"] = float(likely[k])
         return rows
 
     def _moved(self, gone: list[Row], new: list[Row]) -> list[Row]:
@@ -306,7 +321,7 @@ class _Comparison:
         for g, n in between[moved].tolist():
             later = {k: v for k, v in new[n].items() if k.endswith("_after") or k in _PANEL}
             distance = float(np.linalg.norm(where[g] - where[len(gone) + n]))
-            gone[g] |= later | {"change": "moved", "distance_m": distance}
+            gone[g] |= later | {"change": "moved", "distance_m": distance, "probability": None}
         taken = set(between[moved][:, 1].tolist())
         return gone + [row for k, row in enumerate(new) if k not in taken]
 
@@ -345,6 +360,21 @@ def _row(
             last = max(seen[side][name], key=lambda one: (one["seen"], one["drive"]))
             row |= {f"{k}_{side}": last[k] for k in ("drive", "frame", "box")}
     return row
+
+
+def _read_part(part: Path, columns: Sequence[str]) -> list[Row]:
+    try:
+        return list(read_parquet(part, list(columns)).to_pylist())
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(
+            f"{part} cannot be read: {error}; it is damaged or of an earlier version: run the fleet once more"
+        ) from error
+
+
+def _confidence(sightings: Sequence[Row]) -> float:
+    """That at least one of the sightings is right; the presets of the report state no confidence."""
+    stated = [one["confidence"] for one in sightings]
+    return float(1 - np.prod([0.0 if one is None else 1 - one for one in stated]))
 
 
 def _successor(name: str, panels: dict[str, Row], after: dict[str, list[Row]]) -> str | None:

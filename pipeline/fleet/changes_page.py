@@ -86,6 +86,7 @@ def write_page(
     rows.sort(
         key=lambda row: (
             kinds.index(row["change"]),
+            -(row["probability"] or 0.0),
             row["panel_before"] or "",
             row["panel_after"] or "",
         )
@@ -162,6 +163,8 @@ def _filters(shown: list[str], counts: Counter[str]) -> str:
 def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
     name = row["panel_before"] or row["panel_after"]
     facts = [f"{row['lat_deg']:.6f}°, {row['lon_deg']:.6f}°"]
+    if row["probability"] is not None:
+        facts.insert(0, f"probability {row['probability']:.2f}")
     if row["distance_m"] is not None:
         facts.append(f"moved {row['distance_m']:.1f} m")
     if row["route"] is not None and row["measure"] is not None:
@@ -182,7 +185,8 @@ def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
         face = (
             appearance_of(row[f"color_{side}"], row[f"shape_{side}"]) if seen else "no panel found"
         )
-        by = f"seen by {seen} of {looked} drives"
+        of = "" if row["change"] in ("unchanged", "changed_face") else f" of {looked}"
+        by = f"seen by {seen}{of} drives"
     where = (
         ""
         if row[f"drive_{side}"] is None

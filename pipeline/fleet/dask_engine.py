@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import queue
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -119,7 +120,11 @@ class DaskEngine(Generic[T, R]):
         trace: TracebackType | None,
     ) -> None:
         """Take back what has not begun; what runs on another machine goes to its end."""
-        self._client.cancel([future for future, _ in self._under_way.values()])
-        self._client.close()
-        if self._cluster is not None:
-            self._cluster.close()
+        with suppress(
+            Exception
+        ):  # Dask fails to stop a worker that is being restarted: results are on the disk
+            self._client.cancel([future for future, _ in self._under_way.values()])
+        for part in (self._client, self._cluster):
+            with suppress(Exception):
+                if part is not None:
+                    part.close()

@@ -1,16 +1,23 @@
 """After many drives: one inventory of their panels, and what was in view of which drive."""
 
-from wayside.stages.inventory.association import miss_log_ratio, place_log_ratio
+from wayside.stages.inventory.association import (
+    YEAR_NS,
+    gone_probability,
+    miss_log_ratio,
+    place_log_ratio,
+)
 from wayside.stages.inventory.grouping import combine, face_runs, join_groups, merge_sightings
 from wayside.stages.inventory.offsets import DriveOffsets, relative_variance, solve_offsets
 from wayside.stages.inventory.visibility import PanelPlaces, PanelViews, match_moved, views_of
 
 __all__ = [
+    "YEAR_NS",
     "DriveOffsets",
     "PanelPlaces",
     "PanelViews",
     "combine",
     "face_runs",
+    "gone_probability",
     "join_groups",
     "match_moved",
     "merge_sightings",

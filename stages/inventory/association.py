@@ -91,6 +91,33 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     return np.asarray(-np.log(absent) * fronts)
 
 
+def gone_probability(
+    confidence: Floats, years: Floats, looks: Ints, misses: Ints, settings: MergeSettings
+) -> Floats:
+    """Probability (n,) that panels which one survey saw were not there in another, that looked and saw none.
+
+    Else they stood there and each drive that looked missed them, by a vehicle in front or by its own fault, or they are
+    no panels at all: what other drives of the survey that saw them should have seen, and did not, speaks for that.
+
+    Parameters
+    ----------
+    confidence
+        (n,) that they are panels.
+    years
+        (n,) between the surveys.
+    looks
+        (n,) drives of the other survey that had the places in view.
+    misses
+        (n,) drives of the survey that saw them which had the places in view and saw none.
+    settings
+        How often faces are replaced, and panels missed.
+    """
+    changed = np.clip(settings.change_per_year * years, 0.0, 0.5)
+    panel = confidence * settings.missed**misses
+    gone, missed = panel * changed, panel * (1 - changed) * settings.missed**looks
+    return np.asarray(gone / (gone + missed + 1 - confidence), np.float64)
+
+
 def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
     return np.asarray(np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS, np.float64)
 

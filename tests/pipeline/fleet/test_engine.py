@@ -1,6 +1,8 @@
 """Workers that die, with real processes: the tasks are numbers of signals, which `raise_signal` sends to its own."""
 
 import signal
+import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -50,6 +52,20 @@ def test_on_dask_a_task_that_kills_its_workers_is_told_and_the_others_are_done(t
         found = dict(ended(engine, 2))
     assert found[0] is None
     assert "died" in found[signal.SIGKILL]
+
+
+def test_a_cluster_that_fails_to_stop_its_workers_does_not_fail_the_fleet(tmp_path, monkeypatch):
+    def fail():
+        raise AssertionError("can only join a started process")  # as Dask of one that restarts
+
+    cluster = SimpleNamespace(close=fail)
+    client = SimpleNamespace(
+        close=lambda: None, cancel=list, run=lambda *_: {}, wait_for_workers=lambda *_, **__: None
+    )
+    made = {"LocalCluster": lambda **_: cluster, "Client": lambda *_, **__: client}
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(**made))
+    with DaskEngine(signal.raise_signal, "local", 1, tmp_path):
+        pass
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -307,6 +308,47 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     }
 
 
+def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
+    simulation: ModuleType, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(7)
+    road = simulation.make_road(0, 1000.0, 30.0, rng)
+    quality = simulation.Quality(recall=1.0, outliers=0.0, false=0.0, misread=0.0)
+    empty = road.select(slice(0, 0))
+    later = simulation.START_NS + simulation.YEAR_NS
+    told = []
+    for looks in (1, 2):
+        folder = tmp_path / str(looks)
+        start = simulation.START_NS
+        simulation.write_drive(folder / "drives" / "found", road, start, True, quality, rng)
+        for k in range(looks):
+            name = folder / "drives" / f"later{k}"
+            simulation.write_drive(name, empty, later, True, quality, rng)
+        merge_inventory(sorted((folder / "drives").iterdir()), folder)
+        find_changes(folder, parse_survey("2024"), parse_survey("2025"))
+        rows = pq.read_table(folder / "changes.parquet").to_pylist()
+        gone = [row for row in rows if row["change"] == "gone"]
+        told.append(max(row["probability"] for row in gone if row["drives_after"] == looks))
+        assert {row["probability"] for row in rows if row["change"] == "not_looked_at"} == {None}
+    assert told[0] < 0.5 < told[1] < 0.9
+    simulation.write_drive(folder / "drives" / "missed", empty, start, True, quality, rng)
+    merge_inventory(sorted((folder / "drives").iterdir()), folder)
+    find_changes(folder, parse_survey("2024"), parse_survey("2025"))
+    rows = pq.read_table(folder / "changes.parquet").to_pylist()
+    missed = [row for row in rows if (row["seen_before"], row["drives_before"]) == (1, 2)]
+    assert len(missed) > 0.5 * len(gone)
+    assert max(row["probability"] or 0 for row in missed) < told[0]
+
+
+def test_a_part_of_an_earlier_version_is_told(surveyed: Surveyed, tmp_path: Path) -> None:
+    folder = tmp_path / "inventory"
+    shutil.copytree(surveyed.folder, folder)
+    part = next(folder.glob("panels/*/part-0.parquet"))
+    pq.write_table(pq.ParquetFile(part).read().drop_columns(["measure_unit"]), part)
+    with pytest.raises(InputError, match=r"no column measure_unit.*once more"):
+        find_changes(folder, parse_survey("2024"), parse_survey("2025"))
+
+
 def test_results_that_are_not_merged_yet_are_not_compared(
     surveyed: Surveyed, tmp_path: Path
 ) -> None:
@@ -363,3 +405,21 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(
     text = page.read_text()
     assert '<li class="gone">' in text
     assert '<li class="unchanged">' not in text
+
+
+def test_the_page_hides_a_kind_of_change_and_needs_no_network(
+    surveyed: Surveyed, tmp_path: Path, in_browser: Callable[..., Any]
+) -> None:
+    report = find_changes(surveyed.folder, parse_survey("2024"), parse_survey("2025"))
+    page = tmp_path / "changes.html"
+    write_page(surveyed.folder, page, ("2024", "2025"))
+    assert "http" not in page.read_text().replace('http-equiv="', "")
+    shown = """
+      const shown = () => [...document.querySelectorAll("li")].filter(li => li.offsetHeight).length;
+      const all = shown(), box = document.querySelector("#show-gone");
+      box.focus(); box.click();
+      return [document.activeElement.id, all, all - shown(), document.documentElement.scrollWidth <= innerWidth];
+    """
+    kinds = [kind for kind in report.counts if kind not in ("unchanged", "not_looked_at")]
+    expected = ["show-gone", sum(report.counts[k] for k in kinds), report.counts["gone"], True]
+    assert in_browser(page, shown) == expected

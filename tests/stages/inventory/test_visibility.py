@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Camera
-from wayside.stages.inventory import PanelPlaces, views_of
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.stages.inventory import PanelPlaces, gone_probability, views_of
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 NORTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -35,3 +36,15 @@ def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_
     assert found.best.tolist() == [0 if count else -1]
     if count:
         assert found.box[0].tolist() == pytest.approx([968.67, 582.0, 1003.67, 617.0], abs=0.01)
+
+
+def test_a_panel_is_gone_the_surer_the_more_drives_looked_and_the_surer_it_was_one() -> None:
+    settings = MergeSettings(missed=0.1, change_per_year=0.08)
+    looks, sure, one, none = np.arange(4), np.ones(4), np.ones(4), np.zeros(4, np.int64)
+    found = gone_probability(sure, one, looks, none, settings)
+    expected = [0.08 / (0.08 + 0.92 * 0.1**k) for k in range(4)]
+    assert found == pytest.approx(expected)
+    unsure = gone_probability(0.9 * sure, one, looks, none, settings)
+    assert (unsure < found).all()
+    assert (gone_probability(0.9 * sure, one, looks, none + 1, settings) < unsure).all()
+    assert (gone_probability(sure, 0 * one, looks, none, settings) == 0).all()
