@@ -50,9 +50,7 @@ def test_a_model_that_ships_reads_and_writes_the_same_bytes(name):
 def test_a_model_that_ships_says_where_it_comes_from(name):
     provenance = model_from_json((shipped_models() / name).read_text()).provenance
     # the drives that the outlines were learned from were not recorded
-    by_landmarks = name in ("location_report.json", "report-kansas.json")
-    drives = "rendered drives" if name == "outline.json" else "tune_" if by_landmarks else "learn_"
-    assert drives in provenance
+    assert ("rendered drives" if name == "outline.json" else "learn_") in provenance
 
 
 def test_the_models_of_the_default_preset_saw_nothing_that_is_for_tests_only():

@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.box_thresholds import ScoredBoxes, false_scores, learn_network_sum
-from wayside.pipeline.learning.detector import FALSE_FACES
+from wayside.pipeline.learning.box_thresholds import (
+    FALSE_FACES,
+    ScoredBoxes,
+    false_scores,
+    learn_network_sum,
+)
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.schemas.errors import InputError
 

@@ -89,4 +89,5 @@ def test_a_file_of_trees_keeps_the_rule_and_the_interval_of_each_part():
         "800 pass",
         (-6, -5),
     )
-    assert "threshold_rule" not in model_to_json(replace(shipped, prefilter=None, network=None))
+    unnamed = replace(shipped, prefilter=None, network=None, threshold_rule="")
+    assert "threshold_rule" not in model_to_json(unnamed)
