@@ -292,7 +292,7 @@ def alone(edit: Edit) -> Edit:
 
 
 NAN = float("nan")
-SPACING = ("--spacing", "8.0467")
+SPACING = ("--spacing", "8.0467m")
 ATTACKS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "as recorded": (list, ()),
     "as recorded, fixes only": (no_poses(list), ()),
