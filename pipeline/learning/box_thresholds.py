@@ -36,6 +36,7 @@ from wayside.pipeline.learning.samples import (
     for_each,
     labelled,
     read_truth,
+    views_by_frame,
 )
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -149,15 +150,7 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
         box_classifier=replace(models.box_classifier, with_network=None),
         back_classifier=None if back is None else replace(back, threshold=-np.inf),
     )
-    truth = read_truth(log.with_suffix(".truth.json"))
-    seen: dict[int, SignViews] = {}
-    behind: dict[int, SignViews] = {}
-    for sign in truth["signs"]:
-        for view in sign["frames"]:
-            if sign["faces_travel"]:
-                seen.setdefault(view["frame"], []).append((sign, view))
-            if view["side"] == "back":
-                behind.setdefault(view["frame"], []).append((sign, view))
+    seen, behind = views_by_frame(read_truth(log.with_suffix(".truth.json")))
     frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % EVERY == 0)
     faces: list[ScoredBoxes] = []
     backs: list[ScoredBoxes] = []

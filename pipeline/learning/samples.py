@@ -194,14 +194,7 @@ def read_drive(
     Both in order; `masks` is the folder of FRAME.png with sign ids. Clear faces are for the classes of the report,
     which were those of a catalogue: invented faces are no samples.
     """
-    seen: dict[int, SignViews] = {}
-    behind: dict[int, SignViews] = {}
-    for sign in truth["signs"]:
-        for view in sign["frames"]:
-            if sign["faces_travel"]:
-                seen.setdefault(view["frame"], []).append((sign, view))
-            if view["side"] == "back":
-                behind.setdefault(view["frame"], []).append((sign, view))
+    seen, behind = views_by_frame(truth)
     faces: list[FaceSample] = []
     for image in images:
         if image.rgb is None:
@@ -223,6 +216,19 @@ def read_drive(
         backs=TrueFaces.of(backs, [True] * len(backs)),
         size=size,
     )
+
+
+def views_by_frame(truth: dict[str, Any]) -> tuple[dict[int, SignViews], dict[int, SignViews]]:
+    """What each frame of a rendered drive shows: signs that face the travel, and panels from behind."""
+    seen: dict[int, SignViews] = {}
+    behind: dict[int, SignViews] = {}
+    for sign in truth["signs"]:
+        for view in sign["frames"]:
+            if sign["faces_travel"]:
+                seen.setdefault(view["frame"], []).append((sign, view))
+            if view["side"] == "back":
+                behind.setdefault(view["frame"], []).append((sign, view))
+    return seen, behind
 
 
 def read_drive_images(
