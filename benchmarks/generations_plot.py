@@ -11,16 +11,22 @@ from seeing_plot import LEFT, SMALL, TALL, TITLE, TOP
 from wayside.pipeline.evidence.canvas import FAINT, MEDIUM, RULE, TEXT, Canvas, text_width
 from wayside.pipeline.evidence.marks import Ink
 
-WIDE, APART, HEIGHT = 440, 110, 560
+WIDE, APART, HEIGHT = 440, 110, 616
 TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
-INKS: Mapping[str, Ink] = {
+INKS: dict[str, Ink] = {
     "location": (30, 110, 200),
     "trajectory, image": (200, 120, 0),
     "trajectory, compensated": (120, 130, 142),
     "location and trajectory, compensated": (0, 140, 90),
 }
-"""Curves of the gates; what has one point only is a preset."""
-POINT: Ink = (214, 0, 128)
+"""Curves of the gates."""
+POINTS: dict[str, Ink] = {
+    "report-shape": (150, 60, 200),
+    "report-2d": (230, 90, 60),
+    "report": (214, 0, 128),
+    "default": (20, 20, 30),
+}
+"""Presets, of one point each."""
 
 
 def draw(
@@ -35,15 +41,16 @@ def draw(
             if not points:
                 continue
             at = np.array([(left + WIDE * x, TOP + TALL * (1 - y)) for x, y in points])
-            page.line(at, INKS.get(name, POINT), 2)
+            ink = INKS.get(name) or POINTS[name]
+            page.line(at, ink, 2)
             for point in at:
-                page.dot(point, 4 if name in INKS else 6, INKS.get(name, POINT))
-            if name not in INKS:
-                x, y = at[0]
-                page.text((x - 10, y - 8), name, SMALL, POINT, right=True)
-    for row, (name, ink) in enumerate(INKS.items()):
-        x, y = LEFT + (row % 2) * (WIDE + APART), HEIGHT - 66 + 28 * (row // 2)
-        page.line([(x, y - 5), (x + 28, y - 5)], ink, 2)
+                page.dot(point, 4 if name in INKS else 6, ink)
+    for row, (name, ink) in enumerate((INKS | POINTS).items()):
+        x, y = LEFT + (row % 2) * (WIDE + APART), HEIGHT - 122 + 28 * (row // 2)
+        if name in INKS:
+            page.line([(x, y - 5), (x + 28, y - 5)], ink, 2)
+        else:
+            page.dot((x + 14, y - 5), 6, ink)
         page.text((x + 38, y), name, SMALL, TEXT)
     return page.rgb
 
