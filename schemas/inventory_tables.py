@@ -156,6 +156,10 @@ CHANGES = Table(
                "saw also those that had the place in view", _SURE),
         Column("seen_before", _WHOLE, "drives", "drives of the earlier survey that saw it", _SURE),
         Column("seen_after", _WHOLE, "drives", "drives of the later survey that saw it", _SURE),
+        Column("hidden_before", _WHOLE, "drives", "drives of the earlier survey in whose images something nearer hides "
+               "the place, which do not count as having it in view", _SURE),
+        Column("hidden_after", _WHOLE, "drives", "drives of the later survey in whose images something nearer hides "
+               "the place, which do not count as having it in view", _SURE),
         Column("drive_before", _TEXT, "", "drive of the image that shows the place before; null: none does"),
         Column("frame_before", _WHOLE, "", "its frame"),
         Column("box_before", _BOX, "px", "the panel in it, or where it would be: x0, y0, x1, y1, half open"),

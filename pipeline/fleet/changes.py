@@ -9,15 +9,24 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import mercantile
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from wayside.pipeline.fleet.absence import Absence, Look, Side, look_at_images, looks_of
+from wayside.pipeline.fleet.changes_rows import (
+    PANEL_COLUMNS,
+    Row,
+    confidence_of,
+    level_metres,
+    places_of,
+    row_of,
+    same_face,
+    successor,
+)
 from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
 from wayside.pipeline.fleet.manifest import DRIVES, MANIFEST, read_manifest
@@ -32,15 +41,9 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import SIGNS
-from wayside.stages.inventory import YEAR_NS, PanelPlaces, gone_probability, match_moved
+from wayside.stages.inventory import match_moved
 
-Row = dict[str, Any]
-_SIDES = ("before", "after")
-_OTHER = {"before": "after", "after": "before"}
-_PANEL = (
-    "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
-    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit", "geometry",
-)  # fmt: skip
+_SIDES: tuple[Side, Side] = ("before", "after")
 _SIGHTING = (
     "panel_id",
     "drive",
@@ -56,11 +59,16 @@ _SIGHTING = (
 
 @dataclass(slots=True)
 class ChangeReport:
-    """Counts of `changes.parquet`, and drives of either survey whose results do not say what was in view."""
+    """Counts of `changes.parquet`, and of either survey its drives that tell less.
+
+    blind: their results do not say what was in view; unseen: with the reason, why their logs give no images, so that
+    what hid a place from them is not known.
+    """
 
     counts: Counter[str] = field(default_factory=Counter)
     drives: dict[str, int] = field(default_factory=dict)
     blind: list[str] = field(default_factory=list)
+    unseen: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
         """Lines for a person."""
@@ -72,6 +80,11 @@ class ChangeReport:
             words += (
                 f"\n{len(self.blind)} drives do not say what they had in view, as an earlier version or without fixes: "
                 f"{', '.join(self.blind[:5])}; what only the others saw counts as not looked at"
+            )
+        if self.unseen:
+            words += (
+                f"\n{len(self.unseen)} drives have no images at hand: what stood in front of a place is not known of "
+                f"them; the first: {self.unseen[0]}"
             )
         return words
 
@@ -88,7 +101,8 @@ def find_changes(
 
     The settings of the comparison, and those that the inventory was merged with, are in the metadata of the file. A
     panel counts as gone, or as new, only where a drive of the other survey had its place in view: enough images in
-    which it would show whole, from the front, and as high as that drive measures its own panels from on.
+    which it would show whole, from the front, and as high as that drive measures its own panels from on, most of which
+    see past the place (`look_past`), where the log is at hand and its images tell.
 
     Parameters
     ----------
@@ -148,12 +162,12 @@ class _Comparison:
     """The drives of both surveys, and what is gone or new until all cells are read."""
 
     def __init__(
-        self, inventory: Path, surveys: dict[str, Survey], settings: ChangeSettings
+        self, inventory: Path, surveys: dict[Side, Survey], settings: ChangeSettings
     ) -> None:
         self.settings = settings
         self.report = ChangeReport()
         self._inventory = inventory
-        self._side: dict[str, str] = {}
+        self._side: dict[str, Side] = {}
         self._time_ns: dict[str, int] = {}
         self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
         self._parts = sorted((inventory / PANELS.name).glob("cell=*/part-0.parquet"))
@@ -171,21 +185,30 @@ class _Comparison:
 
     def rows(self) -> Iterator[list[Row]]:
         """Rows of the table, cell by cell, then those that are gone, new or moved."""
-        gone: list[Row] = []
-        new: list[Row] = []
+        absences: list[Absence] = []
         for part in self._parts:
-            rows = self._cell(part)
-            settled = [row for row in rows if row["change"] not in ("gone", "new")]
-            gone += [row for row in rows if row["change"] == "gone"]
-            new += [row for row in rows if row["change"] == "new"]
-            yield self._counted(settled)
-        yield self._counted(self._moved(gone, new))
+            rows, alone = self._cell(part)
+            absences += alone
+            yield self._counted(rows)
+        self.report.unseen = look_at_images(self._inventory, absences, self._view, self.settings)
+        for one in absences:
+            one.settle(self.merge, self._frame)
+        of_kind = {
+            kind: [one.row for one in absences if one.row["change"] == kind]
+            for kind in ("gone", "new", "not_looked_at")
+        }
+        yield self._counted(of_kind["not_looked_at"])
+        yield self._counted(self._moved(of_kind["gone"], of_kind["new"]))
+
+    def _frame(self, drive: str, row: int) -> int:
+        view = self._view(drive)
+        return -1 if view is None else int(view.frames.frame[row])
 
     def _counted(self, rows: list[Row]) -> list[Row]:
         self.report.counts.update(row["change"] for row in rows)
         return rows
 
-    def _index(self, folder: Path, surveys: dict[str, Survey]) -> None:
+    def _index(self, folder: Path, surveys: dict[Side, Survey]) -> None:
         """Note the survey of a drive and the cells it passes."""
         frames = read_frames(folder)
         if len(frames.frame):
@@ -218,9 +241,9 @@ class _Comparison:
     def _read_view(self, name: str) -> DriveView | None:
         return read_view(self._inventory / DRIVES / name, self.settings)
 
-    def _cell(self, part: Path) -> list[Row]:
-        """One row for each panel, or pair of panels at a place, that a drive of either survey saw."""
-        panels = {row["panel_id"]: row for row in _read_part(part, _PANEL)}
+    def _cell(self, part: Path) -> tuple[list[Row], list[Absence]]:
+        """One row for each panel, or pair of panels at a place, that both surveys saw; panels that one alone saw."""
+        panels = {row["panel_id"]: row for row in _read_part(part, PANEL_COLUMNS)}
         sightings = self._inventory / SIGHTINGS.name / part.parent.name / part.name
         seen: dict[str, dict[str, list[Row]]] = {side: defaultdict(list) for side in _SIDES}
         offsets: defaultdict[str, list[list[float]]] = defaultdict(list)
@@ -236,76 +259,64 @@ class _Comparison:
         joined: set[str] = set()
         for name in panels:
             if seen["before"][name]:
-                later = name if seen["after"][name] else _successor(name, panels, seen["after"])
+                later = name if seen["after"][name] else successor(name, panels, seen["after"])
                 if later is None:
                     alone["before"].append(name)
                     continue
                 joined |= {name, later}
                 change = "unchanged" if later == name else "changed_face"
-                rows.append(_row(change, panels, seen, name, later))
+                rows.append(row_of(change, panels, seen, name, later))
         alone["after"] = [name for name in panels if seen["after"][name] and name not in joined]
-        for side, change in (("before", "gone"), ("after", "new")):
-            rows += self._alone(side, change, alone[side], panels, seen, offsets, part)
-        return rows
+        absences = [
+            one
+            for side in _SIDES
+            for one in self._alone(side, alone[side], panels, seen, offsets, part)
+        ]
+        return rows, absences
 
     def _alone(
         self,
-        side: str,
-        change: str,
+        side: Side,
         names: list[str],
         panels: dict[str, Row],
         seen: dict[str, dict[str, list[Row]]],
         offsets: dict[str, list[list[float]]],
         part: Path,
-    ) -> list[Row]:
-        """Rows of panels that one survey saw: gone or new where the other had them in view."""
+    ) -> list[Absence]:
+        """Panels that one survey alone saw, with the drives that had their places in view."""
         if not names:
             return []
-        cell, other = _tile(part.parent.name.removeprefix("cell=")), _OTHER[side]
+        cell = _tile(part.parent.name.removeprefix("cell="))
         origin = cell_origin(*cell, self._zoom)
-        places = _places([panels[n] for n in names])
+        places = places_of([panels[n] for n in names])
         placed = replace(places, position=origin.topocentric(places.position))
-        pair = [(name, None) if side == "before" else (None, name) for name in names]
-        rows = [_row("not_looked_at", panels, seen, *one) for one in pair]
-        saw = [{one["drive"] for one in seen[side][name]} for name in names]
-        largest, years = np.zeros(len(names)), np.full(len(names), np.inf)
+        found = []
+        for k, name in enumerate(names):
+            pair = (name, None) if side == "before" else (None, name)
+            row = row_of("not_looked_at", panels, seen, *pair)
+            times = [self._time_ns[one["drive"]] for one in seen[side][name]]
+            confidence = confidence_of(seen[side][name])
+            where = places.position[k], places.size_m[k]
+            found.append(Absence(row, side, confidence, times, *where))
         for drive in self._near.get(cell, ()):
-            view, where = self._view(drive), self._side[drive]
+            view = self._view(drive)
             if view is None:
                 continue
             offset = np.mean(offsets.get(drive, [[0.0, 0.0, 0.0]]), axis=0)
-            found = view.views(placed, origin, offset, self.settings)
-            for k in np.flatnonzero(found.count >= self.settings.views):
-                if drive in saw[k]:
-                    continue
-                rows[k][f"drives_{where}"] += 1
-                if where == side:
-                    continue
-                rows[k]["change"] = change
-                between = min(abs(self._time_ns[drive] - self._time_ns[one]) for one in saw[k])
-                years[k] = min(years[k], between / YEAR_NS)
-                height = float(found.box[k, 3] - found.box[k, 1])
-                if height > largest[k]:
-                    largest[k] = height
-                    shown = {
-                        "drive": drive,
-                        "frame": int(found.best[k]),
-                        "box": found.box[k].tolist(),
-                    }
-                    rows[k] |= {f"{name}_{other}": value for name, value in shown.items()}
-        confidence = np.array([_confidence(seen[side][name]) for name in names])
-        looks = np.array([row[f"drives_{other}"] for row in rows])
-        misses = np.array([row[f"drives_{side}"] - row[f"seen_{side}"] for row in rows])
-        likely = gone_probability(confidence, years, looks, misses, self.merge)
-        for k in np.flatnonzero(looks):
-            rows[k]["probability"] = float(likely[k])
-        return rows
+            rows, shown = view.views(placed, origin, offset, self.settings)
+            for name, one, look in zip(
+                names, found, looks_of(shown, rows, self.settings), strict=True
+            ):
+                if look is not None and all(s["drive"] != drive for s in seen[side][name]):
+                    time = self._time_ns[drive]
+                    one.looks.append(Look(drive, self._side[drive], time, *look, offset))
+        return found
 
     def _moved(self, gone: list[Row], new: list[Row]) -> list[Row]:
         """The rows of what is gone and new, with one row where a panel was moved."""
         if not gone or not new:
             return gone + new
-        where = _metres([*gone, *new])
+        where = level_metres([*gone, *new])
         near = cKDTree(where[: len(gone)]).query_ball_tree(
             cKDTree(where[len(gone) :]), self.settings.moved_m
         )
@@ -313,13 +324,13 @@ class _Comparison:
             (g, n)
             for g, some in enumerate(near)
             for n in some
-            if _same_face(gone[g], new[n], self.settings, self.merge)
+            if same_face(gone[g], new[n], self.settings, self.merge)
         ]
         between = np.array(pairs, np.int64).reshape(-1, 2)
         away = np.linalg.norm(where[between[:, 0]] - where[len(gone) + between[:, 1]], axis=1)
         moved = match_moved(between, away)
         for g, n in between[moved].tolist():
-            later = {k: v for k, v in new[n].items() if k.endswith("_after") or k in _PANEL}
+            later = {k: v for k, v in new[n].items() if k.endswith("_after") or k in PANEL_COLUMNS}
             distance = float(np.linalg.norm(where[g] - where[len(gone) + n]))
             gone[g] |= later | {"change": "moved", "distance_m": distance, "probability": None}
         taken = set(between[moved][:, 1].tolist())
@@ -342,26 +353,6 @@ def _merged_results(inventory: Path) -> list[Path]:
     return [inventory / DRIVES / entry.name for entry in manifest.done()]
 
 
-def _row(
-    change: str,
-    panels: dict[str, Row],
-    seen: dict[str, dict[str, list[Row]]],
-    before: str | None,
-    after: str | None,
-) -> Row:
-    """A row with the last image of each survey, without what only the other survey's images say."""
-    row: Row = {"change": change}
-    for side, name in (("before", before), ("after", after)):
-        drives = {one["drive"]: one for one in seen[side][name]} if name is not None else {}
-        row |= {f"panel_{side}": name, f"drives_{side}": len(drives), f"seen_{side}": len(drives)}
-        if name is not None:
-            row |= {k: panels[name][k] for k in _PANEL}
-            row |= {f"{k}_{side}": panels[name][k] for k in ("color", "shape")}
-            last = max(seen[side][name], key=lambda one: (one["seen"], one["drive"]))
-            row |= {f"{k}_{side}": last[k] for k in ("drive", "frame", "box")}
-    return row
-
-
 def _read_part(part: Path, columns: Sequence[str]) -> list[Row]:
     try:
         return list(read_parquet(part, list(columns)).to_pylist())
@@ -369,55 +360,6 @@ def _read_part(part: Path, columns: Sequence[str]) -> list[Row]:
         raise InputError(
             f"{part} cannot be read: {error}; it is damaged or of an earlier version: run the fleet once more"
         ) from error
-
-
-def _confidence(sightings: Sequence[Row]) -> float:
-    """That at least one of the sightings is right; the presets of the report state no confidence."""
-    stated = [one["confidence"] for one in sightings]
-    return float(1 - np.prod([0.0 if one is None else 1 - one for one in stated]))
-
-
-def _successor(name: str, panels: dict[str, Row], after: dict[str, list[Row]]) -> str | None:
-    """The panel that stands where one stood and that the later survey saw."""
-    following = panels[name]["replaced_by"]
-    while following is not None and following in panels:
-        if after[following]:
-            return str(following)
-        following = panels[following]["replaced_by"]
-    return None
-
-
-def _places(rows: Sequence[Row]) -> PanelPlaces:
-    """Where panels are; `position` is longitude, latitude and height."""
-
-    def numbers(*names: str) -> NDArray[np.float64]:
-        return np.array(
-            [[np.nan if r[n] is None else r[n] for n in names] for r in rows], np.float64
-        )
-
-    size = numbers("panel_width_m", "panel_height_m")
-    return PanelPlaces(
-        numbers("lon_deg", "lat_deg", "alt_m"),
-        np.radians(numbers("bearing_deg")[:, 0]),
-        np.where(np.isfinite(size), size, 0.6),
-    )
-
-
-def _same_face(one: Row, other: Row, settings: ChangeSettings, merge: MergeSettings) -> bool:
-    """Whether two panels look alike: colour, shape, size and facing."""
-    same = one["color"] == other["color"] and one["shape"] == other["shape"]
-    for name in ("panel_width_m", "panel_height_m"):
-        a, b = one[name], other[name]
-        same &= a is None or b is None or abs(a - b) < settings.same_size * max(a, b)
-    a, b = one["bearing_deg"], other["bearing_deg"]
-    turn = 0.0 if a is None or b is None else abs((a - b + 180) % 360 - 180)
-    return bool(same and turn < merge.facing_deg)
-
-
-def _metres(rows: Sequence[Row]) -> NDArray[np.float64]:
-    """Level positions (n, 2), true to scale for what is near each other."""
-    lon, lat = np.array([[r["lon_deg"], r["lat_deg"]] for r in rows], np.float64).T
-    return np.stack([lon * np.cos(np.radians(lat)), lat], axis=1) * METRES_PER_DEGREE
 
 
 def _tile(quadkey: str) -> tuple[int, int]:

@@ -178,15 +178,16 @@ def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
 
 def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
     """The image of one survey; where nothing was seen, the place."""
-    seen, looked = row[f"seen_{side}"], row[f"drives_{side}"]
+    seen, looked, hidden = (row[f"{count}_{side}"] for count in ("seen", "drives", "hidden"))
     if not looked:
-        face, by = "not looked at", "not in view of any drive"
+        face = "not looked at"
+        by = f"hidden from {hidden} drives" if hidden else "not in view of any drive"
     else:
         face = (
             appearance_of(row[f"color_{side}"], row[f"shape_{side}"]) if seen else "no panel found"
         )
         of = "" if row["change"] in ("unchanged", "changed_face") else f" of {looked}"
-        by = f"seen by {seen}{of} drives"
+        by = f"seen by {seen}{of} drives" + (f", hidden from {hidden}" if hidden else "")
     where = (
         ""
         if row[f"drive_{side}"] is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +16,10 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.stages.georeference import LocalOrigin
-from wayside.stages.inventory import PanelPlaces, PanelViews, views_of
+from wayside.stages.inventory import PanelPlaces, PanelViews, PlaceImage, views_of
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 FARTHEST_M = 400.0
 """No face is measured from farther away."""
 
@@ -36,9 +38,12 @@ class DriveView:
 
     def views(
         self, places: PanelPlaces, origin: LocalOrigin, offset_m: Floats, settings: ChangeSettings
-    ) -> PanelViews:
-        """What it shows of places about an origin; offset_m (3,): error of the drive there, `best` a frame's number."""
-        centre = origin.topocentric(self.frames.geodetic) - offset_m
+    ) -> tuple[Ints, PanelViews]:
+        """Rows of its frames near places about an origin, and what these show.
+
+        offset_m (3,): error of the drive's positions there.
+        """
+        centre = self._centres(origin, offset_m, slice(None))
         low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)
         near = ((centre[:, :2] > low - FARTHEST_M) & (centre[:, :2] < high + FARTHEST_M)).all(
             axis=1
@@ -52,10 +57,19 @@ class DriveView:
             self.smallest_px,
             settings.oblique_deg,
         )
-        best = np.full(len(found.best), -1)
-        seen = found.best >= 0
-        best[seen] = self.frames.frame[rows[found.best[seen]]]
-        return PanelViews(found.count, best, found.box)
+        return rows, found
+
+    def place_images(
+        self, place: Floats, offset_m: Floats, rows: Ints, grey: Sequence[NDArray[np.uint8]]
+    ) -> list[PlaceImage]:
+        """Images of its frames (rows) relative to a place (3,): longitude, latitude, height; offset_m as in `views`."""
+        lon, lat, up = place.tolist()
+        centre = self._centres(LocalOrigin(lat, lon, up), offset_m, rows)
+        turned = self.frames.rotation[rows]
+        return [PlaceImage(*one) for one in zip(grey, turned, centre, strict=True)]
+
+    def _centres(self, origin: LocalOrigin, offset_m: Floats, rows: Ints | slice) -> Floats:
+        return np.asarray(origin.topocentric(self.frames.geodetic[rows]) - offset_m, np.float64)
 
 
 def read_view(folder: Path, settings: ChangeSettings) -> DriveView | None:

@@ -7,6 +7,7 @@ from wayside.stages.inventory.association import (
     place_log_ratio,
 )
 from wayside.stages.inventory.grouping import combine, face_runs, join_groups, merge_sightings
+from wayside.stages.inventory.occlusion import PlaceImage, PlaceViews, look_past
 from wayside.stages.inventory.offsets import DriveOffsets, relative_variance, solve_offsets
 from wayside.stages.inventory.visibility import PanelPlaces, PanelViews, match_moved, views_of
 
@@ -15,10 +16,13 @@ __all__ = [
     "DriveOffsets",
     "PanelPlaces",
     "PanelViews",
+    "PlaceImage",
+    "PlaceViews",
     "combine",
     "face_runs",
     "gone_probability",
     "join_groups",
+    "look_past",
     "match_moved",
     "merge_sightings",
     "miss_log_ratio",

@@ -249,14 +249,31 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
 
 
 def _supports(sightings: Sightings, panel: Ints, position: Floats, near_m: float) -> Ints:
-    """Number of the support (p,) of each panel: one assembly in a drive, or one place on the ground."""
+    """Support (p,) of each panel: one place on the ground, or one assembly in most of the drives that saw both."""
     count = len(position)
     key = np.stack([sightings.drive, sightings.assembly], axis=1)
     of = np.unique(key, axis=0, return_inverse=True)[1].ravel()
-    order = np.argsort(of, kind="stable")
-    same = np.diff(of[order]) == 0
-    links = [np.stack([panel[order[:-1]][same], panel[order[1:]][same]], axis=1)]
-    links.append(cKDTree(position[:, :2]).query_pairs(near_m, output_type="ndarray"))
-    a, b = np.concatenate(links).T
+    together = _pairs_within(of, panel)
+    same, votes = np.unique(together, axis=0, return_counts=True)
+    drives = coo_array(
+        (np.ones(len(panel), np.int64), (panel, sightings.drive)),
+        shape=(count, int(sightings.drive.max(initial=0)) + 1),
+    ).tocsr()
+    voters: Ints = (drives[same[:, 0]] * drives[same[:, 1]]).sum(axis=1)
+    near = cKDTree(position[:, :2]).query_pairs(near_m, output_type="ndarray")
+    a, b = np.concatenate([same[2 * votes > voters], near]).T
     graph = coo_array((np.ones(len(a), bool), (a, b)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _pairs_within(group: Ints, item: Ints) -> Ints:
+    """Pairs (m, 2) of the items (n,) of each group (n,), the lesser number first."""
+    order = np.argsort(group, kind="stable")
+    found = [np.zeros((0, 2), np.int64)]
+    for step in range(1, len(group)):
+        a, b = order[:-step], order[step:]
+        both = group[a] == group[b]
+        if not both.any():
+            break
+        found.append(np.sort(np.stack([item[a[both]], item[b[both]]], axis=1), axis=1))
+    return np.concatenate(found)

@@ -34,13 +34,12 @@ class PanelPlaces:
 
 @dataclass(frozen=True, slots=True)
 class PanelViews:
-    """What a drive shows of n places.
+    """What k images show of n places.
 
-    count (n,): images; best (n,): the one that shows it largest, -1: none; box (n, 4): there, pixels.
+    height (n, k): of the panel in each, pixels, 0 where it does not show; box (n, k, 4): where it would, pixels.
     """
 
-    count: Ints
-    best: Ints
+    height: Floats
     box: Floats
 
 
@@ -54,7 +53,8 @@ def views_of(
 ) -> PanelViews:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    What stands between the camera and the place, and the distortion of the lens, are not considered.
+    What stands between the camera and the place is not considered (`look_past` is for that), nor the distortion of the
+    lens.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def views_of(
     """
     n, k = len(places.position), len(centre)
     if not n or not k:
-        return PanelViews(np.zeros(n, np.int64), np.full(n, -1), np.zeros((n, 4)))
+        return PanelViews(np.zeros((n, k)), np.zeros((n, k, 4)))
     ray = places.position[:, None] - centre[None]
     right, down, ahead = np.moveaxis(np.einsum("nki,kij->nkj", ray, rotation), 2, 0)
     far = np.maximum(ahead, _NEAREST_M)
@@ -84,9 +84,7 @@ def views_of(
     facing = -np.einsum("nki,ni->nk", ray[..., :2], normal) / np.linalg.norm(ray[..., :2], axis=2)
     turned = facing < cos(radians(oblique_deg))  # false where the bearing is unknown
     shown = (ahead > _NEAREST_M) & whole & (high >= smallest_px) & ~turned
-    best = np.where(shown, high, -1.0).argmax(axis=1)
-    count = np.asarray(shown.sum(axis=1), np.int64)
-    return PanelViews(count, np.where(count > 0, best, -1), box[np.arange(n), best])
+    return PanelViews(np.where(shown, high, 0.0), box)
 
 
 def match_moved(pairs: Ints, distance_m: Floats) -> Ints:

@@ -263,3 +263,16 @@ def test_moved_panels_are_paired_one_to_one_as_many_as_can() -> None:
     pairs = np.array([[0, 0], [0, 1], [1, 0]])
     assert match_moved(pairs, np.array([1.0, 9.0, 9.0])).tolist() == [1, 2]
     assert match_moved(pairs[:0], np.zeros(0)).tolist() == []
+
+
+@pytest.mark.parametrize(("wrong", "joined"), [((0,), False), ((0, 2), True), ((), False)])
+def test_panels_stand_on_one_support_where_most_drives_that_saw_both_say_so(
+    wrong: tuple[int, ...], joined: bool
+) -> None:
+    sightings = make_sightings(road(20), [[0.0, 0, 0]] * 3)
+    drives = np.isin(sightings.drive, wrong) & (sightings.row == 8)
+    merged = merge_sightings(
+        replace(sightings, assembly=np.where(drives, 7, sightings.assembly)), SETTINGS
+    )
+    assert merged.panel[7] != merged.panel[8]
+    assert (merged.support[merged.panel[7]] == merged.support[merged.panel[8]]) == joined

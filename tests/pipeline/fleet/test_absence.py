@@ -1,0 +1,176 @@
+"""A panel is gone only where images of the other survey see past its place."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from mcap.writer import Writer
+from numpy.typing import NDArray
+
+from wayside.pipeline.fleet.changes import ChangeReport, find_changes
+from wayside.pipeline.fleet.changes_page import write_page
+from wayside.pipeline.fleet.merging import merge_inventory
+from wayside.pipeline.fleet.surveys import parse_survey
+from wayside.pipeline.settings_file import load_settings
+
+PLACES = np.array([[70.0, -5.0, 2.2], [104.0, -5.0, 2.2]])  # along the road, to its left, up
+COVER = 62.0, (-7.5, -3.0), (0.0, 4.0)
+"""What hides the first place: a wall across at 62 m, from its left to its right side, and its height."""
+
+
+class Surveyed:
+    """Two drives a year apart: the first saw two panels, the second none, and its log shows `images`."""
+
+    def __init__(self, simulation: ModuleType, folder: Path) -> None:
+        self.simulation, self.folder = simulation, folder
+        rng = np.random.default_rng(7)
+        road = simulation.make_road(0, 130.0, 30.0, rng).select([0, 0])
+        road.position[:], road.turn_rad[:], road.forward[:] = PLACES, 0.0, True
+        road.size[:], road.identity[:], road.support[:] = 0.75, [0, 1], [0, 1]
+        quality = simulation.Quality(
+            recall=1.0, outliers=0.0, false=0.0, misread=0.0, fix_sigma_m=0.1
+        )
+        later = simulation.START_NS + simulation.YEAR_NS
+        for name, seen, start in (
+            ("first", road, simulation.START_NS),
+            ("second", road.select(slice(0, 0)), later),
+        ):
+            simulation.write_drive(folder / "drives" / name, seen, start, True, quality, rng)
+        self.drive = folder / "drives" / "second"
+        merge_inventory(sorted((folder / "drives").iterdir()), folder)
+
+    def write_log(self, images: Callable[[float], NDArray[np.uint8]]) -> Path:
+        """The log of the second drive, of what is seen from places along the road; its result names it."""
+        frames = pq.read_table(self.drive / "frames.parquet").to_pylist()
+        log = self.folder / "second.mcap"
+        camera = self.simulation.CAMERA
+        with log.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            image, calibration = (
+                writer.register_channel(
+                    topic,
+                    "json",
+                    writer.register_schema(f"foxglove.{kind}", "jsonschema", b'{"type": "object"}'),
+                )
+                for topic, kind in (
+                    ("/image", "CompressedImage"),
+                    ("/calibration", "CameraCalibration"),
+                )
+            )
+            k = [camera["fx"], 0, camera["cx"], 0, camera["fy"], camera["cy"], 0, 0, 1]
+            size = {"width": camera["width"], "height": camera["height"], "K": k}
+            for frame in frames:
+                stamp = dict(
+                    zip(("sec", "nsec"), divmod(frame["header_time_ns"], 10**9), strict=True)
+                )
+                jpeg = cv2.imencode(".jpg", images(frame["x"]))[1].tobytes()
+                for channel, content in (
+                    (calibration, size | {"distortion_model": "plumb_bob", "D": []}),
+                    (image, {"format": "jpeg", "data": base64.b64encode(jpeg).decode()}),
+                ):
+                    body = {"timestamp": stamp, "frame_id": "camera"} | content
+                    time = frame["log_time_ns"]
+                    writer.add_message(channel, time, json.dumps(body).encode(), time)
+            writer.finish()
+        settings, _ = load_settings()
+        run = json.loads((self.drive / "run.json").read_text())
+        read = {
+            name: getattr(settings.read, name) for name in type(settings.read).__dataclass_fields__
+        }
+        read["spacing_m"] = self.simulation.SPACING_M
+        run |= {"log_path": str(log), "settings": {"read": read}}
+        (self.drive / "run.json").write_text(json.dumps(run))
+        return log
+
+    def changes(self) -> tuple[ChangeReport, list[dict[str, Any]]]:
+        """What became of both panels, in the order of the road."""
+        report = find_changes(self.folder, parse_survey("2024"), parse_survey("2025"))
+        rows = pq.read_table(self.folder / "changes.parquet").to_pylist()
+        return report, sorted(rows, key=lambda row: row["lon_deg"])
+
+
+@pytest.fixture
+def surveyed(simulation: ModuleType, tmp_path: Path) -> Surveyed:
+    """Two drives of two years."""
+    return Surveyed(simulation, tmp_path)
+
+
+def texture(seed: int, width: int, height: int) -> NDArray[np.uint8]:
+    """Blobs of several sizes."""
+    rng = np.random.default_rng(seed)
+    layers = [
+        cv2.resize(
+            rng.uniform(0, 255, (height // n, width // n)).astype(np.float32), (width, height)
+        )
+        for n in (2, 5, 12)
+    ]
+    return np.asarray(np.mean(layers, axis=0), np.uint8)
+
+
+def view(along: float, *, covered: bool) -> NDArray[np.uint8]:
+    """A wall across the road at 250 m and, where `covered`, another one in front of the first place."""
+    image = np.full((1200, 1600), 128, np.uint8)
+    walls = [(250.0, (-150.0, 150.0), (-60.0, 120.0), texture(1, 600, 360))]
+    if covered and along < COVER[0] - 2:
+        walls.append((*COVER, texture(2, 180, 160)))
+    for at, (right, left), (low, high), surface in walls:
+        scale = 1400.0 / (at - along)
+        corners = [
+            (799.5 - scale * (y + 1.8), 599.5 - scale * (z - 2.0))
+            for y, z in ((left, high), (right, high), (left, low))
+        ]
+        height, width = surface.shape
+        source = np.array([(0, 0), (width - 1, 0), (0, height - 1)], np.float32)
+        turn = cv2.getAffineTransform(source, np.array(corners, np.float32))
+        cv2.warpAffine(surface, turn, (1600, 1200), dst=image, borderMode=cv2.BORDER_TRANSPARENT)
+    return image
+
+
+def test_a_place_that_something_nearer_hides_was_not_looked_at(surveyed: Surveyed) -> None:
+    surveyed.write_log(lambda along: view(along, covered=True))
+    report, (first, second) = surveyed.changes()
+    assert not report.unseen
+    assert (first["change"], first["hidden_after"], first["drives_after"]) == (
+        "not_looked_at",
+        1,
+        0,
+    )
+    assert (first["drive_after"], first["probability"]) == ("second", None)  # the page shows it
+    assert (second["change"], second["hidden_after"], second["drives_after"]) == ("gone", 0, 1)
+    write_page(surveyed.folder, surveyed.folder / "page.html", ("2024", "2025"), every=True)
+    text = (surveyed.folder / "page.html").read_text()
+    assert "not looked at; hidden from 1 drives, second frame" in text
+
+
+def test_a_place_that_images_see_past_is_gone(surveyed: Surveyed) -> None:
+    surveyed.write_log(lambda along: view(along, covered=False))
+    report, rows = surveyed.changes()
+    assert not report.unseen
+    assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2
+
+
+def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(
+    surveyed: Surveyed,
+) -> None:
+    surveyed.write_log(lambda along: view(along, covered=True)).unlink()
+    report, rows = surveyed.changes()
+    assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2
+    assert report.unseen[0].startswith("second: wanted the log")
+    assert "what stood in front of a place is not known" in str(report)
+
+
+def test_images_without_texture_tell_nothing(surveyed: Surveyed) -> None:
+    surveyed.write_log(lambda along: np.full((1200, 1600), 200, np.uint8))
+    report, rows = surveyed.changes()
+    assert not report.unseen
+    assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2

@@ -1,0 +1,71 @@
+"""What images tell of the distance of what shows where a panel stood."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings.merging import ChangeSettings
+from wayside.stages.geometry import distort_points, ideal_points
+from wayside.stages.inventory import PlaceImage, look_past
+
+LENSES = (
+    Camera(800, 600, 700.0, 700.0, 399.5, 299.5),
+    Camera(800, 600, 700.0, 710.0, 410.0, 290.0, (-0.25, 0.08, 0.001, -0.001, 0.0)),
+)
+PLACE = np.array([4.0, -1.0, 40.0])  # right, down, ahead of the first camera
+STEP_M = 8.0
+
+
+def image_of(camera: Camera, along_m: float, depth_m: float, seed: int = 3) -> PlaceImage:
+    """What a camera sees that has driven so far, of a textured wall at a distance from the first one."""
+    rng = np.random.default_rng(seed)
+    wall = cv2.resize(rng.uniform(0, 255, (200, 200)).astype(np.float32), (1600, 1600))
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    ideal = ideal_points(camera, np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    rays = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    at = rays * (depth_m - along_m) / depth_m * 900 + 800  # of 1600 pixels, as wide as the view
+    maps = at.reshape(camera.height, camera.width, 2).astype(np.float32)
+    grey = cv2.remap(wall, maps[..., 0].copy(), maps[..., 1].copy(), cv2.INTER_LINEAR)
+    return PlaceImage(grey.astype(np.uint8), np.eye(3), np.array([0, 0, along_m]) - PLACE)
+
+
+@pytest.mark.parametrize("camera", LENSES)
+@pytest.mark.parametrize(
+    ("depth_m", "past", "hidden"),
+    [(28.0, 0, 3), (40.0, 0, 3), (70.0, 3, 0), (300.0, 3, 0)],
+)
+def test_a_wall_hides_what_stands_behind_it_and_shows_what_stands_before_it(
+    camera: Camera, depth_m: float, past: int, hidden: int
+) -> None:
+    images = [image_of(camera, k * STEP_M, depth_m) for k in range(3)]
+    assert look_past(images, camera, (0.9, 0.9), ChangeSettings()) == (past, hidden)
+
+
+def test_a_place_that_is_told_by_no_texture_takes_a_larger_window() -> None:
+    camera = LENSES[0]
+    images = [image_of(camera, k * STEP_M, 300.0) for k in range(3)]
+    for image in images:  # a sky of one colour where the panel was, and a little beyond
+        ahead = -image.centre[2]
+        u, v = distort_points(camera, np.array([[399.5, 299.5]]) + 700 * PLACE[None, :2] / ahead)[0]
+        half = round(700 * 0.6 / ahead)
+        image.grey[round(v) - half : round(v) + half, round(u) - half : round(u) + half] = 128
+    assert look_past(images, camera, (0.9, 0.9), ChangeSettings()).past == 3
+
+
+def test_noise_and_one_image_tell_nothing() -> None:
+    camera = LENSES[0]
+    rng = np.random.default_rng(1)
+    noisy = [
+        PlaceImage(
+            rng.integers(0, 256, (600, 800)).astype(np.uint8),
+            np.eye(3),
+            np.array([0, 0, k * STEP_M]) - PLACE,
+        )
+        for k in range(3)
+    ]
+    assert look_past(noisy, camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
+    assert look_past([image_of(camera, 0, 300.0)], camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
+    assert look_past([], camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
