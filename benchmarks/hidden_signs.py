@@ -15,6 +15,7 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,8 @@ from wayside.stages.georeference import LocalOrigin
 FATES = ("taken away", "behind bushes", "behind a lorry", "left")
 BUSHES = ((3.0, -0.6), (4.0, 0.3), (5.0, -0.2), (3.5, 1.0))
 """Before the support and to its right, m."""
-YEARS = "2024-01..2025-06", "2025-07..2027"
+FARTHEST_M = 3.0
+"""Of a row from its sign: the fixes err by 1 m."""
 
 
 def fates(scene: Scene) -> dict[int, str]:
@@ -112,12 +114,18 @@ def render(spec: DriveSpec, name: str, year: int, folder: Path) -> Scene:
     return scene
 
 
-def compare(folder: Path, logs: list[Path]) -> list[dict[str, object]]:
+def survey(start_ns: int, year: int) -> str:
+    """The day of a drive, and the next one."""
+    day = datetime.fromtimestamp((start_ns + year * YEAR_NS) * 1e-9, UTC).date()
+    return f"{day}..{day + timedelta(days=1)}"
+
+
+def compare(folder: Path, logs: list[Path], start_ns: int) -> list[dict[str, object]]:
     """Rows of the comparison of both drives."""
     tool, inventory = str(Path(sys.executable).parent / "wayside"), folder / "inventory"
     fleet = [tool, "fleet", *map(str, logs), "-o", str(inventory), "--workers", "1"]
     page = str(folder / "changes.html")
-    years = ["--before", YEARS[0], "--after", YEARS[1]]
+    years = ["--before", survey(start_ns, 0), "--after", survey(start_ns, 1)]
     for command in (fleet, [tool, "changes", str(inventory), *years, "-o", page]):
         subprocess.run(command, check=True)
     rows: list[dict[str, object]] = pq.read_table(inventory / "changes.parquet").to_pylist()
@@ -142,14 +150,16 @@ def main() -> None:
         spec = replace(spec, log=replace(spec.log, poses=True, fixes=True, raw=False))
         scenes = [render(spec, name, year, folder) for year, name in enumerate(("first", "second"))]
         origin = LocalOrigin(*json.loads((folder / "first.truth.json").read_text())["origin_wgs84"])
-        signs = [sign for sign in scenes[0].signs if sign.forward]
+        signs = scenes[0].signs
         where, fate_of = np.array([sign.centre() for sign in signs]), fates(scenes[0])
-        for row in compare(folder, [folder / f"{name}.mcap" for name in ("first", "second")]):
+        logs = [folder / f"{name}.mcap" for name in ("first", "second")]
+        for row in compare(folder, logs, spec.log.start_ns):
             place = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]]], float)
-            away = np.linalg.norm(where - origin.topocentric(place), axis=1)
+            away = np.linalg.norm((where - origin.topocentric(place))[:, :2], axis=1)
             if row["seen_before"]:
-                sign = signs[int(away.argmin())]
-                fate = fate_of[sign.assembly_id] if away.min() < 2 else "no sign or a back"
+                sign = signs[int(away.argmin())]  # panels of one support have one fate
+                fate = fate_of.get(sign.assembly_id, "seen from behind")
+                fate = fate if away.min() < FARTHEST_M else "no sign"
                 hidden = " (hidden)" if row["hidden_after"] else ""
                 counts[fate, f"{row['change']}{hidden}"] += 1
     for (fate, change), count in sorted(counts.items()):
