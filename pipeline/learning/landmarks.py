@@ -37,22 +37,26 @@ FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
 FOR, AGAINST = 1, -1
 EVIDENCE = (
-    ("score_best", "appearance", -4.0, 6.0, FOR),
-    ("score_mean", "appearance", -4.0, 6.0, FOR),
-    ("color_certainty", "appearance", -2.0, 0.0, FOR),
-    ("shape_certainty", "appearance", -2.0, 0.0, FOR),
-    ("log_views", "views", 0.0, 2.5, FOR),
-    ("missed", "views", 0.0, 1.0, AGAINST),
-    ("log_width", "size", 0.0, 2.0, AGAINST),
-    ("log_height", "size", -2.0, -0.7, FOR),
-    ("log_height", "size", 0.0, 2.0, AGAINST),
-    ("place_sigmas", "place", 0.0, 3.0, AGAINST),
-    ("size_scatter", "rigidity", 0.0, 0.4, AGAINST),
-    ("depth_sigma", "rigidity", 0.0, 0.3, AGAINST),
-    ("agreement", "registration", 0.0, 8.0, FOR),
+    ("score_best", "appearance", FOR, 6.0),
+    ("score_mean", "appearance", FOR, 6.0),
+    ("color_certainty", "appearance", FOR, 0.0),
+    ("shape_certainty", "appearance", FOR, 0.0),
+    ("log_views", "views", FOR, 2.5),
+    ("missed", "views", AGAINST, 0.0),
+    ("log_width", "size", AGAINST, 0.0),
+    ("log_height", "size", FOR, -0.7),
+    ("log_height", "size", AGAINST, 0.0),
+    ("place_sigmas", "place", AGAINST, 0.0),
+    ("size_scatter", "rigidity", AGAINST, 0.0),
+    ("depth_sigma", "rigidity", AGAINST, 0.0),
+    ("agreement", "registration", FOR, 8.0),
 )
-"""Feature, term, the bounds within which it counts, and the direction in which it may count: what is known from the
-nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above one."""
+"""Feature, term, the direction in which it may count, and the value beyond which it is as good as can be: what is known
+from the nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above
+one."""
+EDGE = 0.01
+"""Share of the signs that lie beyond the bound of a feature, where it speaks against them. Other roads have other
+signs: what is more unusual than nearly all signs of the drives at hand counts as those do."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
 FALSE_ALARM, FALSE_ALARM_BACK = 0.01, 0.1
@@ -169,9 +173,10 @@ def learn_landmark_classifier(
             f"landmark classifier: wanted two drives and {FEWEST_EXAMPLES} landmarks of either kind, found "
             f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
-    names, terms, low, high, directions = zip(*EVIDENCE, strict=True)
+    names, terms, directions, limits = zip(*EVIDENCE, strict=True)
     direction = np.array(directions, np.float64)
     columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
+    low, high = _bounds(columns[sign], direction, np.array(limits))
     bounded = np.clip(columns, low, high)
     middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
     held_out = _held_out_sums(bounded - middle, sign, drive, direction)
@@ -199,6 +204,13 @@ def learn_landmark_classifier(
         threshold_interval=decision.intervals[0] if decision.intervals else None,
         curve=points,
     )
+
+
+def _bounds(signs: Values, direction: Values, limit: Values) -> tuple[Values, Values]:
+    """Bounds (f,) of the features, by the values (n, f) of the signs and the limits (f,) of what is good."""
+    low, high = np.quantile(signs, [EDGE, 1 - EDGE], axis=0)
+    least, most = np.minimum(low, limit), np.maximum(high, limit)
+    return np.where(direction == FOR, least, limit), np.where(direction == FOR, limit, most)
 
 
 def _rounded(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:

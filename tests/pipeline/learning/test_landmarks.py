@@ -103,6 +103,20 @@ def test_the_ratios_learned_are_those_of_what_made_the_examples():
     assert np.corrcoef(odds, found)[0, 1] > 0.94
 
 
+def test_what_is_more_unusual_than_nearly_all_signs_counts_as_those_do():
+    learned, _ = examples(4000)
+    sign, wide = learned.label == SIGN, FEATURES.index("log_width")
+    rng = np.random.default_rng(6)
+    learned.values[:, wide] = rng.uniform(0, np.where(sign, 1.0, 3.0))
+    model = learn_landmark_classifier(learned, "test")
+    largest = np.quantile(learned.values[sign, wide], 0.99)
+    rows = np.repeat(learned.values[:1], 3, axis=0)
+    rows[:, wide] = 0.5, largest, 2.9
+    usual, edge, beyond = sums(model, rows)
+    assert usual > edge + 0.1
+    assert beyond == pytest.approx(edge, abs=1e-4)
+
+
 def test_as_many_others_as_stated_are_reported_as_signs():
     learned, _ = examples(4000)
     model = learn_landmark_classifier(learned, "test")
