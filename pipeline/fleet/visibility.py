@@ -18,8 +18,6 @@ from wayside.stages.georeference import LocalOrigin
 from wayside.stages.inventory import PanelPlaces, PanelViews, views_of
 
 Floats = NDArray[np.float64]
-FARTHEST_M = 400.0
-"""No face is measured from farther away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +38,8 @@ class DriveView:
         """What it shows of places about an origin; offset_m (3,): error of the drive there, `best` a frame's number."""
         centre = origin.topocentric(self.frames.geodetic) - offset_m
         low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)
-        near = ((centre[:, :2] > low - FARTHEST_M) & (centre[:, :2] < high + FARTHEST_M)).all(
-            axis=1
-        )
+        low, high = low - settings.farthest_m, high + settings.farthest_m
+        near = ((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1)
         rows = np.flatnonzero(near)
         found = views_of(
             places,
@@ -50,7 +47,7 @@ class DriveView:
             self.frames.rotation[rows],
             self.camera,
             self.smallest_px,
-            settings.oblique_deg,
+            settings,
         )
         best = np.full(len(found.best), -1)
         seen = found.best >= 0
