@@ -40,7 +40,8 @@ class MergeSettings:
     )  # fmt: skip
     kernel: tuple[float, ...] = setting(
         (1.0, 0.5, 0.25, 0.1, 0.05, 0.0), "", "width of the kernel in each iteration of that adjustment, in parts of "
-        "the common errors' standard deviation", expert=True, low=0, high=10, origin="wide first: signs without a like decide",
+        "the common errors' standard deviation", expert=True, low=0, high=10,
+        origin="wide first: signs without a like beside them decide",
     )  # fmt: skip
     least_share: float = setting(
         1e-3, "", "pairs that are of one panel with a smaller probability are left out of an iteration", low=0, high=1,

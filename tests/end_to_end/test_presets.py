@@ -75,7 +75,9 @@ def rounded(value, digits):
 
 
 @pytest.fixture(
-    params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "report-whole")) for name in RUNS]
+    params=[
+        pytest.param(name, marks=[pytest.mark.slow] * (name == "report-whole")) for name in RUNS
+    ]
 )
 def preset(request):
     return request.param
