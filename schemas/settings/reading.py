@@ -65,7 +65,7 @@ class ReadSettings:
         60.0,
         "times",
         "the first and last messages of a log, in order, are stray from so many times `far_s` on",
-        origin="an hour: a recorder that waits for its vehicle",
+        origin="set by hand",
         expert=True,
         low=1,
     )
@@ -98,7 +98,7 @@ class ReadSettings:
         0.1,
         "s",
         "so far beyond the first or last of them the motion of the last two is carried on",
-        origin="set by hand: a period of most sources",
+        origin="set by hand",
         expert=True,
         low=0,
     )
