@@ -89,6 +89,14 @@ class MotionSettings:
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1
     )
+    jump_sigmas: float = setting(
+        3.0,
+        "sigmas",
+        "by more than so many standard deviations of their distance",
+        origin="of normal errors one in 700 lies beyond",
+        expert=True,
+        low=0,
+    )
     acceleration_mps2: float = setting(
         2.0,
         "m/s^2",

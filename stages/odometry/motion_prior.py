@@ -157,7 +157,7 @@ def _between_fixes(
     """Distance and its sigma, metres; where fixes jump, both are half of the farthest that a vehicle can go."""
     baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second, settings)
     reach = settings.fastest_mps * seconds
-    if 0 < reach < baseline - 3 * sigma:
+    if 0 < reach < baseline - settings.jump_sigmas * sigma:
         return reach / 2, reach / 2
     return baseline, sigma
 
