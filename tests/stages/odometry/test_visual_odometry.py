@@ -535,6 +535,15 @@ def test_an_image_of_another_road_is_left_out():
     assert found[-1].motion.station_m == pytest.approx(7 * SPACING, abs=0.1)
 
 
+def test_of_two_cameras_that_nothing_tells_apart_one_is_used():
+    poses, images = painted(8)
+    aside = Scene(poses, seed=9)
+    given = [aside.image(poses[i]) if i % 2 else images[i] for i in range(8)]
+    found = stage(given, **known_by("poses", poses))
+    statuses = [item.frame.status for item in found]
+    assert statuses == [USED, OTHER_PLACE, USED, OTHER_PLACE, USED, OTHER_PLACE, USED, USED]
+
+
 def test_a_blurred_image_is_still_of_its_place():
     poses, images = painted(8)
     blurred = cv2.GaussianBlur(images[3], (0, 0), 25)
