@@ -123,7 +123,8 @@ def _by_poses(
     slopes = (given * direction[:2] / direction[2] + mounted * expected[:2] / expected[2]) / (
         given + mounted
     )
-    both = np.array([slopes[0], slopes[1], 1.0])
+    backward = step.centre[2] < -settings.doubt_sigmas * sigma_m
+    both = np.array([slopes[0], slopes[1], 1.0]) * (-1.0 if backward else 1.0)
     prior = StepPrior(
         step.rotation,
         sigma_rad,

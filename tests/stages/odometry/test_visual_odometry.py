@@ -557,6 +557,9 @@ def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
     given = [images[i] for i in order]
     found = stage(given, **known_by("poses", [poses[i] for i in order]))
     assert all(item.frame.used for item in found)
+    for item, i in zip(found, order, strict=True):
+        true = poses[i].relative_to(poses[0]).centre
+        assert item.motion.pose.centre == pytest.approx(true, abs=0.3)
 
 
 @pytest.mark.parametrize("known", [3, 4, 5, 6])
