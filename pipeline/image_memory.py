@@ -9,6 +9,7 @@ from wayside.pipeline.workers import Result
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Frame
 from wayside.schemas.settings import Settings
+from wayside.stages.odometry import HELD_IMAGES
 
 _BYTES_A_PIXEL = 3 + 1 + 3 * (1 / 4 + 1 / 16)
 """Colour, grey, and colour at half and quarter size."""
@@ -19,8 +20,8 @@ _MEGABYTE = 1e6
 class ImageMemory:
     """Counts images from the moment they are read until nothing holds their pixels any more.
 
-    limit_mb: what they may take, 0 for as much as it comes to; window: images that tracking holds at most, which are
-    needed whatever the limit is. The count is by the sizes in the headers; all calls come from one thread.
+    limit_mb: what they may take, 0 for as much as it comes to; window: images that motion and tracking hold at most,
+    which are needed whatever the limit is. The count is by the sizes in the headers; all calls come from one thread.
     """
 
     limit_mb: float = 0.0
@@ -66,7 +67,8 @@ class ImageMemory:
         if 0 < self.limit_mb < needed:
             raise UsageError(
                 f"--memory: wanted room for {self.window + 1} images of {width} x {height}, {needed:.0f} MB, which "
-                f"tracking holds at once, found {self.limit_mb:.0f} MB; give more, or lower the setting track.longest"
+                f"motion and tracking hold at once, found {self.limit_mb:.0f} MB; give more, or lower the setting "
+                "track.longest"
             )
         self._held[frame.index] = one
         self._bytes += one
@@ -77,4 +79,4 @@ class ImageMemory:
 def image_memory(settings: Settings) -> ImageMemory:
     """The count of a run with these settings."""
     track = settings.track
-    return ImageMemory(settings.run.memory_mb, track.longest + track.window_step)
+    return ImageMemory(settings.run.memory_mb, HELD_IMAGES + track.longest + track.window_step)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import cv2
 
@@ -57,10 +58,13 @@ def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str
         If a file cannot be written.
     """
     logs = learning_logs(drives)
+    truths = [
+        read_truth(log.with_suffix(".truth.json")) for log in logs
+    ]  # or processes are started for nothing
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
-        samples = joined(list(processes.map(partial(_landmarks_of, folder), logs)))
+        samples = joined(list(processes.map(partial(_landmarks_of, folder), logs, truths)))
     digests: dict[str, str] = {}
     for name, back, false_alarm, uncertain_times in (
         ("place.json", False, FALSE_ALARM, UNCERTAIN_TIMES),
@@ -84,15 +88,15 @@ def provenance(names: list[str], samples: LandmarkSamples) -> str:
     return f"drives {listed}; the name of a rendered one ends in what was added to the seed of its specification"
 
 
-def _landmarks_of(folder: Path, log: Path) -> LandmarkSamples:
-    return gather_landmarks(_posed(folder, log))
+def _landmarks_of(folder: Path, log: Path, truth: dict[str, Any]) -> LandmarkSamples:
+    return gather_landmarks(_posed(folder, log, truth))
 
 
-def _posed(folder: Path, log: Path) -> Iterator[PosedDrive]:
+def _posed(folder: Path, log: Path, truth: dict[str, Any]) -> Iterator[PosedDrive]:
     """A drive up to its motion, with its panels, once for each threshold of the box classifier."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    known = KnownPanels.of(read_truth(log.with_suffix(".truth.json")))
+    known = KnownPanels.of(truth)
     for lower in LENIENT:
         classifier = models.box_classifier
         if classifier is None:

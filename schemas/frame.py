@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
 NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
-NO_KEY_FRAME, OTHER_CAMERA = "no_key_frame", "other_camera"
+NO_KEY_FRAME, OTHER_CAMERA, OTHER_PLACE = "no_key_frame", "other_camera", "other_place"
 FRAME_STATUSES = (
     USED,
     THINNED,
@@ -28,11 +28,13 @@ FRAME_STATUSES = (
     DUPLICATE,
     NO_KEY_FRAME,
     OTHER_CAMERA,
+    OTHER_PLACE,
 )
 """`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix;
 `damaged` images decode in part only; a `duplicate` is a copy of an earlier image, or shows no motion since the last
 used one; `no_key_frame`: of a video, before its first key frame or behind a missing image until the next;
-`other_camera`: of a camera that shares the topic; the rest as they say."""
+`other_camera`: of a camera that shares the topic; `other_place`: shows another place than its order
+says; the rest as they say."""
 
 
 EARTH_RADIUS_M = 6_371_000.0

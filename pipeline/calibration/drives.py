@@ -25,8 +25,6 @@ from wayside.stages.imaging import decode
 from wayside.stages.odometry import KeypointImage, VisualOdometry, tie_corners
 
 _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
-_FOCAL_GUESSES = (0.6, 0.9, 1.4)
-"""Focal lengths over the width of the image that are tried where nothing is known: 80, 58 and 39 degrees across."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +67,7 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
         starts, scatter = [given], calibration.principal_point
     else:
         centre = (width - 1) / 2, (height - 1) / 2
-        focals = [guess * width for guess in _FOCAL_GUESSES]
+        focals = [guess * width for guess in calibration.focal_guesses]
         starts = [Camera(width, height, f, f, *centre) for f in focals]
         scatter = calibration.unknown_principal_point
     tries = [_round(log, one, scatter * width, settings) for one in starts]

@@ -26,6 +26,7 @@ from wayside.pipeline.reading.poses import bare, compose
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings, read_table
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Pose
+from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
 
 try:
@@ -76,7 +77,7 @@ class _Frames:
     def pose_of_child(self, camera: Pose, time_ns: int) -> Pose | None:
         """The child in the world, by the camera's pose and its mount; None where the mount is unknown then."""
         chain = self.plan.survey.tree.chain(self.plan.camera_frame)
-        mount = compose(chain, time_ns) if chain else _IDENTITY
+        mount = compose(chain, time_ns, ReadSettings()) if chain else _IDENTITY
         return None if mount is None else camera.compose(_IDENTITY.relative_to(mount))
 
 

@@ -32,7 +32,7 @@ from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin
 from wayside.pipeline.fleet.manifest import DRIVES, MANIFEST, read_manifest
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
-from wayside.pipeline.fleet.visibility import FARTHEST_M, DriveView, read_view
+from wayside.pipeline.fleet.visibility import DriveView, read_view
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.result import RUN_FILE, read_rows
@@ -226,7 +226,7 @@ class _Comparison:
             self.report.blind.append(folder.name)
             return
         margin = (
-            FARTHEST_M
+            self.settings.farthest_m
             / METRES_PER_DEGREE
             / max(float(np.cos(np.radians(frames.geodetic[0, 1]))), 0.01)
         )

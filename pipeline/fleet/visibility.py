@@ -20,8 +20,6 @@ from wayside.stages.inventory import PanelPlaces, PanelViews, PlaceImage, views_
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-FARTHEST_M = 400.0
-"""No face is measured from farther away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +43,8 @@ class DriveView:
         """
         centre = self._centres(origin, offset_m, slice(None))
         low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)
-        near = ((centre[:, :2] > low - FARTHEST_M) & (centre[:, :2] < high + FARTHEST_M)).all(
-            axis=1
-        )
+        low, high = low - settings.farthest_m, high + settings.farthest_m
+        near = ((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1)
         rows = np.flatnonzero(near)
         found = views_of(
             places,
@@ -55,7 +52,7 @@ class DriveView:
             self.frames.rotation[rows],
             self.camera,
             self.smallest_px,
-            settings.oblique_deg,
+            settings,
         )
         return rows, found
 

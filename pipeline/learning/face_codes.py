@@ -34,9 +34,9 @@ from wayside.pipeline.learning.patch_cnn import folded_filters
 from wayside.schemas.detections import NONE
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.models import ConvolutionModel
+from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     OTHER_FACE,
-    OTHER_SHARE,
     PATCH_SIDE,
     class_log_probabilities,
     face_patch,
@@ -177,7 +177,8 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> Convo
     rate = torch.optim.lr_scheduler.OneCycleLR(
         descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
     )
-    share = np.where(classes == OTHER_FACE, OTHER_SHARE, (1 - OTHER_SHARE) / (len(classes) - 1))
+    other = CodeSettings().other_share
+    share = np.where(classes == OTHER_FACE, other, (1 - other) / (len(classes) - 1))
     weight = (share / np.bincount(target))[target]
     drawn = np.random.default_rng(seed).choice(len(names), (steps, BATCH), p=weight / weight.sum())
     for rows in drawn:

@@ -15,11 +15,7 @@ import numpy as np
 
 from wayside.pipeline.reading.layout import LATEST_NS
 from wayside.pipeline.reading.stamps import Flags, Integers
-
-_PAUSES = 60
-"""Times as far as this, first and last messages in order are no start or end of the recording but stray."""
-_MOST_STRAY = 0.1
-"""Larger parts of a log are no stray messages."""
+from wayside.schemas.settings import ReadSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +44,7 @@ class _Run:
 
 
 def settle_log(
-    log_ns: Integers, images: Integers, capture_ns: Integers, window_ns: int, far_ns: int
+    log_ns: Integers, images: Integers, capture_ns: Integers, settings: ReadSettings
 ) -> LogClock:
     """Log times in the order in which the messages were recorded.
 
@@ -64,14 +60,14 @@ def settle_log(
         (n,) in file order.
     images, capture_ns
         (k,) rows of images among the messages, and their header times, 0 where not set.
-    window_ns
-        Messages are at most so late; longer silences separate runs.
-    far_ns
-        A short run out of order so far from all others holds stray messages.
+    settings
+        Messages are at most `late_s` late, longer silences separate runs; a short run out of order `far_s` from all
+        others holds stray messages.
     """
+    window_ns = round(settings.late_s * 1e9)
     nothing = np.zeros(len(log_ns), np.bool_)
     runs = _runs(log_ns, window_ns)
-    stray = _stray_runs(runs, window_ns, far_ns)
+    stray = _stray_runs(runs, settings)
     if not stray and _ascend(runs, window_ns):
         return LogClock(log_ns, False, (), nothing)
     bulk = [run for run in runs if run not in stray]
@@ -95,8 +91,9 @@ def settle_log(
                 before = shift
                 shift = end_ns - run.first_ns
                 if image >= 0 and len(inside):
+                    pair, farthest = (image, int(inside[0])), settings.jump_images * usual
                     shift = _across(
-                        time_ns, log_ns, images, capture_ns, (image, int(inside[0])), usual, shift
+                        time_ns, log_ns, images, capture_ns, pair, usual, farthest, shift
                     )
                 jumps.append((run.begin, before - shift))
         if max(2 * abs(shift), run.last_ns + shift) >= LATEST_NS:  # or sums exceed 64 bits
@@ -144,10 +141,11 @@ def _fits_by_time(runs: list[_Run], window_ns: int) -> bool:
     return all(gap >= -window_ns for gap in gaps) and sum(g > window_ns for g in gaps) < breaks
 
 
-def _stray_runs(runs: list[_Run], window_ns: int, far_ns: int) -> set[_Run]:
+def _stray_runs(runs: list[_Run], settings: ReadSettings) -> set[_Run]:
     """Short runs far from all others which stand out of order, or still further at an end of the file; few messages."""
     if len(runs) < 2:
         return set()
+    window_ns, far_ns = round(settings.late_s * 1e9), round(settings.far_s * 1e9)
     total = runs[-1].end
     ordered = sorted(runs, key=lambda run: run.first_ns)
     place = {run: k for k, run in enumerate(ordered)}
@@ -155,10 +153,16 @@ def _stray_runs(runs: list[_Run], window_ns: int, far_ns: int) -> set[_Run]:
     stray = set()
     for k, run in enumerate(runs):
         at = place[run]
-        furthest = far_ns if at != k else _PAUSES * far_ns if k in (0, len(runs) - 1) else inf
+        furthest = (
+            far_ns
+            if at != k
+            else settings.stray_pauses * far_ns
+            if k in (0, len(runs) - 1)
+            else inf
+        )
         if run.last_ns - run.first_ns <= window_ns and min(gaps[at], gaps[at + 1]) > furthest:
             stray.add(run)
-    few = sum(run.end - run.begin for run in stray) <= _MOST_STRAY * total
+    few = sum(run.end - run.begin for run in stray) <= settings.most_stray * total
     return stray if few else set()
 
 
@@ -176,13 +180,14 @@ def _across(
     capture_ns: Integers,
     pair: tuple[int, int],
     usual_ns: int,
+    farthest_ns: float,
     least_ns: int,
 ) -> int:
     """Shift of the log times behind a jump, by the images (rows) on its two sides."""
     before, after = np.searchsorted(images, pair)
     apart = int(capture_ns[after] - capture_ns[before])
     known = capture_ns[before] > 0 and capture_ns[after] > 0
-    if not (known and 0 < apart <= 10 * usual_ns):
+    if not (known and 0 < apart <= farthest_ns):
         return max(int(time_ns[pair[0]]) + usual_ns - int(log_ns[pair[1]]), least_ns)
     return int(time_ns[pair[0]]) + apart - int(log_ns[pair[1]])
 

@@ -19,8 +19,6 @@ from wayside.schemas.settings import ReadSettings
 _LOOK_BACK = 256
 """Parts of a series before each that it may continue: bounds the time of a series that is nothing but jumps."""
 
-_LONGEST_SPIKE = 3
-
 
 @dataclass(frozen=True, slots=True)
 class Series:
@@ -80,7 +78,7 @@ def check_positions(
         for side in (left[left < best[0]], left[left > best[-1]]):
             number = int(origin.max()) + 1
             for part in _parts(series, side, settings):
-                if len(part) > _LONGEST_SPIKE:
+                if len(part) > settings.spike_samples:
                     wrong[part], origin[part] = False, number
                     number += 1
     if origin_may_move:
@@ -117,7 +115,7 @@ def _reachable(series: Series, rows: Integers, settings: ReadSettings) -> Intege
         return rows
     # A wrong position may be in reach of those on one side: each next to a cut may be left out by itself.
     cuts = np.cumsum([len(part) for part in parts])[:-1]
-    near = cuts[:, None] + np.arange(-_LONGEST_SPIKE, _LONGEST_SPIKE + 1)
+    near = cuts[:, None] + np.arange(-settings.spike_samples, settings.spike_samples + 1)
     cuts = np.unique(near[(near > 0) & (near < len(rows))])
     parts = np.split(rows, cuts)
     first, last = (np.array([part[k] for part in parts]) for k in (0, -1))
@@ -143,10 +141,10 @@ def _reachable(series: Series, rows: Integers, settings: ReadSettings) -> Intege
 
 
 def _spikes(series: Series, rows: Integers, settings: ReadSettings) -> Flags:
-    """Which of rows (n,) lie aside of a path that goes on behind them as before, one to three in a row."""
+    """Which of rows (n,) lie aside of a path that goes on behind them as before, one or a few in a row."""
     spikes = np.zeros(len(rows), np.bool_)
     scale = _scatter(series, rows)
-    for length in range(1, _LONGEST_SPIKE + 1):
+    for length in range(1, settings.spike_samples + 1):
         kept = np.flatnonzero(~spikes)
         if len(kept) < length + 4:
             break
@@ -162,6 +160,7 @@ def _spikes_of(
     starts = np.arange(2, len(rows) - length - 1)
     a2, a1, b1, b2 = (rows[starts + k] for k in (-2, -1, length, length + 1))
     t, p = series.time_s, series.position
+    scatter = settings.spike_scatters * scale
     span = t[b1] - t[a1]
     with np.errstate(divide="ignore", invalid="ignore"):
         across = (p[b1] - p[a1]) / span[:, None]
@@ -170,7 +169,7 @@ def _spikes_of(
         change = np.linalg.norm(across - (before + after) / 2, axis=1)
         gap = change * span
         # A steady acceleration leaves no gap at all; half of the hardest may come or go meanwhile.
-        goes_on = gap <= settings.hardest_mps2 * span**2 / 4 + 6 * scale
+        goes_on = gap <= settings.hardest_mps2 * span**2 / 4 + scatter
         aside, nearest = np.ones(len(starts), np.bool_), np.full(len(starts), np.inf)
         turned = np.ones(len(starts), np.bool_)
         for k in range(length):
@@ -178,7 +177,7 @@ def _spikes_of(
             part = (t[row] - t[a1]) / span
             off = np.linalg.norm(p[row] - p[a1] - (p[b1] - p[a1]) * part[:, None], axis=1)
             sagitta = settings.hardest_mps2 * (t[row] - t[a1]) * (t[b1] - t[row]) / 2
-            aside &= off > settings.spike_m + sagitta + 6 * scale
+            aside &= off > settings.spike_m + sagitta + scatter
             nearest = np.minimum(nearest, off)
             turned &= _turned(series, a1, row, b1, settings)
     found = np.zeros(len(rows), np.bool_)

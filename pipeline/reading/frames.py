@@ -113,6 +113,7 @@ class _Reader:
         self, plan: Plan, inspection: Inspection, settings: ReadSettings, report: ReadReport
     ) -> None:
         self.plan, self.inspection, self.report = plan, inspection, report
+        self.settings = settings
         self.allowance = allowance_of(settings)
         self.window_ns = round(settings.late_s * 1e9)
         self.selection = Selection(plan, settings)
@@ -128,7 +129,7 @@ class _Reader:
         self.others_seen = 0
         self.poses: CameraPoses | None = None
         if plan.motion_source:
-            self.poses = CameraPoses(plan.camera_frame, plan.motion_source)
+            self.poses = CameraPoses(plan.camera_frame, plan.motion_source, settings)
             self.poses.tree = (
                 plan.survey.tree
             )  # mounts that come after the first image are known already
@@ -254,7 +255,7 @@ class _Reader:
             )
             one = replace(one, image=image, fault="" if fault == USED else fault)
         pose = None if self.poses is None else self.poses.at(one.time_ns)
-        fix = self.fixes.at(one.time_ns, blend_fixes)
+        fix = self.fixes.at(one.time_ns, blend_fixes, self.settings)
         if fix is not None:
             fix = replace(fix, span_s=self.fixes.span_ns(one.time_ns) * 1e-9)
         frame = self.selection.decide(one, camera, pose, fix)

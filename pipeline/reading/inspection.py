@@ -91,9 +91,7 @@ class _Inspector:
 
     def _settle_log(self) -> LogClock:
         rows = self.message[self.images]
-        return settle_log(
-            self.log_ns, rows, self.header_ns[self.images], self.window_ns, self.far_ns
-        )
+        return settle_log(self.log_ns, rows, self.header_ns[self.images], self.settings)
 
     def _tell_jumps(self, clock: LogClock) -> None:
         notes, images = self.result.notes, self.message[self.images]

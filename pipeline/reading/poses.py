@@ -9,6 +9,7 @@ import numpy as np
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.series import TimeSeries, blend_poses, unit
 from wayside.schemas.frame import Pose, PosePrior
+from wayside.schemas.settings import ReadSettings
 
 LOOKING_AHEAD = Pose(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 """Optical frame in a vehicle frame (x forward, y left, z up; ROS REP 103 and 105) for a camera of unknown mount."""
@@ -44,9 +45,9 @@ class Edge:
         self.moves = self.moves or _differ(self.first, content)
         self.series.add(time_ns, content)
 
-    def at(self, time_ns: int) -> Pose | None:
+    def at(self, time_ns: int, settings: ReadSettings) -> Pose | None:
         """Pose at a time; of a fixed edge, its one pose at any time."""
-        content = self.series.at(time_ns, blend_poses) if self.moves else self.first
+        content = self.series.at(time_ns, blend_poses, settings) if self.moves else self.first
         return None if content is None else to_pose(content)
 
 
@@ -89,11 +90,11 @@ class TransformTree:
         return any(edge.moves for edge in self.chain(frame))
 
 
-def compose(chain: list[Edge], time_ns: int) -> Pose | None:
+def compose(chain: list[Edge], time_ns: int, settings: ReadSettings) -> Pose | None:
     """Pose of the chain's first frame in its last parent; None where an edge is unknown at that time."""
     total: Pose | None = None
     for edge in chain:
-        pose = edge.at(time_ns)
+        pose = edge.at(time_ns, settings)
         if pose is None:
             return None
         total = pose if total is None else pose.compose(total)
@@ -109,6 +110,8 @@ class CameraPoses:
         `frame_id` of the images, may be empty.
     source
         "transforms", "poses" or "odometry".
+    settings
+        Between which samples poses are interpolated.
 
     Notes
     -----
@@ -117,7 +120,8 @@ class CameraPoses:
     taken to look straight ahead from a vehicle frame.
     """
 
-    def __init__(self, camera_frame: str, source: str) -> None:
+    def __init__(self, camera_frame: str, source: str, settings: ReadSettings) -> None:
+        self.settings = settings
         self.camera_frame, self.source = bare(camera_frame), source
         self.tree = TransformTree()
         self.series: TimeSeries[PoseContent] = TimeSeries()
@@ -137,9 +141,9 @@ class CameraPoses:
     def at(self, time_ns: int) -> PosePrior | None:
         """The camera's pose at a time, None where the log does not tell."""
         if self.source == "transforms":
-            pose = compose(self.tree.chain(self.camera_frame), time_ns)
+            pose = compose(self.tree.chain(self.camera_frame), time_ns, self.settings)
             return None if pose is None else PosePrior(pose, None, None, "poses")
-        content = self.series.at(time_ns, blend_poses)
+        content = self.series.at(time_ns, blend_poses, self.settings)
         if content is None:
             return None
         mount = self._mount(content, time_ns)
@@ -155,14 +159,14 @@ class CameraPoses:
             body = self.tree.root(self.camera_frame)
             above = {self.camera_frame, *(edge.parent for edge in chain)}
             return (
-                compose(chain, time_ns)
+                compose(chain, time_ns, self.settings)
                 if chain and body != parent and parent not in above
                 else None
             )
         if child == self.camera_frame or "optical" in child:
             return None
         if on_the_way := self.tree.chain(self.camera_frame, child):
-            return compose(on_the_way, time_ns)
+            return compose(on_the_way, time_ns, self.settings)
         self.assumed_mount = True
         return LOOKING_AHEAD
 

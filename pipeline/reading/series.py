@@ -9,14 +9,12 @@ from typing import Generic, TypeVar
 
 from wayside.pipeline.reading.contents import PoseContent, Quaternion
 from wayside.schemas.frame import Fix
+from wayside.schemas.settings import ReadSettings
 
 V = TypeVar("V")
 
 MOST_SAMPLES = 8192
-WIDEST_GAP_NS = 5 * 10**9
-"""Across a longer silence nothing is interpolated."""
-FURTHEST_NS = 10**8
-"""So far beyond the first or last sample a value is carried on along the last two."""
+"""Bounds the memory of a series."""
 
 
 class TimeSeries(Generic[V]):
@@ -61,10 +59,12 @@ class TimeSeries(Generic[V]):
         before = min(max(place - 1, 0), len(times) - 2)
         return times[before + 1] - times[before]
 
-    def at(self, time_ns: int, blend: Callable[[V, V, float], V]) -> V | None:
+    def at(
+        self, time_ns: int, blend: Callable[[V, V, float], V], settings: ReadSettings
+    ) -> V | None:
         """The value at a time: `blend(before, after, fraction)` of its two neighbours.
 
-        None where no samples are near: in a gap wider than `WIDEST_GAP_NS`, or more than `FURTHEST_NS` outside.
+        None where no samples are near: in a gap wider than `widest_gap_s`, or more than `carried_s` outside.
         """
         times = self.times
         place = bisect_left(times, time_ns)
@@ -75,7 +75,8 @@ class TimeSeries(Generic[V]):
         outside = max(times[0] - time_ns, time_ns - times[-1])
         before = min(max(place - 1, 0), len(times) - 2)
         gap = self.span_ns(time_ns)
-        if outside > FURTHEST_NS or gap > WIDEST_GAP_NS or outside > 10 * gap:
+        farthest = min(settings.carried_s * 1e9, settings.carried_gaps * gap)
+        if outside > farthest or gap > settings.widest_gap_s * 1e9:
             return None
         fraction = (time_ns - times[before]) / gap
         return blend(self.values[before], self.values[before + 1], fraction)

@@ -90,9 +90,49 @@ class SelfCalibrationSettings:
         "relative scatter of the lengths of steps: they do not depend on the lens and only fix the scale",
         low=1e-6,
     )
+    focal_guesses: tuple[float, ...] = _expert(
+        (0.6, 0.9, 1.4),
+        "",
+        "focal lengths over the width of the image that are tried where no calibration is given",
+        origin="80, 58 and 39 degrees across",
+        low=0.05,
+    )
     rounds: int = _expert(3, "rounds", "of matching anew with the result at most", low=1)
     settled: float = _expert(
         0.02, "", "matching is repeated where the focal length changed by more", low=0
+    )
+    # How near to its minimum the adjustment ends
+    iterations: int = _expert(15, "steps", "of the lens in one fit, at most", low=1)
+    start_iterations: int = _expert(
+        10, "steps", "of poses and points at the start, before the lens is free, at most", low=1
+    )
+    inner_iterations: int = _expert(
+        4, "steps", "of poses and points after each step of the lens, at most", low=1
+    )
+    gain: float = _expert(
+        0.5,
+        "",
+        "they end where the cost, twice a logarithm of likelihood, falls by less",
+        origin="one standard error changes it by 1",
+        low=0,
+    )
+    longest_step: float = _expert(
+        0.1,
+        "",
+        "change of the focal length in one step at most, relative",
+        origin="set by hand",
+        low=1e-6,
+    )
+    reweightings: int = _expert(
+        3, "fits", "with the errors of ties as large as the residuals of the last one say", low=1
+    )
+    same_errors: float = _expert(
+        0.95,
+        "",
+        "the last fit is one after which these errors are at least so many times those before",
+        origin="set by hand",
+        low=0,
+        high=1,
     )
     largest_sigma: float = _expert(
         0.03,
@@ -110,6 +150,14 @@ class SelfCalibrationSettings:
     )
     check_error: float = _expert(
         0.05, "", "a note says that a focal length is wrong where it is off by more", low=0
+    )
+    check_closer: float = _expert(
+        0.5,
+        "",
+        "the lens is adjusted in full where the first step asks for more than so much of `check_error`",
+        origin="the first step falls short of a large error",
+        low=0,
+        high=1,
     )
     check_sigmas: float = _expert(
         4.0, "sigmas", "and by more than so many standard errors", origin="set by hand", low=0

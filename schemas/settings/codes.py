@@ -87,6 +87,22 @@ class CodeSettings:
         low=1e-4,
         high=0.5,
     )
+    other_share: float = setting(
+        0.1,
+        "",
+        "share of faces that are none of its codes among those that the classifier of faces was taught",
+        origin="`make learn-faces` teaches this default; the codes share the rest alike",
+        expert=True,
+        low=1e-3,
+        high=0.99,
+    )
+    smallest_side_m: float = setting(
+        0.1, "m", "smallest side that a panel of no standard size may have", expert=True, low=0.01,
+        origin="between both, sides are log-uniform",
+    )  # fmt: skip
+    largest_side_m: float = setting(
+        8.0, "m", "and largest", expert=True, low=1, origin="set by hand",
+    )  # fmt: skip
     face_views: int = setting(
         5,
         "views",

@@ -158,6 +158,16 @@ class CandidateSettings:
         low=1,
     )
 
+    other_filled: float = setting(
+        0.8,
+        "boxes",
+        "area of a face of a shape that is not known, or fills no fixed part of its box",
+        origin="between a circle and a rectangle",
+        expert=True,
+        low=0.1,
+        high=1,
+    )
+
     # --- merging ---
     same_region_iou: float = setting(
         0.7,

@@ -130,6 +130,14 @@ class VerdictSettings:
     same_cover: float = setting(
         0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
+    nearest_m: float = setting(
+        0.5,
+        "m",
+        "nearer to the camera a landmark covers nothing",
+        origin="its box is its size over its depth",
+        expert=True,
+        low=0.01,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,6 +38,15 @@ class MergeSettings:
         0.9999, "", "two sightings of one panel take part in the adjustment of offsets with this probability "
         "(chi-square, 3)", low=0.5, high=0.9999999, origin="far pairs say nothing of an offset",
     )  # fmt: skip
+    kernel: tuple[float, ...] = setting(
+        (1.0, 0.5, 0.25, 0.1, 0.05, 0.0), "", "width of the kernel in each iteration of that adjustment, in parts of "
+        "the common errors' standard deviation", expert=True, low=0, high=10,
+        origin="wide first: signs without a like beside them decide",
+    )  # fmt: skip
+    least_share: float = setting(
+        1e-3, "", "pairs that are of one panel with a smaller probability are left out of an iteration", low=0, high=1,
+        expert=True, origin="they move an offset by a thousandth of what a sure one does",
+    )  # fmt: skip
     reach_m: float = setting(
         30.0, "m", "sightings farther apart are never compared", low=0.1,
         origin="four standard deviations between two drives with fixes of 5 m",
@@ -78,6 +87,10 @@ class MergeSettings:
         0.08, "1/year", "probability that the face at a place is replaced by another one within a year", low=1e-6,
         high=0.9, origin="a sign lasts about twelve years",
     )  # fmt: skip
+    most_changed: float = setting(
+        0.5, "", "that probability at most, however long ago", low=1e-6, high=0.9, expert=True,
+        origin="a place whose face is as likely the old as a new one says nothing of either",
+    )  # fmt: skip
     support_m: float = setting(
         0.6, "m", "panels nearer than this on the ground stand on one support", low=0,
         origin="as `assembly.support_m`",
@@ -102,6 +115,14 @@ class ChangeSettings:
     views: int = setting(
         3, "frames", "a place was in view if a panel there would show in so many images", low=1,
         origin="as `track.fewest_views`",
+    )  # fmt: skip
+    nearest_m: float = setting(
+        1.0, "m", "a place nearer to the camera, along its axis, is not in view", low=0.01,
+        origin="no panel is measured from so near",
+    )  # fmt: skip
+    farthest_m: float = setting(
+        400.0, "m", "images taken farther from a place are not looked at", low=1,
+        origin="no face is measured from farther away",
     )  # fmt: skip
     oblique_deg: float = setting(
         60.0, "deg", "a face seen at a larger angle from its normal is not in view", low=1, high=90,

@@ -85,9 +85,26 @@ class MotionSettings:
         low=0.05,
         high=1,
     )
+    order_ratio: float = setting(
+        2.0,
+        "",
+        "so many times as many corners move outward in the order in which two images were taken as in the other one",
+        origin="measured: 1.5 at least on neighbours of drives, 2 on all but the poorest (demo and real ones); with "
+        "images exchanged at most half as many",
+        expert=True,
+        low=1,
+    )
     shortest_m: float = setting(0.02, "m", "shortest step", expert=True, low=0)
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1
+    )
+    jump_sigmas: float = setting(
+        3.0,
+        "sigmas",
+        "by more than so many standard deviations of their distance",
+        origin="of normal errors one in 700 lies beyond",
+        expert=True,
+        low=0,
     )
     acceleration_mps2: float = setting(
         2.0,

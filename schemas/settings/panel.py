@@ -54,6 +54,15 @@ class PanelSettings:
         "relative scatter of the proportion of shapes that have one, outline included",
         low=0.0001,
     )
+    facing_iterations: int = _expert(
+        6, "steps", "Gauss-Newton steps of size and facing at most", low=1
+    )
+    facing_converged: float = _expert(
+        1e-6, "rad", "steps shorter than this (of the sizes: relative) end them", low=0
+    )
+    facing_step: float = _expert(
+        0.3, "rad", "change in one of these steps at most (of the sizes: relative)", low=1e-3
+    )
     farthest_off_m: float = _expert(
         1.0, "m", "a panel farther from its boxes is refused, near by", low=0
     )
@@ -138,14 +147,27 @@ class PanelOutlineSettings:
         2.3, "", "views up to so many times farther than the template show the outline", low=1
     )
     most_views: int = _expert(3, "views", "nearest views that show the outline", low=1)
+    offset_step: float = _expert(
+        0.25, "samples", "between the places where an edge is sought", low=0.05, high=1
+    )
     edge_level: float = _expert(
         12.0, "grey levels a sample", "gradient of an edge of strength one half", low=0.1
     )
     segment_samples: int = _expert(
         16, "samples", "points at which a segment is compared at most", low=4
     )
+    least_segment_samples: int = _expert(4, "samples", "and at least", low=1)
     inside: float = _expert(
         0.6, "", "fraction of a segment that lies in the views at least", low=0, high=1
+    )
+    trial_step: float = _expert(
+        0.5, "samples", "between the boxes that are tried for the strongest outline", low=0.05
+    )
+    trial_sweeps: int = _expert(
+        3, "sweeps", "over the sides of a box, the first of them over the whole range", low=1
+    )
+    trial_range: float = _expert(
+        2.0, "samples", "range of a side, either way, in the further sweeps", low=0.05
     )
     inward: float = _expert(
         0.12,
@@ -187,17 +209,33 @@ class PanelOutlineSettings:
     strip: float = _expert(
         1.5, "samples", "width of the strip inside a candidate whose colour should be even"
     )
+    strip_samples: int = _expert(
+        3, "samples", "along a segment, whose mean is the colour of its strip", low=1
+    )
+    side_rounds: int = _expert(2, "rounds", "of aligning the profiles of the sides", low=1)
     side_search: float = _expert(
         4.0, "samples", "range of the shift that aligns the sides' profiles", low=1
     )
     side_penalty: float = _expert(
         0.01, "1 / sample", "correlation that a longer shift of a side must gain", low=0
     )
+    refine_iterations: int = _expert(
+        4, "steps", "of a fit of sides and rotation, and of its weights in each, at most", low=1
+    )
+    refine_step: float = _expert(
+        2.0, "samples", "change of a side in one step at most (of the rotation: rad)", low=0.05
+    )
+    refine_converged: float = _expert(
+        0.02, "samples", "steps shorter than this (of the rotation: rad) end the fit", low=0
+    )
     refine_views: int = _expert(2, "views", "nearest views of the last fit", low=1)
     refine_search: float = _expert(1.5, "samples", "range of the edges of the last fit", low=0.5)
     free_search: float = _expert(2.0, "samples", "range of the edges where sides are free", low=0.5)
     side_sigma: float = _expert(
         1.0, "samples", "scatter of a side about its start (prior)", low=0.01
+    )
+    rival_sigmas: float = _expert(
+        4.0, "sigmas", "of a side, either way, within which edges are its rivals", low=0.5
     )
     rotation_sigma_deg: float = _expert(
         1.5, "deg", "scatter of the rotation in the plane (prior)", low=0.01

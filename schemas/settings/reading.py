@@ -61,6 +61,55 @@ class ReadSettings:
         expert=True,
         low=1,
     )
+    stray_pauses: float = setting(
+        60.0,
+        "times",
+        "the first and last messages of a log, in order, are stray from so many times `far_s` on",
+        origin="set by hand",
+        expert=True,
+        low=1,
+    )
+    most_stray: float = setting(
+        0.1,
+        "",
+        "fraction of a log that stray messages are at most",
+        origin="set by hand",
+        expert=True,
+        low=0,
+        high=1,
+    )
+    jump_images: float = setting(
+        10.0,
+        "images",
+        "header times tell how long a clock was set, up to so many usual distances of images",
+        origin="set by hand",
+        expert=True,
+        low=1,
+    )
+    widest_gap_s: float = setting(
+        5.0,
+        "s",
+        "poses and fixes are not interpolated across a longer silence",
+        origin="set by hand: a vehicle may turn meanwhile",
+        expert=True,
+        low=0,
+    )
+    carried_s: float = setting(
+        0.1,
+        "s",
+        "so far beyond the first or last of them the motion of the last two is carried on",
+        origin="set by hand",
+        expert=True,
+        low=0,
+    )
+    carried_gaps: float = setting(
+        10.0,
+        "times",
+        "and no farther than so many times the time between these two",
+        origin="set by hand: their errors grow by as much",
+        expert=True,
+        low=0,
+    )
     fastest_mps: float = setting(
         150.0,
         "m/s",
@@ -90,6 +139,22 @@ class ReadSettings:
         "m",
         "poses are so far aside of that path at least",
         origin="smaller errors are weighted down when the path is smoothed",
+        expert=True,
+        low=0,
+    )
+    spike_samples: int = setting(
+        3,
+        "positions",
+        "in a row that lie aside of that path, at most; more are another origin",
+        origin="set by hand",
+        expert=True,
+        low=1,
+    )
+    spike_scatters: float = setting(
+        6.0,
+        "sigmas",
+        "of the series' own scatter that both limits are wider by",
+        origin="set by hand: no sound position of normal errors",
         expert=True,
         low=0,
     )

@@ -89,6 +89,15 @@ class TieSettings:
         5.0, "m", "farthest road point to the side", expert=True, low=0
     )
 
+    scale_step: float = setting(
+        0.2,
+        "",
+        "change of scale in one step of the fit at most, relative",
+        origin="set by hand",
+        expert=True,
+        low=0.001,
+    )
+
     # Errors of ties
     sigma_px: float = setting(
         0.08,
@@ -125,6 +134,16 @@ class TieSettings:
         expert=True,
         low=0.01,
         high=0.99,
+    )
+
+    # Fits of a relative pose to rays
+    fit_iterations: int = setting(15, "iterations", "of a fit, at most", expert=True, low=1)
+    fit_gain: float = setting(
+        1e-7,
+        "",
+        "a fit ends where an iteration lowers the cost by a smaller fraction",
+        expert=True,
+        low=0,
     )
 
     # Coarse relative pose, from matched corners

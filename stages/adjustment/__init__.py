@@ -1,6 +1,6 @@
 """Bundle adjustment of frames and points together (report chapter 8)."""
 
-from wayside.stages.adjustment.bundle_adjustment import WindowAdjustment, adjust_window
+from wayside.stages.adjustment.bundle_adjustment import adjust_window
 from wayside.stages.adjustment.correlated_errors import (
     correlated_covariance,
     correlated_sigma_px,
@@ -17,7 +17,6 @@ from wayside.stages.adjustment.tie_tracks import (
     link_tracks,
     select_tracks,
     ties_of_step,
-    translation_px,
 )
 
 __all__ = [
@@ -25,7 +24,6 @@ __all__ = [
     "ResidualBlocks",
     "StepConstraints",
     "StepTies",
-    "WindowAdjustment",
     "adjust_window",
     "constraint_residuals",
     "correlated_covariance",
@@ -34,5 +32,4 @@ __all__ = [
     "select_tracks",
     "tie_scatter",
     "ties_of_step",
-    "translation_px",
 ]

@@ -1,18 +1,17 @@
 """Calibration of a camera: by views of a chessboard, and by the point tracks of a drive."""
 
-from wayside.stages.calibration.board_corners import Board, FoundBoard, find_board
+from wayside.stages.calibration.board_corners import Board, find_board
 from wayside.stages.calibration.board_fit import (
     LENS_MODELS,
     BoardCalibration,
     CalibrationError,
     FittedView,
-    Parameter,
     calibrate_boards,
     format_residuals,
 )
 from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
 from wayside.stages.calibration.lens import LENS, changed_camera
-from wayside.stages.calibration.segment import Segment, cut_segments
+from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.watch import (
     CalibrationWatch,
     FocalCheck,
@@ -30,9 +29,6 @@ __all__ = [
     "DriveCalibration",
     "FittedView",
     "FocalCheck",
-    "FoundBoard",
-    "Parameter",
-    "Segment",
     "calibrate_boards",
     "calibrate_drive",
     "changed_camera",

@@ -32,12 +32,8 @@ from wayside.stages.kernels import Array
 _RAYLEIGH_MEDIAN = sqrt(2 * np.log(2))
 """Median length of a residual of two normal coordinates, in their sigmas."""
 
-_LARGEST_STEP = 0.1
-_GAIN = 0.5
-"""Iterations end where the cost, twice a logarithm of likelihood, falls by less."""
-_FIRST_ROUNDS, _ROUNDS, _ITERATIONS = 10, 4, 15
-_REWEIGHTINGS, _SAME_FACTOR = 3, 0.95
 _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e3
+"""Numerical guards: damping leads to the same minimum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +84,14 @@ def calibrate_drive(
         What is known of the lens beforehand.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
-    for _ in range(_REWEIGHTINGS):
+    for _ in range(settings.reweightings):
         state = _minimise(state, problem)
         factor = _error_factor(state, problem)
-        if factor > _SAME_FACTOR * problem.weights.factor:
+        if factor > settings.same_errors * problem.weights.factor:
             break
         # A wrong lens has larger residuals, which let its errors pass for those of ties.
         problem = problem._replace(weights=problem.weights._replace(factor=factor))
-        state = _settled(state.segments, state.lens, problem, _ROUNDS)
+        state = _settled(state.segments, state.lens, problem, settings.inner_iterations)
     covariance, _ = _solve(state, problem, ties)
     count = sum(len(one.track) for one in segments)
     return DriveCalibration(
@@ -128,11 +124,12 @@ def focal_correction(
 
 
 class _Problem(NamedTuple):
-    """The camera of the start, weights, and the inverse covariance (5, 5) of the lens beforehand."""
+    """The camera of the start, weights, the inverse covariance (5, 5) of the lens beforehand, and when to stop."""
 
     camera: Camera
     weights: Weights
     known: Array
+    settings: SelfCalibrationSettings
 
 
 class _State(NamedTuple):
@@ -152,11 +149,11 @@ def _start(
     s, lens = settings, np.zeros(len(LENS))
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, s.distortion, s.distortion]
     weights = Weights(1.0, adjustment.tie_scale, adjustment.anchor_sigma_px, s.length)
-    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2))
-    state = _settled(segments, lens, problem, _FIRST_ROUNDS)
+    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2), s)
+    state = _settled(segments, lens, problem, s.start_iterations)
     # Compressed images have larger errors than stated.
     problem = problem._replace(weights=weights._replace(factor=_error_factor(state, problem)))
-    return problem, _settled(state.segments, lens, problem, _FIRST_ROUNDS)
+    return problem, _settled(state.segments, lens, problem, s.start_iterations)
 
 
 def _error_factor(state: _State, problem: _Problem) -> float:
@@ -168,20 +165,20 @@ def _error_factor(state: _State, problem: _Problem) -> float:
 
 
 def _minimise(start: _State, problem: _Problem) -> _State:
-    best, damping = start, 0.0
-    for _ in range(_ITERATIONS):
+    s, best, damping = problem.settings, start, 0.0
+    for _ in range(s.iterations):
         linear = _linearised(best, problem, _SMALLEST_DAMPING)
         matrix, right = _equations(best, linear, problem)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step: Array = np.asarray(np.linalg.solve(damped, right), np.float64)
-        shortened = min(1.0, _LARGEST_STEP / max(abs(float(step[0])), 1e-12))
+        shortened = min(1.0, s.longest_step / max(abs(float(step[0])), 1e-12))
         step *= shortened
         moved = [updated(a, b, step) for a, b in zip(best.segments, linear, strict=True)]
-        trial = _settled(moved, best.lens + step, problem, _ROUNDS)
+        trial = _settled(moved, best.lens + step, problem, s.inner_iterations)
         if trial.cost < best.cost:
             gain, best = best.cost - trial.cost, trial
             damping = damping / 10 if damping > 1e-6 else 0.0
-            if gain < _GAIN:
+            if gain < s.gain:
                 break
         else:
             damping = max(10 * damping, 1e-3)
@@ -207,12 +204,15 @@ def _equations(state: _State, linear: Sequence[Linear], problem: _Problem) -> tu
 def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds: int) -> _State:
     """Poses and points for a lens, and the cost of it."""
     here = changed_camera(problem.camera, lens)
-    settled = [_settle(one, here, problem.weights, rounds) for one in segments]
+    gain = problem.settings.gain
+    settled = [_settle(one, here, problem.weights, rounds, gain) for one in segments]
     cost = sum(evaluate(one, here, problem.weights)[0] for one in settled)
     return _State(lens, settled, cost + float(lens @ problem.known @ lens))
 
 
-def _settle(segment: Segment, camera: Camera, weights: Weights, rounds: int) -> Segment:
+def _settle(
+    segment: Segment, camera: Camera, weights: Weights, rounds: int, least_gain: float
+) -> Segment:
     cost, damping = evaluate(segment, camera, weights)[0], 1e-6
     for _ in range(rounds):
         linear = linearise(segment, camera, weights, damping)
@@ -221,7 +221,7 @@ def _settle(segment: Segment, camera: Camera, weights: Weights, rounds: int) -> 
         if trial_cost < cost:
             gain, segment, cost = cost - trial_cost, trial, trial_cost
             damping = max(damping / 10, _SMALLEST_DAMPING)
-            if gain < _GAIN:
+            if gain < least_gain:
                 break
         else:
             damping = max(30 * damping, 1e-4)

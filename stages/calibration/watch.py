@@ -106,8 +106,7 @@ def _check(
     correction, sigma = focal_correction(segments, camera, sigma_px, ties, adjustment, s)
     if not (isfinite(correction) and isfinite(sigma)):
         return _NOTHING
-    # The first step falls short of a large error: half of the limit is enough to look closer.
-    if abs(correction) <= 0.5 * s.check_error:
+    if abs(correction) <= s.check_closer * s.check_error:
         return FocalCheck(correction, sigma, None)
     found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
     error = -float(found.lens[0])

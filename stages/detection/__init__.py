@@ -24,7 +24,6 @@ from wayside.stages.detection.network_proposals import (
 )
 from wayside.stages.detection.onnx_detector import (
     OnnxNetwork,
-    as_input,
     multiple_of,
     named_boxes,
 )
@@ -53,7 +52,6 @@ __all__ = [
     "DetectionNetwork",
     "OnnxNetwork",
     "as_blob",
-    "as_input",
     "box_feature_names",
     "box_features",
     "boxes_of_maps",

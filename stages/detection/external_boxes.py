@@ -83,7 +83,9 @@ def detect_externally(
             assert isinstance(source, BoxFile)
             found = source.of(item.frame).inside(camera)
         segmentation = replace(
-            segmentation, regions=external_regions(found, item.rgb), region_count=found.found
+            segmentation,
+            regions=external_regions(found, item.rgb, settings),
+            region_count=found.found,
         )
         yield Detections(
             segmentation,
@@ -91,12 +93,14 @@ def detect_externally(
         )
 
 
-def external_regions(found: ExternalBoxes, rgb: NDArray[np.uint8]) -> Regions:
+def external_regions(
+    found: ExternalBoxes, rgb: NDArray[np.uint8], settings: CandidateSettings
+) -> Regions:
     """The boxes as regions: the area of their shape, the mean colour of their middle."""
     means = [mean_inside(rgb, corners) for corners in found.box]
     return Regions(
         found.box,
-        filled_area(found.box, found.shape),
+        filled_area(found.box, found.shape, settings),
         np.array(means, np.float32).reshape(-1, 3),
         np.full(len(found), SOURCES.index("external"), np.uint8),
     )

@@ -43,8 +43,6 @@ from wayside.stages.imaging import halved
 
 FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
 """Area of a shape as a fraction of its box."""
-OTHER_FILLED = 0.8
-"""The same of the other shapes, and where the shape is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,16 +152,19 @@ def network_regions(
     means = [mean_inside(rgb, corners) for corners in box]
     regions = Regions(
         box,
-        filled_area(box, found.shape[rows].argmax(axis=1)),
+        filled_area(box, found.shape[rows].argmax(axis=1), settings),
         np.array(means, np.float32).reshape(-1, 3),
         np.full(len(box), SOURCES.index("network"), np.uint8),
     )
     return regions, len(found.box) - len(box)
 
 
-def filled_area(box: NDArray[np.float32], shape: NDArray[np.integer]) -> NDArray[np.int32]:
+def filled_area(
+    box: NDArray[np.float32], shape: NDArray[np.integer], settings: CandidateSettings
+) -> NDArray[np.int32]:
     """Areas (n,) of faces of these shapes (n,) in boxes (n, 4); of an unknown shape (-1) that of a usual one."""
-    filled = [OTHER_FILLED if k < 0 else FILLED.get(SHAPES[k], OTHER_FILLED) for k in shape]
+    other = settings.other_filled
+    filled = [other if k < 0 else FILLED.get(SHAPES[k], other) for k in shape]
     return np.asarray(np.array(filled) * np.prod(box[:, 2:] - box[:, :2], axis=1), np.int32)
 
 

@@ -27,7 +27,7 @@ class Schedule(NamedTuple):
     """
 
     iterations: int
-    gain: float = 1e-7
+    gain: float
     damping: float = 1e-3
     least_damping: float = 1e-9
     tries: int = 8

@@ -6,7 +6,7 @@ from wayside.stages.georeference.linear_reference import measure_along_route
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import DrivePath, DriveRecord, PathPoint, StepScale, collect
 from wayside.stages.georeference.placement import place_signs
-from wayside.stages.georeference.trajectory import Trajectory, smooth
+from wayside.stages.georeference.trajectory import smooth
 
 __all__ = [
     "AbsoluteMeasurements",
@@ -17,7 +17,6 @@ __all__ = [
     "PathPoint",
     "RelativeMotionChain",
     "StepScale",
-    "Trajectory",
     "align_level",
     "collect",
     "georeference",

@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from io import BytesIO
 
 import cv2
 import numpy as np
+import PIL.Image
 import simplejpeg
 from numpy.typing import NDArray
 
@@ -39,6 +41,7 @@ _RAW_CHANNELS: dict[str, tuple[int, int | None]] = {
 _JPEG, _END_OF_JPEG, _START_OF_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
 _MOST_SCANS = 100
 """Scans of a progressive JPEG, each of which passes over all pixels: encoders write about ten."""
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _FILLING = re.compile(r"\b[1-8] extraneous bytes before marker 0xd9")
 """What a decoder says of the bytes that some cameras put between image and end: no pixel is missing."""
 
@@ -93,6 +96,8 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
             if data[:2].tobytes() == _JPEG:
                 return _jpeg_pixels(data)
             decoded = cv2.imdecode(data, _AS_STORED)
+            if decoded is not None and data[:4].tobytes() in _TIFF and not _is_whole_tiff(data):
+                return DAMAGED, None
             rgb = None if decoded is None else np.ascontiguousarray(decoded, np.uint8)
     except cv2.error:
         rgb = None
@@ -120,6 +125,23 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
         if _FILLING.search(str(error)) is None:
             return DAMAGED, None
         return USED, simplejpeg.decode_jpeg(data, "RGB", strict=False)
+
+
+def _is_whole_tiff(data: NDArray[np.uint8]) -> bool:
+    """Whether every strip and tile decodes: OpenCV prints the errors of libtiff and goes on, Pillow raises them.
+
+    True for the kinds of TIFF that Pillow does not know.
+    """
+    try:
+        image = PIL.Image.open(BytesIO(data.tobytes()), formats=("TIFF",))
+    except (PIL.UnidentifiedImageError, PIL.Image.DecompressionBombError):
+        return True
+    try:
+        with image:
+            image.load()
+    except (OSError, ValueError, SyntaxError, TypeError, KeyError, EOFError):
+        return False
+    return True
 
 
 def _raw_pixels(frame: Frame, data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:

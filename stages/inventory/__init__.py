@@ -8,12 +8,11 @@ from wayside.stages.inventory.association import (
 )
 from wayside.stages.inventory.grouping import combine, face_runs, join_groups, merge_sightings
 from wayside.stages.inventory.occlusion import PlaceImage, PlaceViews, look_past
-from wayside.stages.inventory.offsets import DriveOffsets, relative_variance, solve_offsets
+from wayside.stages.inventory.offsets import relative_variance, solve_offsets
 from wayside.stages.inventory.visibility import PanelPlaces, PanelViews, match_moved, views_of
 
 __all__ = [
     "YEAR_NS",
-    "DriveOffsets",
     "PanelPlaces",
     "PanelViews",
     "PlaceImage",

@@ -73,7 +73,9 @@ def faces_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSetti
 
     Either one face, or another one that was put up in its place between the two: what is seen then is as by chance.
     """
-    replaced = np.clip(settings.change_per_year * _years(sightings, i, j), 1e-9, 0.5)
+    replaced = np.clip(
+        settings.change_per_year * _years(sightings, i, j), 1e-9, settings.most_changed
+    )
     return np.logaddexp(
         np.log1p(-replaced) + face_log_ratio(sightings, i, j, settings), np.log(replaced)
     )
@@ -112,7 +114,7 @@ def gone_probability(
     settings
         How often faces are replaced, and panels missed.
     """
-    changed = np.clip(settings.change_per_year * years, 0.0, 0.5)
+    changed = np.clip(settings.change_per_year * years, 0.0, settings.most_changed)
     panel = confidence * settings.missed**misses
     gone, missed = panel * changed, panel * (1 - changed) * settings.missed**looks
     return np.asarray(gone / (gone + missed + 1 - confidence), np.float64)

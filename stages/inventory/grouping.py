@@ -234,7 +234,7 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
     years = np.diff(sightings.time_ns[rows]) / YEAR_NS
     best, back = fit[0], np.zeros((count, count), np.int64)
     for k in range(1, count):
-        changed = min(max(settings.change_per_year * years[k - 1], 1e-9), 0.5)
+        changed = min(max(settings.change_per_year * years[k - 1], 1e-9), settings.most_changed)
         move = np.where(
             np.eye(count, dtype=bool), log(1 - changed), log(changed / max(count - 1, 1))
         )

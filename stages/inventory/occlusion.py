@@ -19,10 +19,8 @@ _SAMPLES = 24
 """Of a window, each way."""
 _DEPTHS = 96
 """That are tried, evenly by their inverse."""
-_FARTHEST_M = 400.0
 _NEAREST = 0.25
 """Of the distance of the place."""
-_NEAREST_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +102,9 @@ def _tell(
     window = _sampled(image, rays[None], camera)[0]
     if not np.isfinite(window).all():
         return None
-    inverse = np.linspace(1 / _FARTHEST_M, 1 / (_NEAREST * ahead), _DEPTHS)
+    inverse = np.linspace(1 / settings.farthest_m, 1 / (_NEAREST * ahead), _DEPTHS)
     points = (rays @ image.rotation.T) / inverse[:, None, None] + image.centre
-    scores = [_correlations(window, other, points, camera) for other in others]
+    scores = [_correlations(window, other, points, camera, settings.nearest_m) for other in others]
     told = np.array([score for score in scores if np.isfinite(score).any()])
     if not len(told):
         return None
@@ -124,12 +122,12 @@ def _tell(
 
 
 def _correlations(
-    window: Floats, other: PlaceImage, points: Floats, camera: Camera
+    window: Floats, other: PlaceImage, points: Floats, camera: Camera, nearest_m: float
 ) -> NDArray[np.float64]:
     """Normalised correlation (d,) of a window (n,) with points (d, n, 3) in another image; nan: outside of it."""
     seen = (points - other.centre) @ other.rotation
-    ahead = (seen[..., 2] > _NEAREST_M).all(axis=1)
-    rays = seen / np.maximum(seen[..., 2:], _NEAREST_M)
+    ahead = (seen[..., 2] > nearest_m).all(axis=1)
+    rays = seen / np.maximum(seen[..., 2:], nearest_m)
     patches = _sampled(other, rays, camera)
     a, b = window - window.mean(), patches - patches.mean(axis=1, keepdims=True)
     norm = np.sqrt((a @ a) * np.einsum("dn,dn->d", b, b))

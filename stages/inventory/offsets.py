@@ -30,10 +30,6 @@ from wayside.stages.inventory.association import (
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
-"""Width of the kernel, parts of the common error's standard deviation, in order of the iterations."""
-_LEAST = 1e-3
-"""Pairs of a smaller share are left out of an iteration."""
 _SHORTEST_S = 1e-3
 """Panels of one image share the error; a shorter step would make the matrix singular."""
 _AXES = ((0, [0, 1]), (1, [2]))
@@ -65,12 +61,12 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
         _process(sightings, sightings.common_sigma_m[:, column], settings.correlation_s)
         for column, _ in _AXES
     ]
-    for width in _KERNEL:
+    for width in settings.kernel:
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
         apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
         distance2 = mahalanobis2(apart, spread)
         right = responsibilities(sightings, i, j, ratio - 0.5 * distance2)
-        kept = (distance2 < gate) & (right > _LEAST)
+        kept = (distance2 < gate) & (right > settings.least_share)
         if not kept.any():
             return DriveOffsets(np.zeros_like(offset), pairs[kept])
         weight = right[kept] / np.square(1 + distance2[kept] / gate)

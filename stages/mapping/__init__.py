@@ -2,7 +2,7 @@
 
 from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.association import AssociationGates
-from wayside.stages.mapping.classifiers import SideClassifiers, ViewClassifier
+from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
@@ -29,7 +29,6 @@ __all__ = [
     "SideClassifiers",
     "TravelledPath",
     "VerdictRevision",
-    "ViewClassifier",
     "WindowFrame",
     "assemble",
     "build_landmark",

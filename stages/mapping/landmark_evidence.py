@@ -42,7 +42,8 @@ class that the views together give; place_sigmas: Mahalanobis distance from the 
 size_scatter, depth_sigma: relative; agreement: see `registration_agreement`."""
 BEST = 3
 FREE_PX, EXACT_PX = 3.0, 0.1
-"""Residuals of registered images that show different things, and below which no residual is better than another."""
+"""Residuals of registered images that show different things, and below which no residual is better than another. With
+`BEST` part of what the features mean: the models hold for these."""
 
 
 @dataclass(frozen=True, slots=True)

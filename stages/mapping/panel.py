@@ -181,15 +181,14 @@ def solve_panel(
         return None
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
     stretch_sigma = np.hypot(settings.stretch_sigma, settings.blur_sigma * (depth / depth[0] - 1))
-    aspect = ASPECT.get(outline.shape)
     facing = solve_facing(
         plane._replace(point=point),
         centres,
         size * stretch * farther[:, None],
         np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
-        angle_sigma=float(np.radians(settings.facing_sigma_deg)),
         cauchy=solver.cauchy_sigmas,
-        aspect=None if aspect is None else (aspect, settings.aspect_sigma),
+        aspect=ASPECT.get(outline.shape),
+        settings=settings,
     )
     true_size = np.exp(facing.log_size)
     return Panel(

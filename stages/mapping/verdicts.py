@@ -31,8 +31,6 @@ VERDICT_OF_TERM = {
     "registration": "residual",
 }
 """Verdict on a landmark by the term of evidence that weighs most against it."""
-LEAST_DEPTH_M = 0.5
-"""Nearer to the camera a landmark has no box: division by its depth."""
 
 
 def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSettings) -> bool:
@@ -59,14 +57,16 @@ def same_face(
     )
     if near <= 0 or far - near > tolerance:
         return False
-    return max(mutual_cover(one, other, camera)) > settings.same_cover
+    return max(mutual_cover(one, other, camera, settings)) > settings.same_cover
 
 
-def mutual_cover(one: LandmarkFit, other: LandmarkFit, camera: Pose) -> tuple[float, float]:
+def mutual_cover(
+    one: LandmarkFit, other: LandmarkFit, camera: Pose, settings: VerdictSettings
+) -> tuple[float, float]:
     """Share of each landmark's box that the other's covers in an image, (of one, of other)."""
     local = camera.to_camera(np.array([one.point, other.point]))
     depth = local[:, 2:]
-    if depth.min() < LEAST_DEPTH_M:
+    if depth.min() < settings.nearest_m:
         return 0.0, 0.0
     centre, half = local[:, :2] / depth, np.array([one.metric, other.metric]) / depth / 2
     box = np.concatenate([centre - half, centre + half], axis=1)

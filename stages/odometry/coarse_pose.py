@@ -8,7 +8,7 @@ import numpy as np
 
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
-from wayside.stages.geometry import rays_of_ideal
+from wayside.stages.geometry import Schedule, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import (
     EpipolarFit,
@@ -79,6 +79,7 @@ def fit_coarse_motion(
             focal_px=focal_px,
             sigma_px=s.coarse_sigma_px,
             scales_px=scales_px,
+            schedule=Schedule(s.fit_iterations, s.fit_gain),
         )
     distances = sampson_px(previous, current, *fit, focal_px)
     return EpipolarFit(*fit), int((np.abs(distances) < s.coarse_inlier_px).sum())

@@ -23,9 +23,6 @@ from wayside.stages.geometry import (
 )
 from wayside.stages.kernels import Array, compiled, require_array
 
-ITERATIONS = 15
-"""Of a fit, at most."""
-
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
 
@@ -72,6 +69,7 @@ def fit_epipolar(
     focal_px: float,
     sigma_px: float,
     scales_px: Sequence[float],
+    schedule: Schedule,
 ) -> EpipolarFit:
     """Relative pose that minimises the Sampson distances of rays (Hartley and Zisserman, section 11.4.3).
 
@@ -91,6 +89,8 @@ def fit_epipolar(
         Standard deviation of the distance of a correct pair, px: the weight of the rays against the prior.
     scales_px
         Distance where the Cauchy cost starts to flatten, of each fit.
+    schedule
+        When a fit ends.
 
     Raises
     ------
@@ -103,7 +103,6 @@ def fit_epipolar(
     rotation = np.array(start[0], np.float64).reshape(3, 3)
     direction = np.array(start[1], np.float64).reshape(3)
     known = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)])
-    schedule = Schedule(ITERATIONS)
     for scale in scales_px:
         _fit(previous, current, rotation, direction, known, focal_px, sigma_px, scale, schedule)
     return EpipolarFit(rotation, direction)

@@ -123,7 +123,8 @@ def _by_poses(
     slopes = (given * direction[:2] / direction[2] + mounted * expected[:2] / expected[2]) / (
         given + mounted
     )
-    both = np.array([slopes[0], slopes[1], 1.0])
+    backward = step.centre[2] < -settings.doubt_sigmas * sigma_m
+    both = np.array([slopes[0], slopes[1], 1.0]) * (-1.0 if backward else 1.0)
     prior = StepPrior(
         step.rotation,
         sigma_rad,
@@ -157,7 +158,7 @@ def _between_fixes(
     """Distance and its sigma, metres; where fixes jump, both are half of the farthest that a vehicle can go."""
     baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second, settings)
     reach = settings.fastest_mps * seconds
-    if 0 < reach < baseline - 3 * sigma:
+    if 0 < reach < baseline - settings.jump_sigmas * sigma:
         return reach / 2, reach / 2
     return baseline, sigma
 

@@ -35,6 +35,13 @@ class Mount:
         self.heights.append(lane_heights(points, self.travel.direction, self.settings))
         return self.slopes[-1], self.heights[-1]
 
+    def copy(self) -> Mount:
+        """The same, apart from this one."""
+        twin = Mount(self.settings)
+        twin.slopes.extend(self.slopes)
+        twin.heights.extend(self.heights)
+        return twin
+
     def take(self, slopes: Array, heights: Array) -> None:
         """Take in what `learn` returned."""
         self.slopes.append(slopes)

@@ -32,6 +32,7 @@ class _Limits(NamedTuple):
     scale_change: float
     least_texture: float
     abandoned_correlation: float
+    scale_step: float
 
 
 class PatchRegistration(NamedTuple):
@@ -99,6 +100,7 @@ def register_patches(
         settings.scale_change,
         settings.least_texture,
         settings.abandoned_correlation,
+        settings.scale_step,
     )
     _register(far, near, corners, starts, warps, search_px, limits, point, scale, zncc, sigma)
     return PatchRegistration(point, scale, zncc, sigma)
@@ -277,7 +279,7 @@ def _fit(
         du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
         dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
         ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
-        ds = min(0.2, max(-0.2, ds))
+        ds = min(limits.scale_step, max(-limits.scale_step, ds))
         # The template warped by (du, dv, 1 + ds) fits the patch: compose its inverse with the current warp.
         position[2] /= 1.0 + ds
         position[0] -= position[2] * (warp[0] * du + warp[1] * dv)

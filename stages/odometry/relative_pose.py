@@ -11,7 +11,12 @@ import numpy as np
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
 from wayside.stages.adjustment import tie_scatter
-from wayside.stages.geometry import halfway_direction, rays_of_ideal, rotation_from_vector
+from wayside.stages.geometry import (
+    Schedule,
+    halfway_direction,
+    rays_of_ideal,
+    rotation_from_vector,
+)
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.coarse_pose import find_coarse_motion
 from wayside.stages.odometry.epipolar import fit_epipolar, sampson_px
@@ -166,6 +171,7 @@ def fit_relative_pose(
         focal_px=focal_px,
         sigma_px=settings.sigma_px,
         scales_px=(settings.fine_first_scale_px, settings.fine_last_scale_px),
+        schedule=Schedule(settings.fit_iterations, settings.fit_gain),
     )
     inlier = (
         np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px

@@ -6,16 +6,13 @@ the prior; tie points over the whole image measure the motion; a two-view adjust
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import hypot, inf, nan, radians, sqrt
-from typing import Protocol
 
 import numpy as np
 
-from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
-from wayside.schemas.frame import DUPLICATE, Frame, Image, Pose
-from wayside.schemas.motion import Motion, PosedDetections, StepPrior, Ties
+from wayside.schemas.frame import USED, Frame, Pose
+from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
 from wayside.stages.geometry import halfway_direction, pair_midpoint, pair_residual
 from wayside.stages.kernels import Array
@@ -27,7 +24,6 @@ from wayside.stages.odometry.relative_pose import (
     RelativePoseEstimator,
     estimate_relative_pose,
 )
-from wayside.stages.odometry.standing import shows_no_motion
 from wayside.stages.odometry.tie_points import KeypointImage
 
 
@@ -35,9 +31,10 @@ from wayside.stages.odometry.tie_points import KeypointImage
 class OdometryStep:
     """A step and what it leaves behind for the next one.
 
-    motion: None where the image shows none and is left out; nothing else changes then. depths (n,), metres, of the
+    motion: None where the image is left out, with `status`; nothing else changes then. depths (n,), metres, of the
     corners of the image; rotation (3, 3) or None where unknown; sigma_m and speed_mps of the step; dropped, doubts:
-    counts; learned: slopes (2,) and heights (n,) that the `Mount` took in, None where it took in nothing.
+    counts; learned: slopes (2,) and heights (n,) that the `Mount` took in, None where it took in nothing; outward:
+    matched ties that moved outward; misplaced: later frames that were found with this one to show other places.
     """
 
     motion: Motion | None
@@ -48,70 +45,9 @@ class OdometryStep:
     dropped: int = 0
     doubts: int = 0
     learned: tuple[Array, Array] | None = None
-
-
-class StepMemory(Protocol):
-    """Keeps the steps of a run for one that goes on with it."""
-
-    def recall(self, frame: int) -> OdometryStep | None:
-        """The step to a frame in the run before; None where it did not come so far."""
-
-    def keep(self, frame: int, step: OdometryStep) -> None:
-        """Take a new step, in the order of the frames."""
-
-
-def estimate_motion(
-    images: Iterator[Detections],
-    settings: MotionSettings,
-    ties: TieSettings,
-    adjustment: AdjustmentSettings,
-    memory: StepMemory | None = None,
-) -> Iterator[PosedDetections]:
-    """Add the camera's motion to each image.
-
-    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
-    Steps that `memory` recalls are not measured again.
-    An image that shows no motion since the last used one becomes a frame with the status `duplicate`, without
-    candidates: rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up,
-    since images are compared with the one that was used last.
-
-    Raises
-    ------
-    InputError
-        Where no source gives the length of a step.
-    """
-    odometry = VisualOdometry(settings, ties, adjustment)
-    for item in images:
-        if not item.frame.used:
-            yield PosedDetections(item, None)
-            continue
-        image = KeypointImage.of(item)
-        step = None if memory is None else memory.recall(item.frame.index)
-        if step is not None:
-            odometry.take(step, image, item.frame)
-        else:
-            step = OdometryStep(None)
-            if not shows_no_motion(odometry.image, image, settings, ties):
-                odometry.advance(image, item.frame)
-                step = odometry.last
-            if memory is not None:
-                memory.keep(item.frame.index, step)
-        yield PosedDetections(item if step.motion else _left_out(item), step.motion)
-
-
-def _left_out(item: Detections) -> Detections:
-    """A duplicate: neither pixels nor candidates; the number of its regions stays, so that none is lost uncounted.
-
-    Recorded bytes go as well: where a vehicle stands, any number of duplicates waits behind the tracking window.
-    """
-    frame = replace(item.frame, status=DUPLICATE, data=b"")
-    segmentation = replace(
-        item.segmentation,
-        image=Image(frame, None, None),
-        regions=Regions.empty(),
-        dropped=NOTHING_DROPPED,
-    )
-    return Detections(segmentation, Candidates.of(Regions.empty()))
+    outward: int = 0
+    status: str = USED
+    misplaced: tuple[int, ...] = ()
 
 
 @dataclass(slots=True)
@@ -152,6 +88,12 @@ class VisualOdometry:
         self.image, self.frame, self.last = image, frame, step
         return motion
 
+    def copy(self) -> VisualOdometry:
+        """The same state, apart from this one."""
+        twin = replace(self)
+        twin.mount = self.mount.copy()
+        return twin
+
     def take(self, step: OdometryStep, image: KeypointImage | None, frame: Frame) -> None:
         """Be as `advance` of the same image and frame left it where it gave this step."""
         if step.motion is None:
@@ -171,7 +113,9 @@ class VisualOdometry:
         if step is None or image is None or self.image is None:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
             rotation = None if last.ties is None else self.last.rotation
-            kept = replace(self.last, depths=np.zeros(0), rotation=rotation, learned=None)
+            kept = replace(
+                self.last, depths=np.zeros(0), rotation=rotation, learned=None, outward=0
+            )
             return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
@@ -226,8 +170,12 @@ class VisualOdometry:
             _ratio(carried, last.baseline_m),
             _window_prior(expected, baseline, sigma_m),
         )
+        matched = step.tied.rows[step.inlier, 1] >= 0
+        outward = int(
+            (adjusted.displacement_px[matched] > self.settings.smallest_parallax_px).sum()
+        )
         return motion, OdometryStep(
-            None, depths, adjusted.rotation, sigma_m, nan, dropped, doubts, learned
+            None, depths, adjusted.rotation, sigma_m, nan, dropped, doubts, learned, outward
         )
 
     def _length(

@@ -1,18 +1,16 @@
 """A panel as a plane: rectified views, their registration, the outer outline, the facing."""
 
-from wayside.stages.panel.facing import Facing, solve_facing
+from wayside.stages.panel.facing import solve_facing
 from wayside.stages.panel.image_alignment import warp_to_template
 from wayside.stages.panel.outline import (
     OUTLINE_FEATURES,
     FaceOutline,
-    OutlineCandidate,
     outline_candidates,
 )
 from wayside.stages.panel.outline_edges import gradients_of
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
     OUTLINE_SHAPES,
-    box_size,
     face_corners,
     segments_of,
 )
@@ -29,13 +27,10 @@ __all__ = [
     "OUTLINE_FEATURES",
     "OUTLINE_SHAPES",
     "FaceOutline",
-    "Facing",
-    "OutlineCandidate",
     "PanelMethod",
     "PanelPlane",
     "PosedImage",
     "RegisteredViews",
-    "box_size",
     "face_corners",
     "gradients_of",
     "outline_candidates",

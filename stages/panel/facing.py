@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.schemas.settings import PanelSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import PanelPlane
 
-_ITERATIONS, _CONVERGED, _LONGEST_STEP = 6, 1e-6, 0.3
 _TINY = 1e-4
+"""Step of forward differences, radians."""
 
 
 class Facing(NamedTuple):
@@ -32,9 +33,9 @@ def solve_facing(
     sizes: Array,
     sigmas: Array,
     *,
-    angle_sigma: float,
     cauchy: float,
-    aspect: tuple[float, float] | None = None,
+    aspect: float | None,
+    settings: PanelSettings,
 ) -> Facing:
     """Least squares (Cauchy weights) of angle, width and height on the sizes that the views show.
 
@@ -48,17 +49,18 @@ def solve_facing(
         Width and height (v, 2) that the panel covers on the plane, metres, seen from each camera.
     sigmas
         Their standard deviations relative to the size, (v, 2).
-    angle_sigma
-        Scatter of the angle about 0, rad: the prior.
     cauchy
         Scale of the Cauchy weights, standard deviations.
     aspect
-        Width over height where the shape has one proportion, and the relative scatter of that.
+        Width over height where the shape has one proportion.
+    settings
+        Scatter of the angle about 0 and of the proportion beforehand, and when to stop.
     """
+    s, angle_sigma = settings, float(np.radians(settings.facing_sigma_deg))
     x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
     observed = np.log(sizes)
     covariance: Array = np.zeros((3, 3))
-    for _ in range(_ITERATIONS):
+    for _ in range(s.facing_iterations):
         predicted = _log_sizes(plane, centres, x)
         derivative = (_log_sizes(plane, centres, x + np.array([_TINY, 0, 0])) - predicted) / _TINY
         weight = 1 / (1 + ((observed - predicted) / sigmas / cauchy) ** 2) / sigmas**2
@@ -73,12 +75,12 @@ def solve_facing(
         right[0] -= x[0] / angle_sigma**2
         if aspect is not None:
             by = np.array([0.0, 1.0, -1.0])
-            normal += np.outer(by, by) / aspect[1] ** 2
-            right += by * (np.log(aspect[0]) - by @ x) / aspect[1] ** 2
+            normal += np.outer(by, by) / s.aspect_sigma**2
+            right += by * (np.log(aspect) - by @ x) / s.aspect_sigma**2
         covariance = np.asarray(np.linalg.inv(normal), np.float64)
         step = covariance @ right
-        x = x + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        if np.abs(step).max() < _CONVERGED:
+        x = x + np.clip(step, -s.facing_step, s.facing_step)
+        if np.abs(step).max() < s.facing_converged:
             break
     return Facing(float(x[0]), x[1:].copy(), covariance)
 

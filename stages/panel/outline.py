@@ -18,7 +18,6 @@ from wayside.schemas.models import LinearModel
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import (
-    STEP,
     Gradients,
     edge_profiles,
     gradients_of,
@@ -136,28 +135,28 @@ def outline_candidates(
     views: NDArray[np.float32], gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[OutlineCandidate]:
     """Outlines parallel to the strongest of the best shapes, with their features."""
-    candidates = []
+    candidates, step = [], settings.offset_step
     for inner in strongest_outlines(gradients, box, settings):
         low = -settings.candidates_inward
         side = float(box_size(inner.box).min())
-        high = STEP * np.ceil((settings.candidates_outward * side + 1) / STEP)
+        high = step * np.ceil((settings.candidates_outward * side + 1) / step)
         segments = segments_of(inner.shape, inner.box, inner.rotation)
         profiles = edge_profiles(gradients, segments, low, high, settings)
         kept = math.ceil(settings.weaker_part * len(profiles))
         strength = np.sort(profiles, axis=0)[:kept].mean(axis=0)
-        colors = strip_colors(views, segments, low, high)
+        colors = strip_colors(views, segments, low, high, settings)
         middle = np.median(colors, axis=(0, 1))
         uneven = np.median(np.abs(colors - middle).max(axis=3), axis=(0, 1))
         grow = growth(segments)
         peaks = _peaks(strength)
         top = float(max((strength[i] for i in peaks), default=0.0))
         for i in peaks:
-            offset = i * STEP + low
+            offset = i * step + low
             faint = top <= 0 or strength[i] < settings.smallest_edge * top
             if faint or offset <= -settings.smallest_inward:
                 continue
             outer = inner.box + offset * grow
-            strip = float(uneven[max(0, i - round(settings.strip / STEP)) : i + 1].min())
+            strip = float(uneven[max(0, i - round(settings.strip / step)) : i + 1].min())
             features = _features(inner, outer, box, float(strength[i]) / top, strip)
             candidates.append(OutlineCandidate(inner._replace(box=outer), features))
     return candidates

@@ -15,11 +15,6 @@ from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.panel.outline_shapes import Segments
 
-STEP = 0.25
-"""Samples between the offsets of a profile."""
-_GROWTH_STEP, _SWEEPS, _FINE_RANGE = 0.5, 3, 2.0
-"""Coordinate ascent of a box: step of a trial, samples; sweeps; range of the trials after the first sweep."""
-
 
 class Gradients(NamedTuple):
     """Gradient right and down of each view, (views, rows, columns) each, of the channel that changes most."""
@@ -30,6 +25,15 @@ class Gradients(NamedTuple):
     def nearest(self, count: int) -> Gradients:
         """Those of the first views alone."""
         return Gradients(self.right[:count], self.down[:count])
+
+
+class _Trials(NamedTuple):
+    """Coordinate ascent of a box, as of `PanelOutlineSettings`."""
+
+    offset_step: float
+    step: float
+    sweeps: int
+    range: float
 
 
 def gradients_of(views: NDArray[np.float32]) -> Gradients:
@@ -51,29 +55,35 @@ def edge_profiles(
     high: float,
     settings: PanelOutlineSettings,
 ) -> Array:
-    """Strength of the edge along each segment at offsets low, low + STEP, ... (k, m), 0 to 1, mean over the views.
+    """Strength of the edge along each segment at offsets low, low + `offset_step`, ... (k, m), 0 to 1, over the views.
 
     Segments that leave the views have strength 0.
     """
     right, down = gradients
     require_array(right, "right", np.float32, (None, None, None))
     require_array(down, "down", np.float32, right.shape)
-    count = round((high - low) / STEP) + 1
+    s = settings
+    count = round((high - low) / s.offset_step) + 1
     profiles = np.zeros((len(segments.begin), count))
-    most, level, inside = settings.segment_samples, settings.edge_level, settings.inside
+    samples = (s.least_segment_samples, s.segment_samples)
     ends = (segments.begin, segments.end, segments.normal)
-    _profiles(right, down, *ends, low, most, level, inside, profiles)
+    _profiles(right, down, *ends, low, s.offset_step, samples, s.edge_level, s.inside, profiles)
     return profiles
 
 
 def strip_colors(
-    views: NDArray[np.float32], segments: Segments, low: float, high: float
+    views: NDArray[np.float32],
+    segments: Segments,
+    low: float,
+    high: float,
+    settings: PanelOutlineSettings,
 ) -> NDArray[np.float32]:
-    """Mean colour along each segment at offsets low, low + STEP, ...: (k, views, m, 3)."""
+    """Mean colour along each segment at offsets low, low + `offset_step`, ...: (k, views, m, 3)."""
     require_array(views, "views", np.float32, (None, None, None, 3))
     rows, columns = views.shape[1:3]
-    offset = low + STEP * np.arange(round((high - low) / STEP) + 1)[:, None, None]
-    fraction = (np.arange(3)[:, None] + 0.5) / 3
+    step, samples = settings.offset_step, settings.strip_samples
+    offset = low + step * np.arange(round((high - low) / step) + 1)[:, None, None]
+    fraction = (np.arange(samples)[:, None] + 0.5) / samples
     begin, end, normal = (ends[:, None, None] for ends in segments[:3])
     at = begin + fraction * (end - begin) + offset * normal  # segment, offset, sample
     at = np.clip(at, 0.0, (columns - 1.001, rows - 1.001))
@@ -86,14 +96,21 @@ def strip_colors(
 
 
 def strongest_box(
-    profiles: Array, jacobian: Array, low: float, directions: Array, limit: float
+    profiles: Array,
+    jacobian: Array,
+    low: float,
+    directions: Array,
+    limit: float,
+    settings: PanelOutlineSettings,
 ) -> tuple[Array, float]:
     """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
 
     Coordinate ascent: the whole box grows first, then each of the `directions` (d, 4) is changed alone.
     """
-    change = np.zeros(4)
-    best = _ascend(profiles, np.ascontiguousarray(jacobian[:, :4]), low, directions, limit, change)
+    s, change = settings, np.zeros(4)
+    trials = _Trials(s.offset_step, s.trial_step, s.trial_sweeps, s.trial_range)
+    sides = np.ascontiguousarray(jacobian[:, :4])
+    best = _ascend(profiles, sides, low, directions, limit, trials, change)
     return change, float(best)
 
 
@@ -105,7 +122,8 @@ def _profiles(
     end: Array,
     normal: Array,
     low: float,
-    most: int,
+    step: float,
+    samples_of: tuple[int, int],
     level: float,
     inside: float,
     profiles: Array,
@@ -113,9 +131,9 @@ def _profiles(
     views, rows, columns = right.shape
     for k in range(begin.shape[0]):
         du, dv = end[k, 0] - begin[k, 0], end[k, 1] - begin[k, 1]
-        samples = min(max(4, int(np.sqrt(du * du + dv * dv))), most)
+        samples = min(max(samples_of[0], int(np.sqrt(du * du + dv * dv))), samples_of[1])
         for m in range(profiles.shape[1]):
-            offset = low + m * STEP
+            offset = low + m * step
             total, count = 0.0, 0
             for n in range(samples):
                 fraction = (n + 0.5) / samples
@@ -139,14 +157,14 @@ def _profiles(
 
 
 @compiled
-def _strength(profiles: Array, jacobian: Array, low: float, change: Array) -> float:
+def _strength(profiles: Array, jacobian: Array, low: float, step: float, change: Array) -> float:
     total = 0.0
     last = profiles.shape[1] - 1.001
     for k in range(profiles.shape[0]):
         offset = 0.0
         for c in range(4):
             offset += jacobian[k, c] * change[c]
-        at = min(max((offset - low) / STEP, 0.0), last)
+        at = min(max((offset - low) / step, 0.0), last)
         i = int(at)
         total += profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
     return float(total / profiles.shape[0])
@@ -154,33 +172,40 @@ def _strength(profiles: Array, jacobian: Array, low: float, change: Array) -> fl
 
 @compiled
 def _ascend(
-    profiles: Array, jacobian: Array, low: float, directions: Array, limit: float, change: Array
+    profiles: Array,
+    jacobian: Array,
+    low: float,
+    directions: Array,
+    limit: float,
+    trials: _Trials,
+    change: Array,
 ) -> float:
-    high = low + STEP * (profiles.shape[1] - 1)
+    step, fine = trials.step, trials.range
+    high = low + trials.offset_step * (profiles.shape[1] - 1)
     trial = np.zeros(4)
     best = -1.0
-    steps = int((high - low) / _GROWTH_STEP) + 1
+    steps = int((high - low) / step) + 1
     for s in range(steps):
-        size = low + _GROWTH_STEP * s
+        size = low + step * s
         for c in range(4):
             trial[c] = -size if c < 2 else size
-        strength = _strength(profiles, jacobian, low, trial)
+        strength = _strength(profiles, jacobian, low, trials.offset_step, trial)
         if strength > best:
             best = strength
             change[:] = trial
-    for sweep in range(_SWEEPS):
+    for sweep in range(trials.sweeps):
         for d in range(directions.shape[0]):
             start = change.copy()
-            count = steps if sweep == 0 else int(2 * _FINE_RANGE / _GROWTH_STEP) + 1
+            count = steps if sweep == 0 else int(2 * fine / step) + 1
             for s in range(count):
-                size = (low if sweep == 0 else -_FINE_RANGE) + _GROWTH_STEP * s
+                size = (low if sweep == 0 else -fine) + step * s
                 inside = True
                 for c in range(4):
                     trial[c] = start[c] + size * directions[d, c]
                     inside = inside and abs(trial[c]) <= limit
                 if not inside:
                     continue
-                strength = _strength(profiles, jacobian, low, trial)
+                strength = _strength(profiles, jacobian, low, trials.offset_step, trial)
                 if strength > best + 1e-9:
                     best = strength
                     change[:] = trial

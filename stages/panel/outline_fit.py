@@ -11,7 +11,7 @@ import numpy as np
 
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array
-from wayside.stages.panel.outline_edges import STEP, Gradients, edge_profiles, strongest_box
+from wayside.stages.panel.outline_edges import Gradients, edge_profiles, strongest_box
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
     OUTLINE_SHAPES,
@@ -35,10 +35,6 @@ _DIRECTIONS = {
     ),
 }
 """How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
-_STEPS, _LONGEST_STEP, _CONVERGED = 4, 2.0, 0.02
-"""Least-squares steps of a refinement, and of its weights; samples."""
-_SIDE_SIGMAS = 4.0
-"""Standard deviations of a side, either way, in which edges are its rivals."""
 
 
 class Outline(NamedTuple):
@@ -99,13 +95,13 @@ def _strongest(
     settings: PanelOutlineSettings,
 ) -> Outline:
     """The strongest outline of a shape within fractions of a box's smaller side."""
-    side = float(box_size(box).min())
-    low = -STEP * np.ceil(max(inward * side + 1, settings.search) / STEP)
-    high = STEP * np.ceil(max(outward * side + 1, settings.search) / STEP)
+    side, step = float(box_size(box).min()), settings.offset_step
+    low = -step * np.ceil(max(inward * side + 1, settings.search) / step)
+    high = step * np.ceil(max(outward * side + 1, settings.search) / step)
     segments = segments_of(shape, box)
     profiles = edge_profiles(gradients, segments, low, high, settings)
     change, strength = strongest_box(
-        profiles, segments.jacobian, low, _DIRECTIONS[shape in ASPECT], max(-low, high)
+        profiles, segments.jacobian, low, _DIRECTIONS[shape in ASPECT], max(-low, high), settings
     )
     return Outline(shape, box + change, 0.0, strength)
 
@@ -116,15 +112,15 @@ def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSe
     The profiles of all sides are alike: each side is shifted to where its profile correlates best with their mean.
     """
     x = np.array([*outline.box, outline.rotation])
-    reach = settings.side_search
-    for _ in range(2):
+    reach, step = settings.side_search, settings.offset_step
+    for _ in range(settings.side_rounds):
         segments = segments_of(outline.shape, x[:4], x[4])
         profiles = edge_profiles(gradients, segments, -2 * reach, 2 * reach, settings)
-        half = round(reach / STEP)
+        half = round(reach / step)
         mean = profiles.mean(axis=0)[half:-half]
         windows = np.lib.stride_tricks.sliding_window_view(profiles, len(mean), axis=1)
         norm = np.sqrt((windows**2).sum(axis=2) * (mean**2).sum()) + 1e-9
-        shift = (np.arange(windows.shape[1]) - half) * STEP
+        shift = (np.arange(windows.shape[1]) - half) * step
         correlation = (windows @ mean) / norm - settings.side_penalty * np.abs(shift)
         best = correlation.argmax(axis=1)
         weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
@@ -158,15 +154,15 @@ def refine_outline(
     shape = outline.shape
     start = np.array([*outline.box, outline.rotation])
     x, strength = start.copy(), 0.0
-    for _ in range(_STEPS):
+    for _ in range(settings.refine_iterations):
         segments = segments_of(shape, x[:4], x[4])
         profiles = edge_profiles(gradients, segments, -search, search, settings)
         strength = float(profiles[:, profiles.shape[1] // 2].mean())
         offset, weight = nearest_edges(profiles, search, settings)
         normal, right = _priors(shape, x, start, side_sigma, settings)
         change = _least_squares(segments, offset, weight, normal, right, settings)
-        x += np.clip(change, -_LONGEST_STEP, _LONGEST_STEP)
-        if np.abs(change).max() < _CONVERGED:
+        x += np.clip(change, -settings.refine_step, settings.refine_step)
+        if np.abs(change).max() < settings.refine_converged:
             break
     return Outline(shape, x[:4], float(x[4]), strength)
 
@@ -174,12 +170,12 @@ def refine_outline(
 def rim_correction(gradients: Gradients, outline: Outline, settings: PanelOutlineSettings) -> Array:
     """Change (4,) of a box for a rim too narrow to have an edge of its own: it widens the outer flank of the edge."""
     segments = segments_of(outline.shape, outline.box, outline.rotation)
-    reach = settings.flank
+    reach, step = settings.flank, settings.offset_step
     profile = edge_profiles(gradients, segments, -reach, reach + 1, settings).mean(axis=0)
-    centre, near = round(reach / STEP), round(1 / STEP)
+    centre, near = round(reach / step), round(1 / step)
     top = centre - near + int(np.argmax(profile[centre - near : centre + near + 1]))
     fallen = np.flatnonzero(profile[top:] < profile[top] / 2)
-    flank = (top + fallen[0] - centre) * STEP if len(fallen) else reach + 1
+    flank = (top + fallen[0] - centre) * step if len(fallen) else reach + 1
     outward = settings.rim_fraction * (flank - settings.sharp_flank)
     limited = np.clip(outward, -settings.most_rim_inward, settings.most_rim_outward)
     return np.asarray(limited * growth(segments))
@@ -192,7 +188,8 @@ def side_variances(gradients: Gradients, outline: Outline, settings: PanelOutlin
     count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
     """
     segments = segments_of(outline.shape, outline.box, outline.rotation)
-    reach = STEP * np.ceil(_SIDE_SIGMAS * settings.side_sigma / STEP)
+    step = settings.offset_step
+    reach = step * np.ceil(settings.rival_sigmas * settings.side_sigma / step)
     profiles = edge_profiles(gradients, segments, -reach, reach, settings)
     offset = np.linspace(-reach, reach, profiles.shape[1])
     moves = segments.jacobian[:, :4]
@@ -210,10 +207,10 @@ def nearest_edges(
     profiles: Array, search: float, settings: PanelOutlineSettings
 ) -> tuple[Array, Array]:
     """Offset (k,) of each segment's edge, interpolated, and its weight; 0 and 0 where there is none."""
-    centre = (profiles.shape[1] - 1) // 2
+    centre, step = (profiles.shape[1] - 1) // 2, settings.offset_step
     inner = profiles[:, 1:-1]
     peak = (inner >= profiles[:, :-2]) & (inner > profiles[:, 2:])
-    away = (np.arange(1, profiles.shape[1] - 1) - centre) * STEP / settings.offset_sigma
+    away = (np.arange(1, profiles.shape[1] - 1) - centre) * step / settings.offset_sigma
     value = np.where(peak, inner * np.exp(-0.5 * away**2), 0.0)
     at = value.argmax(axis=1) + 1
     row = np.arange(len(profiles))
@@ -221,7 +218,7 @@ def nearest_edges(
     bend = before - 2 * here + after
     part = np.divide(0.5 * (before - after), bend, out=np.zeros_like(bend), where=bend < 0)
     found = value.max(axis=1) > settings.weakest_edge
-    offset = np.where(found, -search + STEP * (at + part), 0.0)
+    offset = np.where(found, -search + step * (at + part), 0.0)
     return offset, np.where(found, here**2, 0.0)
 
 
@@ -251,7 +248,7 @@ def _least_squares(
     settings: PanelOutlineSettings,
 ) -> Array:
     change: Array = np.zeros(5)
-    for _ in range(_STEPS):
+    for _ in range(settings.refine_iterations):
         residual = offset - segments.jacobian @ change
         robust = weight / (1 + (residual / settings.edge_cauchy) ** 2)
         weighted = segments.jacobian * robust[:, None]

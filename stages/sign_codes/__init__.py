@@ -4,7 +4,6 @@ from wayside.stages.sign_codes.codes import assign_codes
 from wayside.stages.sign_codes.face_classes import class_log_probabilities, classify_faces
 from wayside.stages.sign_codes.face_patches import (
     OTHER_FACE,
-    OTHER_SHARE,
     PATCH_SIDE,
     face_patch,
     face_samples,
@@ -12,7 +11,6 @@ from wayside.stages.sign_codes.face_patches import (
 
 __all__ = [
     "OTHER_FACE",
-    "OTHER_SHARE",
     "PATCH_SIDE",
     "assign_codes",
     "class_log_probabilities",

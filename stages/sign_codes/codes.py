@@ -28,11 +28,7 @@ from wayside.schemas.sign_catalogue import (
     Size,
 )
 from wayside.schemas.signs import Sign, SignCode
-from wayside.stages.sign_codes.face_patches import OTHER_FACE, OTHER_SHARE
-
-_NARROWEST_M, _WIDEST_M = 0.1, 8.0
-"""Sides between which a panel of no standard size may be: log-uniform."""
-_BROAD = 1 / np.log(_WIDEST_M / _NARROWEST_M) ** 2
+from wayside.stages.sign_codes.face_patches import OTHER_FACE
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +168,10 @@ def _face_ratios(
     """Likelihood of the pixels by class of face, over that of all alike; empty where the face was not classified."""
     if not landmark.face_log_probability:
         return {}
-    each = (1 - OTHER_SHARE) / (len(classes) - 1)
+    other = settings.other_share
+    each = (1 - other) / (len(classes) - 1)
     return {
-        name: (1 - settings.misread) * float(np.exp(value)) / (OTHER_SHARE if name == OTHER_FACE else each)
+        name: (1 - settings.misread) * float(np.exp(value)) / (other if name == OTHER_FACE else each)
         + settings.misread
         for name, value in zip(classes, landmark.face_log_probability, strict=True)
     }  # fmt: skip
@@ -185,13 +182,14 @@ def _size_ratio(sign: Sign, leaf: _Leaf, settings: CodeSettings) -> float:
     size = np.array([sign.width_m, sign.height_m])
     if not (np.isfinite(size).all() and (size > 0).all()):
         return 1.0
+    broad = 1 / np.log(settings.largest_side_m / settings.smallest_side_m) ** 2
     if leaf.sign.limits is not None:
         low, high = leaf.extents
         inside = ((size >= low) & (size <= high)).all()
-        return float(inside / np.log(high / low).prod() / _BROAD)
+        return float(inside / np.log(high / low).prod() / broad)
     deviation, sigma = _off_standard(sign, leaf.extents, settings)
     density = np.exp(-(deviation**2).sum(axis=1) / 2) / (2 * np.pi * sigma.prod(axis=1))
-    return float(density.mean() * size.prod() / _BROAD)
+    return float(density.mean() * size.prod() / broad)
 
 
 def _off_standard(

@@ -14,9 +14,6 @@ PATCH_SIDE, PATCH_MARGIN = 32, 0.08
 OTHER_FACE = "other"
 """Class of the face classifier of all faces that are none of its codes."""
 
-OTHER_SHARE = 0.1
-"""Share of those among the patches that the classifier was taught; the other classes share the rest alike."""
-
 _DARK_LEVEL, _FLAT = 16.0, 0.1
 """Added to a grey value before its logarithm, and to the scatter of the logarithms: noise of dark pixels or of a face
 without contrast is no legend. Part of the input format."""

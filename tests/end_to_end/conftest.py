@@ -77,7 +77,13 @@ def default_demo(run_demo: RunDemo) -> Result:
 
 @pytest.fixture(scope="session")
 def report_demo(run_demo: RunDemo) -> Result:
-    """The result of the preset `report`."""
+    """The result of the preset `report` on the first third of the log."""
+    return run_demo("--preset", "report", "--set", "read.until_s=2")
+
+
+@pytest.fixture(scope="session")
+def report_whole_demo(run_demo: RunDemo) -> Result:
+    """The result of the preset `report` on the whole log."""
     return run_demo("--preset", "report")
 
 

@@ -40,6 +40,12 @@ def settings(preset="default", folder="", **more):
     return load_settings(preset, None, [], given)[0]
 
 
+@pytest.fixture(scope="module")
+def shipped():
+    """The models that ship, of the default preset."""
+    return load_models(settings())
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_model_that_ships_reads_and_writes_the_same_bytes(name):
     text = (shipped_models() / name).read_text()
@@ -53,33 +59,33 @@ def test_a_model_that_ships_says_where_it_comes_from(name):
     assert ("rendered drives" if name == "outline.json" else "learn_") in provenance
 
 
-def test_the_models_of_the_default_preset_saw_nothing_that_is_for_tests_only():
-    models = load_models(settings())
-    assert models.box_classifier.with_network is not None
+def test_the_models_of_the_default_preset_saw_nothing_that_is_for_tests_only(shipped):
+    assert shipped.box_classifier.with_network is not None
     only_tests = ("scenes/mb", "de_road_kitti0015", "de_city_kitti0001", "de_autobahn")
     for source in only_tests:
-        assert learned_from(source, models.provenances()) == ()
+        assert learned_from(source, shipped.provenances()) == ()
 
 
-def test_the_box_classifier_knows_the_features_that_the_stage_computes():
-    classifier = load_models(settings()).box_classifier
+def test_the_box_classifier_knows_the_features_that_the_stage_computes(shipped):
+    classifier = shipped.box_classifier
     assert classifier.features == box_feature_names()
     assert classifier.prefilter is not None
     assert classifier.prefilter.features == prefilter_feature_names()
 
 
-def test_the_classifiers_of_backs_and_the_ranking_know_the_features_that_the_stages_compute():
-    models = load_models(settings())
-    assert models.back_classifier is not None
-    assert models.back_classifier.features == box_feature_names()
-    assert models.back_landmark_classifier is not None
-    assert set(models.back_landmark_classifier.features) == set(FEATURES)
-    assert models.region_ranking is not None
-    assert models.region_ranking.features == REGION_FEATURES
+def test_the_classifiers_of_backs_and_the_ranking_know_the_features_that_the_stages_compute(
+    shipped,
+):
+    assert shipped.back_classifier is not None
+    assert shipped.back_classifier.features == box_feature_names()
+    assert shipped.back_landmark_classifier is not None
+    assert set(shipped.back_landmark_classifier.features) == set(FEATURES)
+    assert shipped.region_ranking is not None
+    assert shipped.region_ranking.features == REGION_FEATURES
 
 
-def test_the_landmark_classifier_knows_the_features_that_the_stage_computes():
-    landmark = load_models(settings()).landmark_classifier
+def test_the_landmark_classifier_knows_the_features_that_the_stage_computes(shipped):
+    landmark = shipped.landmark_classifier
     assert landmark is not None
     assert set(landmark.features) == set(FEATURES)
 
@@ -89,9 +95,8 @@ def test_the_model_of_outlines_knows_the_features_that_the_stage_computes():
         assert load_models(settings(preset)).outline_weights.features == OUTLINE_FEATURES
 
 
-def test_the_networks_that_name_faces_know_features_and_names_of_the_stages():
-    models = load_models(settings())
-    for network, names in ((models.color_network, COLORS), (models.shape_network, SHAPES)):
+def test_the_networks_that_name_faces_know_features_and_names_of_the_stages(shipped):
+    for network, names in ((shipped.color_network, COLORS), (shipped.shape_network, SHAPES)):
         assert network is not None
         assert set(network.features) <= set(box_feature_names())
         assert set(network.classes) <= set(names)
@@ -112,8 +117,8 @@ def test_the_trajectory_model_is_that_of_the_form_asked_for(form):
     assert load_models(settings("report")).trajectory_density is None
 
 
-def test_each_preset_has_its_own_colours_shapes_and_places():
-    default, report = load_models(settings()), load_models(settings("report"))
+def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
+    default, report = shipped, load_models(settings("report"))
     assert (default.color_classes, default.shape_classes) == (None, None)
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
     assert load_models(settings("report-shape")).shape_classes.space == "fourier6"
@@ -186,9 +191,11 @@ def with_curve(folder, *names):
     return folder
 
 
-def test_a_false_alarm_rate_moves_the_decision_of_the_default_preset_not_the_confidence(tmp_path):
+def test_a_false_alarm_rate_moves_the_decision_of_the_default_preset_not_the_confidence(
+    tmp_path, shipped
+):
     folder = with_curve(tmp_path, "place.json", "back_place.json")
-    shipped, read = load_models(settings()), load_models(settings(folder=folder))
+    read = load_models(settings(folder=folder))
     for alpha, decision in ((0.05, 1.5), (0.2, -0.5)):
         traded = load_models(settings(folder=folder, alpha=alpha))
         front, back = traded.landmark_classifier, traded.back_landmark_classifier
@@ -216,21 +223,20 @@ def test_digests_are_those_of_the_files_and_the_same_each_time():
     assert one["judge"] == digest((shipped_models() / "judge.json").read_text())
 
 
-def test_a_changed_model_has_the_digest_of_its_new_text():
-    models = load_models(settings())
-    trees = replace(models.box_classifier, threshold=7.0)
-    found = replace(models, box_classifier=trees).digests()
-    assert found["judge"] == digest(model_to_json(trees)) != models.digests()["judge"]
-    assert found["back"] == models.digests()["back"]
+def test_a_changed_model_has_the_digest_of_its_new_text(shipped):
+    trees = replace(shipped.box_classifier, threshold=7.0)
+    found = replace(shipped, box_classifier=trees).digests()
+    assert found["judge"] == digest(model_to_json(trees)) != shipped.digests()["judge"]
+    assert found["back"] == shipped.digests()["back"]
 
 
-def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path):
+def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path, shipped):
     data = json.loads((shipped_models() / "location.json").read_text())
     data["provenance"] = "my own"
     (tmp_path / "location.json").write_text(json.dumps(data))
     models = load_models(settings(folder=tmp_path))
     assert models.location_classes.provenance == "my own"
-    assert models.box_classifier.provenance == load_models(settings()).box_classifier.provenance
+    assert models.box_classifier.provenance == shipped.box_classifier.provenance
 
 
 def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_path, monkeypatch):
@@ -361,8 +367,8 @@ def test_a_detection_network_is_read_where_it_is_named_and_its_digest_is_stated(
             load_models(load_settings("default", None, [], {"models.network": str(name)})[0])
 
 
-def test_the_detection_network_that_ships_is_used_unless_none_is_wanted():
-    network = load_models(settings()).detection_network
+def test_the_detection_network_that_ships_is_used_unless_none_is_wanted(shipped):
+    network = shipped.detection_network
     assert network is not None
     assert Path(network.path).parent == Path(str(shipped_models()))
     without = load_models(load_settings("default", None, [], {"models.network": ""})[0])

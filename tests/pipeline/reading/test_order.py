@@ -235,7 +235,7 @@ def test_an_image_without_pose_and_poses_for_a_part_only_lose_no_image_behind_th
 def test_sound_times_are_left_as_they_are(steps, offset, images):
     log = np.cumsum(np.array(steps, np.int64)) * 10**6 + 10**12
     rows = np.unique(np.array([i for i in images if i < len(log)], np.int64))
-    clock = settle_log(log, rows, log[rows] + offset, 10**9, 60 * 10**9)
+    clock = settle_log(log, rows, log[rows] + offset, ReadSettings(late_s=1.0))
     assert (clock.time_ns == log).all()
     assert not clock.by_time
     assert not clock.jumps
@@ -255,7 +255,7 @@ def test_a_clock_set_back_anywhere_leaves_order_and_short_steps(steps, data, siz
     at = data.draw(st.integers(1, len(log) - 1))
     rows = np.arange(len(log))
     set_back = np.where(rows >= at, log - size, log)
-    clock = settle_log(set_back, rows, np.zeros(len(log), np.int64), 15 * 10**8, 60 * 10**9)
+    clock = settle_log(set_back, rows, np.zeros(len(log), np.int64), ReadSettings())
     assert not clock.by_time
     passed = np.diff(clock.time_ns)
     assert (passed >= -15 * 10**8).all()
@@ -268,7 +268,8 @@ TIMES = st.one_of(st.sampled_from([0, 1, LATEST_NS - 1]), st.integers(0, LATEST_
 @given(st.lists(st.tuples(TIMES, TIMES), min_size=1, max_size=60))
 def test_times_of_any_size_are_settled(pairs):
     log_ns, header_ns = np.repeat(np.array(pairs, np.int64), 3, axis=0).T
-    clock = settle_log(log_ns, np.arange(0, len(log_ns), 2), header_ns[::2], SECOND, HOUR)
+    settings = ReadSettings(late_s=1.0, far_s=3600.0)
+    clock = settle_log(log_ns, np.arange(0, len(log_ns), 2), header_ns[::2], settings)
     times, _, _ = settle_headers(clock.time_ns, header_ns, SECOND)
     assert len(clock.time_ns) == len(times) == len(log_ns)
 

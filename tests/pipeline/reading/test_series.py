@@ -16,12 +16,15 @@ from wayside.pipeline.reading.series import (
     slerp,
 )
 from wayside.schemas.frame import Fix
+from wayside.schemas.settings import ReadSettings
 
 quaternions = (
     st.tuples(*[st.floats(-1, 1)] * 4)
     .filter(lambda q: math.hypot(*q) > 0.6)
     .map(lambda q: tuple(v / math.hypot(*q) for v in q))
 )
+
+SETTINGS = ReadSettings()
 
 
 def blend(a, b, fraction):
@@ -59,7 +62,7 @@ def test_values_within_the_samples_are_those_of_numpy(times, time):
     series = TimeSeries()
     for t in times:
         series.add(t, t * 3.0)
-    found = series.at(time, blend)
+    found = series.at(time, blend, SETTINGS)
     if min(times) <= time <= max(times):
         assert found == pytest.approx(time * 3.0, rel=1e-9, abs=1e-6)
 
@@ -68,16 +71,16 @@ def test_nothing_is_carried_far_beyond_the_samples():
     series = TimeSeries()
     series.add(0, 0.0)
     series.add(10**8, 1.0)
-    assert series.at(15 * 10**7, blend) == pytest.approx(1.5)
-    assert series.at(-5 * 10**7, blend) == pytest.approx(-0.5)
-    assert series.at(3 * 10**8, blend) is None
+    assert series.at(15 * 10**7, blend, SETTINGS) == pytest.approx(1.5)
+    assert series.at(-5 * 10**7, blend, SETTINGS) == pytest.approx(-0.5)
+    assert series.at(3 * 10**8, blend, SETTINGS) is None
 
 
 def test_a_single_sample_holds_at_its_own_time_only():
     series = TimeSeries()
     series.add(5, 1.0)
-    assert series.at(5, blend) == 1.0
-    assert series.at(6, blend) is None
+    assert series.at(5, blend, SETTINGS) == 1.0
+    assert series.at(6, blend, SETTINGS) is None
 
 
 def test_the_latest_sample_is_that_at_or_before_a_time_else_the_first():

@@ -104,7 +104,7 @@ def test_the_minimum_is_that_of_scipy(seed):
 
 
 def test_the_cost_never_rises_from_iteration_to_iteration():
-    costs = [fit(noisy(5), Schedule(n))[1] for n in range(12)]
+    costs = [fit(noisy(5), Schedule(n, 1e-7))[1] for n in range(12)]
     assert (np.diff(costs) <= 0).all()
     assert costs[-1] < 0.5 * costs[0]
 
@@ -121,6 +121,6 @@ def test_it_stops_where_an_iteration_gains_too_little():
 
 
 def test_equations_that_cannot_be_solved_leave_the_start():
-    best, _, done, _ = fit(noisy(8), Schedule(50), kernel=without_step)
+    best, _, done, _ = fit(noisy(8), Schedule(50, 1e-7), kernel=without_step)
     np.testing.assert_array_equal(best.unknowns, [0.5, 0.1])
     assert done == 1

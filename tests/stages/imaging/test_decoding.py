@@ -160,6 +160,31 @@ def test_an_image_that_is_larger_than_its_camera_is_not_decoded(encoding, monkey
     assert image.frame.status == "undecodable"
 
 
+def tiff(rgb, compression):
+    options = [cv2.IMWRITE_TIFF_COMPRESSION, compression, cv2.IMWRITE_TIFF_ROWSPERSTRIP, 6]
+    return cv2.imencode(".tiff", rgb[..., ::-1], options)[1].tobytes()
+
+
+_LZW, _DEFLATE = 5, 8
+
+
+@pytest.mark.parametrize(
+    ("compression", "wrong"), [(_LZW, bytes(40)), (_DEFLATE, b"\xff" * 40)], ids=["LZW", "Deflate"]
+)
+def test_a_tiff_of_which_a_strip_does_not_decode_is_damaged(compression, wrong):
+    whole = tiff(pixels(), compression)
+    np.testing.assert_array_equal(decode_one(frame(whole, "tiff")).rgb, pixels())
+    half = len(whole) // 2
+    image = decode_one(frame(whole[:half] + wrong + whole[half + 40 :], "tiff"))
+    assert (image.frame.status, image.rgb, image.grey) == ("damaged", None, None)
+
+
+def test_a_whole_tiff_that_only_one_decoder_knows_is_used():
+    deep = pixels().astype(np.uint16) * 257
+    image = decode_one(frame(tiff(deep, _LZW), "tiff"))
+    np.testing.assert_array_equal(image.rgb, pixels())
+
+
 def test_padding_after_a_jpeg_does_no_harm():
     assert decode_one(frame(jpeg(pixels()) + bytes(64))).frame.status == "used"
 

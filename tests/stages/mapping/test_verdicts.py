@@ -44,9 +44,9 @@ def test_a_landmark_of_unsure_depth_is_the_face_that_hides_it(fit_at, sigma_ahea
 
 def test_a_landmark_covers_itself_and_nothing_from_behind(fit_at):
     fit = fit_at(60.0)
-    assert mutual_cover(fit, fit, NEWEST) == (1.0, 1.0)
+    assert mutual_cover(fit, fit, NEWEST, SETTINGS) == (1.0, 1.0)
     beyond = Pose(np.eye(3), np.array([0.0, 0.0, 70.0]))
-    assert mutual_cover(fit, fit, beyond) == (0.0, 0.0)
+    assert mutual_cover(fit, fit, beyond, SETTINGS) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.geometry import halfway_direction
+from wayside.stages.geometry import Schedule, halfway_direction
 from wayside.stages.odometry.epipolar import (
     fit_epipolar,
     sampson_px,
@@ -36,7 +36,14 @@ def pair(noise_px=0.1, count=150, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.0
 
 def fit(previous, current, start=START, prior=VAGUE, scale_px=20.0, sigma_px=0.1):
     return fit_epipolar(
-        previous, current, start, prior, focal_px=FOCAL, sigma_px=sigma_px, scales_px=[scale_px]
+        previous,
+        current,
+        start,
+        prior,
+        focal_px=FOCAL,
+        sigma_px=sigma_px,
+        scales_px=[scale_px],
+        schedule=Schedule(15, 1e-7),
     )
 
 

@@ -64,6 +64,14 @@ def test_the_direction_of_poses_is_weighed_against_the_mount():
     assert sharp.prior.direction[0] / sharp.prior.direction[2] == pytest.approx(0.01, rel=1e-3)
 
 
+def test_poses_that_go_back_give_a_direction_back_where_it_is_certain():
+    back = expect(posed((0, 0, 0)), posed((0.08, 0, -8.0)))
+    assert back.prior.direction[2] < -0.99
+    assert -0.01 < back.prior.direction[0] / back.prior.direction[2] < 0.0
+    unsure = expect(posed((0, 0, 0)), posed((0, 0, -0.05)))
+    assert unsure.prior.direction[2] > 0.99
+
+
 def test_poses_without_sigmas_get_default_ones():
     silent = (posed(c, sigma_m=None, sigma_rad=None) for c in ((0, 0, 0), (0, 0, 8.0)))
     found = expect(*silent)

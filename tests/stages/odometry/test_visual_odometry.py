@@ -15,6 +15,7 @@ from wayside.schemas.detections import Candidates, Detections, Regions, Segmenta
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     DUPLICATE,
+    OTHER_PLACE,
     SKIPPED,
     USED,
     Camera,
@@ -30,12 +31,12 @@ from wayside.schemas.settings import (
     MotionSettings,
     TieSettings,
 )
+from wayside.stages.odometry.drive_motion import estimate_motion
 from wayside.stages.odometry.features import extract_features
 from wayside.stages.odometry.motion_prior import predict_motion
 from wayside.stages.odometry.visual_odometry import (
     OdometryStep,
     VisualOdometry,
-    estimate_motion,
 )
 
 CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
@@ -473,3 +474,103 @@ def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(known
     assert bits(first) == bits(second)
     for frame in whole:
         assert bits(whole.recall(frame)) == bits(again.recall(frame))
+
+
+def known_by(source, poses):
+    """Frame fields that tell the lengths of steps."""
+    if source == "poses":
+        return {"pose": [PosePrior(pose, 0.02, 0.002, "poses") for pose in poses]}
+    if source == "spacing":
+        return {"spacing_m": [SPACING] * len(poses)}
+    north = [math.degrees(pose.centre[2] / 6371000.0) for pose in poses]
+    return {"fix": [Fix(n, 0.0, 0.0, (0.5, 0.5, 1.0)) for n in north]}
+
+
+def stage(images, memory=None, **known):
+    settings = MotionSettings(), TieSettings(), AdjustmentSettings()
+    return list(estimate_motion(detections_of(images, **known), *settings, memory))
+
+
+def exchanged(images, first, second):
+    images = list(images)
+    images[first], images[second] = images[second], images[first]
+    return images
+
+
+@pytest.mark.parametrize(
+    ("source", "pair", "left_out"),
+    [
+        ("poses", (4, 5), [4, 5]),
+        ("spacing", (4, 5), [4, 5]),
+        ("fixes", (4, 5), [4, 5]),
+        ("poses", (3, 5), [3, 4, 5]),
+        ("spacing", (2, 6), [2, 6]),
+        ("poses", (0, 1), [0, 1]),
+        ("spacing", (8, 9), [8, 9]),
+    ],
+    ids=str,
+)
+def test_images_that_are_exchanged_are_left_out_and_the_rest_is_as_without_them(
+    source, pair, left_out
+):
+    poses, images = painted(10)
+    found = stage(exchanged(images, *pair), **known_by(source, poses))
+    assert [i for i, item in enumerate(found) if item.frame.status == OTHER_PLACE] == left_out
+    assert [item.frame.index for item in found] == list(range(10))
+    used = [item for item in found if item.motion is not None]
+    assert [item.frame.status for item in used] == [USED] * (10 - len(left_out))
+    first = poses[used[0].frame.index]
+    for item in used:
+        true = poses[item.frame.index].relative_to(first)
+        tolerance = 1.0 if source == "fixes" else 0.5
+        assert item.motion.pose.centre == pytest.approx(true.centre, abs=tolerance)
+
+
+def test_an_image_of_another_road_is_left_out():
+    poses, images = painted(8)
+    foreign = Scene(poses, seed=9).image(poses[3])
+    given = [*images[:3], foreign, *images[4:]]
+    found = stage(given, **known_by("spacing", poses))
+    assert [i for i, item in enumerate(found) if item.frame.status == OTHER_PLACE] == [3]
+    assert found[-1].motion.station_m == pytest.approx(7 * SPACING, abs=0.1)
+
+
+def test_of_two_cameras_that_nothing_tells_apart_one_is_used():
+    poses, images = painted(8)
+    aside = Scene(poses, seed=9)
+    given = [aside.image(poses[i]) if i % 2 else images[i] for i in range(8)]
+    found = stage(given, **known_by("poses", poses))
+    statuses = [item.frame.status for item in found]
+    assert statuses == [USED, OTHER_PLACE, USED, OTHER_PLACE, USED, OTHER_PLACE, USED, USED]
+
+
+def test_a_blurred_image_is_still_of_its_place():
+    poses, images = painted(8)
+    blurred = cv2.GaussianBlur(images[3], (0, 0), 25)
+    found = stage([*images[:3], blurred, *images[4:]], **known_by("spacing", poses))
+    assert all(item.frame.used for item in found)
+
+
+def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
+    poses, images = painted(10)
+    order = [*range(5), *range(3, 0, -1)]
+    given = [images[i] for i in order]
+    found = stage(given, **known_by("poses", [poses[i] for i in order]))
+    assert all(item.frame.used for item in found)
+    for item, i in zip(found, order, strict=True):
+        true = poses[i].relative_to(poses[0]).centre
+        assert item.motion.pose.centre == pytest.approx(true, abs=0.3)
+
+
+@pytest.mark.parametrize("known", [3, 4, 5, 6])
+def test_a_run_that_goes_on_leaves_out_the_same_images(known, bits):
+    _, images = painted(10)
+    given = exchanged(images, 3, 5), {"spacing_m": [SPACING] * 10}
+    whole, again = Kept(), Kept()
+    first = stage(given[0], whole, **given[1])
+    assert sorted(whole) == list(range(10))
+    again.update({frame: step for frame, step in whole.items() if frame < known})
+    second = stage(given[0], again, **given[1])
+    assert [item.frame.status for item in first] == [item.frame.status for item in second]
+    assert bits([item.motion for item in first]) == bits([item.motion for item in second])
+    assert sorted(again) == list(range(10))

@@ -1,18 +1,24 @@
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from wayside.schemas.settings import PanelSettings
 from wayside.stages.panel import facing
 from wayside.stages.panel.rectification import PanelPlane
-
-solve_facing = partial(facing.solve_facing, cauchy=2.385)
 
 PLANE = PanelPlane(
     np.array([4.0, -1.5, 60.0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0])
 )
 CENTRES = np.array([[0.1 * k, 0.0, 8.0 * k] for k in range(1, 7)])[::-1].copy()
+
+
+def solve_facing(centres, sizes, sigmas, angle_sigma, aspect=None, aspect_sigma=0.02):
+    settings = PanelSettings(
+        facing_sigma_deg=float(np.degrees(angle_sigma)), aspect_sigma=aspect_sigma
+    )
+    return facing.solve_facing(
+        PLANE, centres, sizes, sigmas, cauchy=2.385, aspect=aspect, settings=settings
+    )
 
 
 def covered(angle, width, height):
@@ -33,7 +39,7 @@ def covered(angle, width, height):
 def test_angle_and_size_come_back_from_exact_sizes(angle_deg):
     sizes = covered(np.radians(angle_deg), 0.9, 0.7)
     sigmas = np.full(sizes.shape, 1e-4)
-    found = solve_facing(PLANE, CENTRES, sizes, sigmas, angle_sigma=1.0)
+    found = solve_facing(CENTRES, sizes, sigmas, angle_sigma=1.0)
     assert np.degrees(found.angle) == pytest.approx(angle_deg, abs=0.1)
     np.testing.assert_allclose(np.exp(found.log_size), [0.9, 0.7], rtol=1e-3)
 
@@ -42,7 +48,7 @@ def test_the_solution_is_that_of_scipy():
     rng = np.random.default_rng(3)
     sizes = covered(0.15, 0.75, 0.75) * np.exp(rng.normal(0, 0.004, (len(CENTRES), 2)))
     sigmas = np.full(sizes.shape, 0.02)  # weights of the robust loss stay near one
-    found = solve_facing(PLANE, CENTRES, sizes, sigmas, angle_sigma=0.2, aspect=(1.0, 0.02))
+    found = solve_facing(CENTRES, sizes, sigmas, angle_sigma=0.2, aspect=1.0)
 
     def residuals(x):
         gaps = (np.log(sizes) - np.log(covered(x[0], np.exp(x[1]), np.exp(x[2])))) / sigmas
@@ -56,7 +62,7 @@ def test_the_solution_is_that_of_scipy():
 
 def test_one_view_leaves_the_angle_to_its_prior():
     found = solve_facing(
-        PLANE, CENTRES[:1], covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01), angle_sigma=0.14
+        CENTRES[:1], covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01), angle_sigma=0.14
     )
     assert found.angle == pytest.approx(0.0, abs=1e-6)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.14, rel=0.01)
@@ -64,11 +70,11 @@ def test_one_view_leaves_the_angle_to_its_prior():
 
 def test_a_known_proportion_gives_the_angle_of_one_view():
     found = solve_facing(
-        PLANE,
         CENTRES[:1],
         covered(-0.2, 0.6, 0.6)[:1],
         np.full((1, 2), 1e-3),
         angle_sigma=1.0,
-        aspect=(1.0, 1e-3),
+        aspect=1.0,
+        aspect_sigma=1e-3,
     )
     assert found.angle == pytest.approx(-0.2, abs=0.02)

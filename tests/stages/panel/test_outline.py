@@ -6,7 +6,7 @@ import pytest
 
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
-from wayside.stages.panel.outline_edges import STEP, edge_profiles, gradients_of, strip_colors
+from wayside.stages.panel.outline_edges import edge_profiles, gradients_of, strip_colors
 from wayside.stages.panel.outline_fit import Outline, side_variances
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
 
@@ -98,14 +98,17 @@ def test_the_profile_peaks_where_the_edge_stands():
     edges = gradients_of(views_of("rectangle", middle, half, rim=0))
     segments = segments_of("rectangle", around(middle, half - 2.0))
     profiles = edge_profiles(edges, segments, -1.0, 5.0, PanelOutlineSettings())
-    assert np.abs(np.median(profiles.argmax(axis=1)) * STEP - 1.0 - 2.0) <= 0.25
+    assert (
+        np.abs(np.median(profiles.argmax(axis=1)) * PanelOutlineSettings().offset_step - 1.0 - 2.0)
+        <= 0.25
+    )
 
 
 def test_strips_take_the_colour_that_is_there():
     views = np.full((2, 40, 50, 3), 0, np.float32)
     views[:, :, 25:] = (10, 20, 30)
     segments = segments_of("rectangle", np.array([10.0, 10.0, 30.0, 30.0]))
-    colors = strip_colors(views, segments, -1.0, 1.0)
+    colors = strip_colors(views, segments, -1.0, 1.0, PanelOutlineSettings())
     right = np.flatnonzero(segments.normal[:, 0] > 0.9)
     np.testing.assert_allclose(colors[right], np.broadcast_to([10, 20, 30], colors[right].shape))
 
