@@ -1,4 +1,4 @@
-"""What the command line sets for its whole process: threads of OpenCV, kept memory, compilation.
+"""What the command line sets for its whole process: threads of libraries, kept memory, compilation.
 
 The library leaves all of this alone: a process belongs to the program that started it.
 """
@@ -11,7 +11,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import cv2
+import scipy.linalg  # noqa: F401  (loads its linear algebra)
 from numba.core import event
+from threadpoolctl import threadpool_limits
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # parameter numbers of glibc's malloc.h
 _LARGEST_BLOCK = 32 << 20
@@ -19,11 +21,16 @@ _KEPT = 1 << 30
 
 
 def tune_process() -> None:
-    """Prepare a process that does nothing but process logs; no result changes.
+    """Prepare a process that does nothing but process logs.
 
-    OpenCV's own threads are switched off, as the workers of a run share the cores already.
+    The own threads of OpenCV and of the linear algebra are switched off, as the workers of a run share the cores
+    already. A product of matrices has other last digits with other threads: without them, a result does not depend on
+    the number of cores.
     """
     cv2.setNumThreads(1)
+    threadpool_limits(
+        1, user_api="blas"
+    )  # of the libraries that are loaded: those of numpy and scipy
     keep_heap()
 
 

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import gc
+import json
+import os
+import subprocess
+import sys
 
 from numba import njit
 
@@ -13,6 +17,20 @@ from wayside.pipeline.tuning import keep_heap, watched_compilation
 
 def test_keeping_the_heap_is_advice_that_may_be_declined() -> None:
     assert keep_heap() in (True, False)
+
+
+def test_linear_algebra_runs_in_one_thread_whatever_the_machine() -> None:
+    program = """
+from threadpoolctl import threadpool_info
+from wayside.pipeline.tuning import tune_process
+tune_process()
+print([pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"])
+"""
+    threads = os.environ | {"OPENBLAS_NUM_THREADS": "4", "OMP_NUM_THREADS": "4"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=threads, capture_output=True, text=True, check=True
+    )
+    assert set(json.loads(done.stdout)) == {1}
 
 
 def test_a_compilation_is_told_once_with_collection_paused() -> None:
