@@ -29,7 +29,7 @@ from wayside.schemas.tables import FRAMES
 
 Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
-"""Changes that a page shows only where all are asked for."""
+"""Changes that a page shows only where all are asked for, or where something hides the place: leaves can be cut."""
 _SIZE = 480, 360
 _WEBP_QUALITY = 75
 _MARK = "wayside changes"
@@ -62,7 +62,7 @@ def write_page(
     names
         Of the surveys before and after.
     every
-        Show unchanged panels, and those not looked at, as well.
+        Show unchanged panels, and those not looked at that nothing hides, as well.
     overwrite
         Replace whatever stands there; else only such a page.
     watch
@@ -81,7 +81,11 @@ def write_page(
             f"{inventory}: wanted {CHANGES.file}, found none; compare two surveys first"
         )
     everything: list[Row] = read_parquet(table).drop_columns(["geometry"]).to_pylist()
-    rows = [row for row in everything if every or row["change"] not in QUIET]
+    rows = [
+        row
+        for row in everything
+        if every or row["change"] not in QUIET or row["hidden_before"] or row["hidden_after"]
+    ]
     kinds = list(CHANGES_OF_PANELS)
     rows.sort(
         key=lambda row: (

@@ -147,7 +147,7 @@ def test_a_place_that_something_nearer_hides_was_not_looked_at(surveyed: Surveye
     )
     assert (first["drive_after"], first["probability"]) == ("second", None)  # the page shows it
     assert (second["change"], second["hidden_after"], second["drives_after"]) == ("gone", 0, 1)
-    write_page(surveyed.folder, surveyed.folder / "page.html", ("2024", "2025"), every=True)
+    write_page(surveyed.folder, surveyed.folder / "page.html", ("2024", "2025"))
     text = (surveyed.folder / "page.html").read_text()
     assert "not looked at; hidden from 1 drives, second frame" in text
 
