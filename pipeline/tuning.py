@@ -28,9 +28,8 @@ def tune_process() -> None:
     the number of cores.
     """
     cv2.setNumThreads(1)
-    threadpool_limits(
-        1, user_api="blas"
-    )  # of the libraries that are loaded: those of numpy and scipy
+    # Acts on libraries that are loaded: those of numpy and scipy.
+    threadpool_limits(1, user_api="blas")
     keep_heap()
 
 

@@ -20,16 +20,16 @@ from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES
-from wayside.stages.inventory import YEAR_NS, PanelViews, gone_probability, look_past
+from wayside.stages.inventory import YEAR_NS, PanelViews, gone_probability, measure_occlusion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Side = Literal["before", "after"]
-OTHER: dict[Side, Side] = {"before": "after", "after": "before"}
+_OTHER: dict[Side, Side] = {"before": "after", "after": "before"}
 
 
 @dataclass(slots=True)
-class Look:
+class Coverage:
     """A drive that had a place in view and did not see the panel.
 
     rows: of its frames, in order, that show the place largest; best: row of the largest, box (4,) there; offset_m (3,):
@@ -60,24 +60,26 @@ class Absence:
     times_ns: Sequence[int]
     place: Floats
     size_m: Floats
-    looks: list[Look] = field(default_factory=list)
+    coverages: list[Coverage] = field(default_factory=list)
 
     def settle(self, settings: MergeSettings, frame_of: Callable[[str, int], int]) -> None:
-        """Fill the row from the looks: gone or new where a drive of the other survey saw past the place."""
-        row, other = self.row, OTHER[self.side]
-        for look in self.looks:
-            row[f"{'hidden' if look.hidden else 'drives'}_{look.side}"] += 1
-        looks = [look for look in self.looks if look.side == other]
-        clear = [look for look in looks if not look.hidden]
-        if looks:
-            shown = max(clear or looks, key=lambda look: float(look.box[3] - look.box[1]))
+        """Fill the row from the coverages: gone or new where a drive of the other survey saw past the place."""
+        row, other = self.row, _OTHER[self.side]
+        for coverage in self.coverages:
+            row[f"{'hidden' if coverage.hidden else 'drives'}_{coverage.side}"] += 1
+        coverages = [coverage for coverage in self.coverages if coverage.side == other]
+        clear = [coverage for coverage in coverages if not coverage.hidden]
+        if coverages:
+            shown = max(
+                clear or coverages, key=lambda coverage: float(coverage.box[3] - coverage.box[1])
+            )
             frame = frame_of(shown.drive, shown.best)
             row |= {f"drive_{other}": shown.drive, f"frame_{other}": frame}
             row[f"box_{other}"] = shown.box.tolist()
         if not clear:
             return
         row["change"] = "gone" if self.side == "before" else "new"
-        between = min(abs(look.time_ns - time) for look in clear for time in self.times_ns)
+        between = min(abs(coverage.time_ns - time) for coverage in clear for time in self.times_ns)
         misses = row[f"drives_{self.side}"] - row[f"seen_{self.side}"]
         row["probability"] = float(
             gone_probability(
@@ -90,53 +92,55 @@ class Absence:
         )
 
 
-def looks_of(
+def coverage_of(
     found: PanelViews, rows: Ints, settings: ChangeSettings
 ) -> list[tuple[Ints, int, Floats] | None]:
     """For each place the rows of the frames that show it largest, the best of them, and the box there."""
-    looks: list[tuple[Ints, int, Floats] | None] = []
+    coverages: list[tuple[Ints, int, Floats] | None] = []
     for height, box in zip(found.height, found.box, strict=True):
         largest = np.argsort(-height, kind="stable")[: settings.images]
         largest = largest[height[largest] > 0]
         if np.count_nonzero(height) < settings.views:
-            looks.append(None)
+            coverages.append(None)
         else:
-            looks.append((rows[np.sort(largest)], int(rows[largest[0]]), box[largest[0]]))
-    return looks
+            coverages.append((rows[np.sort(largest)], int(rows[largest[0]]), box[largest[0]]))
+    return coverages
 
 
-def look_at_images(
+def mark_hidden(
     inventory: Path,
     absences: Sequence[Absence],
     view_of: Callable[[str], DriveView | None],
     settings: ChangeSettings,
 ) -> list[str]:
-    """Mark the looks whose images show something nearer than the place; drives whose log gives no images, in words."""
-    of_drive: defaultdict[str, list[tuple[Absence, Look]]] = defaultdict(list)
+    """Mark where images show something nearer than the place; drives whose log gives no images, in words."""
+    of_drive: defaultdict[str, list[tuple[Absence, Coverage]]] = defaultdict(list)
     for absence in absences:
-        for look in absence.looks:
-            of_drive[look.drive].append((absence, look))
+        for coverage in absence.coverages:
+            of_drive[coverage.drive].append((absence, coverage))
     faults = []
-    for drive, looks in sorted(of_drive.items()):
+    for drive, coverages in sorted(of_drive.items()):
         view = view_of(drive)
         if view is None:
             continue
         try:
-            _look(inventory / DRIVES / drive, view, looks, settings)
+            _mark_hidden_of_drive(inventory / DRIVES / drive, view, coverages, settings)
         except InputError as error:
             faults.append(f"{drive}: {error}")
     return faults
 
 
-def _look(
+def _mark_hidden_of_drive(
     folder: Path,
     view: DriveView,
-    looks: Sequence[tuple[Absence, Look]],
+    coverages: Sequence[tuple[Absence, Coverage]],
     settings: ChangeSettings,
 ) -> None:
-    """Read the images of one drive once, each kept as long as a look needs it."""
-    waiting = sorted(looks, key=lambda one: int(one[1].rows[-1]))
-    row_of = {int(view.frames.frame[row]): int(row) for _, look in looks for row in look.rows}
+    """Read the images of one drive once, each kept as long as a coverage needs it."""
+    waiting = sorted(coverages, key=lambda one: int(one[1].rows[-1]))
+    row_of = {
+        int(view.frames.frame[row]): int(row) for _, coverage in coverages for row in coverage.rows
+    }
     run = read_run(folder)
     times = {
         row["frame"]: row["log_time_ns"]
@@ -149,17 +153,17 @@ def _look(
         if image.grey is not None:
             kept[row] = image.grey
         done = 0
-        for absence, look in waiting:
-            if look.rows[-1] > row:
+        for absence, coverage in waiting:
+            if coverage.rows[-1] > row:
                 break
-            rows = np.array([r for r in look.rows.tolist() if r in kept], np.int64)
+            rows = np.array([r for r in coverage.rows.tolist() if r in kept], np.int64)
             grey = [kept[r] for r in rows.tolist()]
-            images = view.place_images(absence.place, look.offset_m, rows, grey)
+            images = view.place_images(absence.place, coverage.offset_m, rows, grey)
             width, height = absence.size_m.tolist()
-            past, hidden = look_past(images, view.camera, (width, height), settings)
-            look.hidden = hidden > 0 and hidden >= past
+            past, hidden = measure_occlusion(images, view.camera, (width, height), settings)
+            coverage.hidden = hidden > 0 and hidden >= past
             done += 1
         del waiting[:done]
-        first = min((int(look.rows[0]) for _, look in waiting), default=row + 1)
+        first = min((int(coverage.rows[0]) for _, coverage in waiting), default=row + 1)
         for old in [r for r in kept if r < first]:
             del kept[old]

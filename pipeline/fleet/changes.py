@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.spatial import cKDTree
 
-from wayside.pipeline.fleet.absence import Absence, Look, Side, look_at_images, looks_of
+from wayside.pipeline.fleet.absence import Absence, Coverage, Side, coverage_of, mark_hidden
 from wayside.pipeline.fleet.changes_rows import (
     PANEL_COLUMNS,
     Row,
@@ -102,7 +102,7 @@ def find_changes(
     The settings of the comparison, and those that the inventory was merged with, are in the metadata of the file. A
     panel counts as gone, or as new, only where a drive of the other survey had its place in view: enough images in
     which it would show whole, from the front, and as high as that drive measures its own panels from on, most of which
-    see past the place (`look_past`), where the log is at hand and its images tell.
+    see past the place (`measure_occlusion`), where the log is at hand and its images tell.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class _Comparison:
             rows, alone = self._cell(part)
             absences += alone
             yield self._counted(rows)
-        self.report.unseen = look_at_images(self._inventory, absences, self._view, self.settings)
+        self.report.unseen = mark_hidden(self._inventory, absences, self._view, self.settings)
         for one in absences:
             one.settle(self.merge, self._frame)
         of_kind = {
@@ -304,12 +304,14 @@ class _Comparison:
                 continue
             offset = np.mean(offsets.get(drive, [[0.0, 0.0, 0.0]]), axis=0)
             rows, shown = view.views(placed, origin, offset, self.settings)
-            for name, one, look in zip(
-                names, found, looks_of(shown, rows, self.settings), strict=True
+            for name, one, coverage in zip(
+                names, found, coverage_of(shown, rows, self.settings), strict=True
             ):
-                if look is not None and all(s["drive"] != drive for s in seen[side][name]):
+                if coverage is not None and all(s["drive"] != drive for s in seen[side][name]):
                     time = self._time_ns[drive]
-                    one.looks.append(Look(drive, self._side[drive], time, *look, offset))
+                    one.coverages.append(
+                        Coverage(drive, self._side[drive], time, *coverage, offset)
+                    )
         return found
 
     def _moved(self, gone: list[Row], new: list[Row]) -> list[Row]:

@@ -29,7 +29,7 @@ from wayside.schemas.tables import FRAMES
 
 Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
-"""Changes that a page shows only where all are asked for, or where something hides the place: leaves can be cut."""
+"""Changes that a page shows only where all are asked for, or where something hides the place."""
 _SIZE = 480, 360
 _WEBP_QUALITY = 75
 _MARK = "wayside changes"

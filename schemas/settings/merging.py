@@ -138,17 +138,17 @@ class ChangeSettings:
     )  # fmt: skip
     images: int = setting(
         8, "images", "whether a drive saw past a place is told by so many of its largest images of it", low=2,
-        origin="one of them tells in most cases; all are read and decoded",
+        origin="set by hand: all of them are read and decoded",
     )  # fmt: skip
     correlation: float = setting(
         0.7, "", "of a window with the images before and after, at least, for its distance to count", low=0, high=1,
-        origin="windows of noise alone stay below .5", expert=True,
+        origin="set with two rendered roads in view", expert=True,
     )  # fmt: skip
     correlation_margin: float = setting(
         0.1, "", "by which the better of two answers correlates more", low=0, high=1,
-        origin="level edges correlate at any distance", expert=True,
+        origin="as `changes.correlation`; level edges correlate at any distance", expert=True,
     )  # fmt: skip
     beside: float = setting(
         0.1, "", "what is so much of its distance before or behind a place stands at it", low=0, high=1,
-        origin="distances measured over one step, and errors of the place", expert=True,
+        origin="set by hand: distances are measured over one step, and the place errs", expert=True,
     )  # fmt: skip

@@ -36,19 +36,19 @@ class PlaceImage:
     centre: Floats
 
 
-class PlaceViews(NamedTuple):
+class OcclusionCounts(NamedTuple):
     """How many images show something beyond a place, and how many something in front of it; others tell neither."""
 
     past: int
     hidden: int
 
 
-def look_past(
+def measure_occlusion(
     images: Sequence[PlaceImage],
     camera: Camera,
     size_m: tuple[float, float],
     settings: ChangeSettings,
-) -> PlaceViews:
+) -> OcclusionCounts:
     """Measure the distance of what shows where a panel stood, by the images before and after each.
 
     A window of the panel's size, and larger ones as long as it does not tell, is compared with the other
@@ -82,7 +82,7 @@ def look_past(
             if abs(nearer - beyond) > settings.correlation_margin:
                 past, hidden = past + (beyond > nearer), hidden + (nearer > beyond)
                 break
-    return PlaceViews(past, hidden)
+    return OcclusionCounts(past, hidden)
 
 
 def _tell(

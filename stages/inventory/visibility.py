@@ -53,8 +53,8 @@ def views_of(
 ) -> PanelViews:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    What stands between the camera and the place is not considered (`look_past` is for that), nor the distortion of the
-    lens.
+    What stands between the camera and the place is not considered (`measure_occlusion` is for that), nor the
+    distortion of the lens.
 
     Parameters
     ----------

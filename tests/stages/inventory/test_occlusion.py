@@ -9,7 +9,7 @@ import pytest
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
 from wayside.stages.geometry import distort_points, ideal_points
-from wayside.stages.inventory import PlaceImage, look_past
+from wayside.stages.inventory import PlaceImage, measure_occlusion
 
 LENSES = (
     Camera(800, 600, 700.0, 700.0, 399.5, 299.5),
@@ -41,7 +41,7 @@ def test_a_wall_hides_what_stands_behind_it_and_shows_what_stands_before_it(
     camera: Camera, depth_m: float, past: int, hidden: int
 ) -> None:
     images = [image_of(camera, k * STEP_M, depth_m) for k in range(3)]
-    assert look_past(images, camera, (0.9, 0.9), ChangeSettings()) == (past, hidden)
+    assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings()) == (past, hidden)
 
 
 def test_a_place_that_is_told_by_no_texture_takes_a_larger_window() -> None:
@@ -52,7 +52,7 @@ def test_a_place_that_is_told_by_no_texture_takes_a_larger_window() -> None:
         u, v = distort_points(camera, np.array([[399.5, 299.5]]) + 700 * PLACE[None, :2] / ahead)[0]
         half = round(700 * 0.6 / ahead)
         image.grey[round(v) - half : round(v) + half, round(u) - half : round(u) + half] = 128
-    assert look_past(images, camera, (0.9, 0.9), ChangeSettings()).past == 3
+    assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings()).past == 3
 
 
 def test_noise_and_one_image_tell_nothing() -> None:
@@ -66,6 +66,8 @@ def test_noise_and_one_image_tell_nothing() -> None:
         )
         for k in range(3)
     ]
-    assert look_past(noisy, camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
-    assert look_past([image_of(camera, 0, 300.0)], camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
-    assert look_past([], camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
+    assert measure_occlusion(noisy, camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
+    assert measure_occlusion(
+        [image_of(camera, 0, 300.0)], camera, (0.9, 0.9), ChangeSettings()
+    ) == (0, 0)
+    assert measure_occlusion([], camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
