@@ -34,7 +34,8 @@ def image_of(camera: Camera, along_m: float, depth_m: float, seed: int = 3) -> P
     """What a camera sees that has driven so far, of a textured wall at a distance from the first one."""
     rng = np.random.default_rng(seed)
     wall = cv2.resize(rng.uniform(0, 255, (200, 200)).astype(np.float32), (1600, 1600))
-    at = slopes_of(camera) * (depth_m - along_m) / depth_m * 900 + 800  # of 1600 pixels, as wide as the view
+    # the wall is 1600 pixels wide, as wide as the view
+    at = slopes_of(camera) * (depth_m - along_m) / depth_m * 900 + 800
     maps = at.reshape(camera.height, camera.width, 2).astype(np.float32)
     grey = cv2.remap(wall, maps[..., 0].copy(), maps[..., 1].copy(), cv2.INTER_LINEAR)
     return PlaceImage(grey.astype(np.uint8), np.eye(3), np.array([0, 0, along_m]) - PLACE)
