@@ -98,6 +98,7 @@ def write_spec(folder: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_bytes_of_one(
     tiny: DriveSpec, rendered: Output, tmp_path: Path
 ) -> None:
