@@ -3,6 +3,8 @@
 
 MAKEFLAGS += --no-print-directory
 SHELL := /bin/sh
+# Images of containers often forbid byte code: every process of the tests would compile all modules again.
+unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
 	$(name) -c 'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
 RUN := .venv/bin/python -m

@@ -60,10 +60,11 @@ def read_table(
     file = out / table.file
     if not file.is_file():
         raise _no_result(out, table.file)
-    wanted = table.schema.names if columns is None else list(columns)
+    schema = table.schema
+    wanted = schema.names if columns is None else list(columns)
     try:
         present = pq.read_schema(file).names
-        absent = [table.schema.field(name) for name in wanted if name not in present]
+        absent = [schema.field(name) for name in wanted if name not in present]
         for column in absent:
             if not column.nullable:
                 raise InputError(
@@ -72,15 +73,15 @@ def read_table(
         found = read_parquet(file, [name for name in wanted if name in present], where)
         for column in absent:
             found = found.append_column(column, pa.nulls(len(found), column.type))
-        return _typed(found.select(wanted), table)
+        return _typed(found.select(wanted), schema)
     except (pa.ArrowException, OSError, *CONTENT_FAULTS) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
 
 
-def _typed(found: pa.Table, table: Table) -> pa.Table:
-    """The columns in the types of the table; raises pa.ArrowException where one holds something else."""
+def _typed(found: pa.Table, schema: pa.Schema) -> pa.Table:
+    """The columns in the types of the schema; raises pa.ArrowException where one holds something else."""
     for number, name in enumerate(found.column_names):
-        field, column = table.schema.field(name), found.column(number)
+        field, column = schema.field(name), found.column(number)
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         if not pa.types.is_dictionary(column.type) or column.type.value_type != kind:
             if column.type != kind:

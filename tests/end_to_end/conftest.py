@@ -89,14 +89,14 @@ def report_whole_demo(run_demo: RunDemo) -> Result:
 
 @pytest.fixture(scope="session")
 def report_shape_demo(run_demo: RunDemo) -> Result:
-    """The result of the preset `report-shape` on the first third of the log."""
-    return run_demo("--preset", "report-shape", "--set", "read.until_s=2")
+    """The result of the preset `report-shape` on the first four images of the log."""
+    return run_demo("--preset", "report-shape", "--set", "read.until_s=1.1")
 
 
 @pytest.fixture(scope="session")
 def report_2d_demo(run_demo: RunDemo) -> Result:
-    """The result of the preset `report-2d` on the first third of the log."""
-    return run_demo("--preset", "report-2d", "--set", "read.until_s=2")
+    """The result of the preset `report-2d` on the first four images of the log."""
+    return run_demo("--preset", "report-2d", "--set", "read.until_s=1.1")
 
 
 @pytest.fixture(scope="session")

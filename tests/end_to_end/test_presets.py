@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 
 PINNED = Path(__file__).with_name("pinned")
-THIRD = ("--set", "read.until_s=2")
+THIRD, START = ("--set", "read.until_s=2"), ("--set", "read.until_s=1.1")
 RUNS = {
     "default": ("default",),
     "report": ("report", *THIRD),
-    "report-shape": ("report-shape", *THIRD),
-    "report-2d": ("report-2d", *THIRD),
+    "report-shape": ("report-shape", *START),
+    "report-2d": ("report-2d", *START),
     "report-whole": ("report",),
 }
-"""Preset and options of each run: the report's, of ten times the regions, are pinned on the first third of the log; the
-last of them on the whole log, too, among the slow tests."""
+"""Preset and options of each run: the last of the report, of ten times the regions, is pinned on the first third of the
+log, and on the whole log among the slow tests; those before it, which differ by a gate, on the first four images."""
 EXACT = ("assembly", "status", "color", "shape", "frames")
 OBSERVED = ("source", "color", "shape")
 """Columns of observations whose values are counted."""
@@ -61,7 +61,7 @@ def digest_of(result):
             for name in OBSERVED
         },
         "focal_length": {k: round(v or 0.0, 4) for k, v in result.about["focal_length"].items()},
-        "camera_height_m": round(result.about["camera_height_m"], 3),
+        "camera_height_m": rounded(result.about["camera_height_m"], 3),
         "stations_m": [
             round(row["station_m"], 3) for row in result.frames if row["station_m"] is not None
         ],
@@ -135,7 +135,7 @@ def test_the_camera_moves_the_same_way(found, pinned):
 def test_the_focal_length_is_checked_and_found_right(found, pinned):
     checked = found["focal_length"]
     assert checked == pytest.approx(pinned["focal_length"], abs=0.002)
-    assert abs(checked["correction"]) < 2 * checked["sigma"] < 0.05
+    assert abs(checked["correction"]) < 2 * checked["sigma"] < 0.1
 
 
 def reported(result):

@@ -21,7 +21,7 @@ def sigmas(true_boxes: list[dict[str, Any]], tmp_path_factory: pytest.TempPathFa
     pq.write_table(pa.Table.from_pylist(true_boxes), boxes)
 
     def run(settings: dict[str, object]) -> list[float]:
-        found = wayside.run(DEMO, detections=boxes, settings={"read.until_s": 0.7, **settings})
+        found = wayside.run(DEMO, detections=boxes, settings={"read.until_s": 0.5, **settings})
         return [round(value, 9) for value in found.signs["sigma_along_m"].to_pylist()]
 
     return run

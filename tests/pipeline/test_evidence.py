@@ -151,6 +151,14 @@ def out(tmp_path, log):
     return folder
 
 
+@pytest.fixture(scope="module")
+def sheets(tmp_path_factory, log):
+    """The sheets of that result, not to be changed."""
+    folder = tmp_path_factory.mktemp("result")
+    write_result(folder, log)
+    return write_evidence(folder, folder / "sheets")
+
+
 def write_result(folder, log):
     signs = [
         sign_row(NEAR, **KNOWN),
@@ -222,14 +230,13 @@ class Links(HTMLParser):
             self.cards.append(attributes)
 
 
-def test_every_sign_gets_a_sheet_and_a_card(out, tmp_path):
-    written = write_evidence(out, tmp_path / "sheets")
-    assert [path.name for path in written.sheets] == [f"{name}.html" for name in (NEAR, FAR, BARE)]
-    cards = Links(written.index.read_text("utf-8")).cards
+def test_every_sign_gets_a_sheet_and_a_card(sheets):
+    assert [path.name for path in sheets.sheets] == [f"{name}.html" for name in (NEAR, FAR, BARE)]
+    cards = Links(sheets.index.read_text("utf-8")).cards
     assert [card["id"] for card in cards] == [NEAR, FAR, BARE]
-    assert written.lost_views == 0
-    assert sorted(path.name for path in (tmp_path / "sheets").iterdir()) == sorted(
-        [*(path.name for path in written.sheets), "index.html"]
+    assert sheets.lost_views == 0
+    assert sorted(path.name for path in sheets.index.parent.iterdir()) == sorted(
+        [*(path.name for path in sheets.sheets), "index.html"]
     )
 
 
@@ -248,9 +255,8 @@ def test_sheets_are_images_too_where_that_is_asked_for(out, tmp_path):
     assert again.sheets == written.sheets
 
 
-def test_a_page_says_in_text_what_is_known_and_leads_to_its_neighbours(out, tmp_path):
-    write_evidence(out, tmp_path / "sheets")
-    text = (tmp_path / "sheets" / f"{FAR}.html").read_text("utf-8")
+def test_a_page_says_in_text_what_is_known_and_leads_to_its_neighbours(sheets):
+    text = sheets.index.with_name(f"{FAR}.html").read_text("utf-8")
     page = Links(text)
     near, index, bare = (quote(name) for name in (f"{NEAR}.html", "index.html", f"{BARE}.html"))
     assert [link for link in page.references if link.endswith(".html")] == [near, index, bare]
@@ -288,10 +294,10 @@ def test_the_largest_crop_shows_the_face_of_the_best_frame(out, tmp_path):
     assert np.abs(middle.astype(int) - FACE).max() <= 2
 
 
-def test_the_same_result_gives_the_same_bytes(out, tmp_path):
-    first, second = (write_evidence(out, tmp_path / name) for name in ("a", "b"))
+def test_the_same_result_gives_the_same_bytes(out, tmp_path, sheets):
+    again = write_evidence(out, tmp_path / "again")
     for one, other in zip(
-        (*first.sheets, first.index), (*second.sheets, second.index), strict=True
+        (*sheets.sheets, sheets.index), (*again.sheets, again.index), strict=True
     ):
         assert one.read_bytes() == other.read_bytes()
 
@@ -342,10 +348,9 @@ def test_another_log_is_refused(out, tmp_path):
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 70.0, -160.0])
-def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, turn_deg):
+def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, sheets, turn_deg):
     """Of a drive whose own frame is turned against east by some angle; and of one without fixes."""
-    write_evidence(out, tmp_path / "plain")
-    assert "<title>north</title>" not in (tmp_path / "plain" / "index.html").read_text("utf-8")
+    assert "<title>north</title>" not in sheets.index.read_text("utf-8")
     assert gather(out, NEAR)[0].north is None
     rows = pq.read_table(out / FRAMES.file).to_pylist()
     turn = math.radians(turn_deg)
@@ -420,22 +425,20 @@ def test_a_folder_that_cannot_be_written_is_named(out, tmp_path):
         write_evidence(out, tmp_path / "sheets")
 
 
-def test_the_index_refers_to_nothing_but_the_sheets_beside_it(out, tmp_path):
-    written = write_evidence(out, tmp_path / "sheets")
-    text = written.index.read_text("utf-8")
+def test_the_index_refers_to_nothing_but_the_sheets_beside_it(sheets):
+    text = sheets.index.read_text("utf-8")
     page = Links(text)
     ids = {card["id"] for card in page.cards}
     for reference in page.references:
         if reference.startswith("#"):
             assert unquote(reference[1:]) in ids
         elif not reference.startswith("data:image/webp;base64,"):
-            assert (tmp_path / "sheets" / unquote(reference)).is_file()
+            assert (sheets.index.parent / unquote(reference)).is_file()
     assert not re.search(r"https?:|@import|url\(", text)
 
 
-def test_cards_carry_what_the_filters_ask_for(out, tmp_path):
-    cards = Links(write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")).cards
-    near, far, bare = cards
+def test_cards_carry_what_the_filters_ask_for(sheets):
+    near, far, bare = Links(sheets.index.read_text("utf-8")).cards
     assert (near["data-color"], near["data-shape"], near["data-status"]) == (
         "red",
         "octagon",
@@ -449,8 +452,8 @@ def test_cards_carry_what_the_filters_ask_for(out, tmp_path):
     )
 
 
-def test_the_index_counts_as_the_summary_of_the_run_does(out, tmp_path):
-    text = write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")
+def test_the_index_counts_as_the_summary_of_the_run_does(sheets):
+    text = sheets.index.read_text("utf-8")
     assert "<p>2 signs, 1 uncertain on 40 m of road, 6 images." in text
 
 

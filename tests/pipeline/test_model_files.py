@@ -1,6 +1,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
@@ -40,10 +41,16 @@ def settings(preset="default", folder="", **more):
     return load_settings(preset, None, [], given)[0]
 
 
-@pytest.fixture(scope="module")
+@cache
+def models_of(preset):
+    """The models that ship, of a preset."""
+    return load_models(settings(preset))
+
+
+@pytest.fixture
 def shipped():
-    """The models that ship, of the default preset."""
-    return load_models(settings())
+    """Those of the default preset."""
+    return models_of("default")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -92,7 +99,7 @@ def test_the_landmark_classifier_knows_the_features_that_the_stage_computes(ship
 
 def test_the_model_of_outlines_knows_the_features_that_the_stage_computes():
     for preset in ("default", "report"):
-        assert load_models(settings(preset)).outline_weights.features == OUTLINE_FEATURES
+        assert models_of(preset).outline_weights.features == OUTLINE_FEATURES
 
 
 def test_the_networks_that_name_faces_know_features_and_names_of_the_stages(shipped):
@@ -103,7 +110,7 @@ def test_the_networks_that_name_faces_know_features_and_names_of_the_stages(ship
 
 
 def test_the_report_names_faces_by_its_own_classifiers_alone():
-    models = load_models(settings("report"))
+    models = models_of("report")
     assert models.color_network is None
     assert models.shape_network is None
 
@@ -114,14 +121,14 @@ def test_the_trajectory_model_is_that_of_the_form_asked_for(form):
     model = load_models(chosen).trajectory_density
     assert model.space == form
     assert "knee of the ROC" in model.threshold_rule
-    assert load_models(settings("report")).trajectory_density is None
+    assert models_of("report").trajectory_density is None
 
 
 def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
-    default, report = shipped, load_models(settings("report"))
+    default, report = shipped, models_of("report")
     assert (default.color_classes, default.shape_classes) == (None, None)
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
-    assert load_models(settings("report-shape")).shape_classes.space == "fourier6"
+    assert models_of("report-shape").shape_classes.space == "fourier6"
     names = [c.name for c in report.location_classes.classes]
     assert names == ["right", "left", "overhead"]
     assert report.location_classes.provenance != default.location_classes.provenance
@@ -162,7 +169,7 @@ def test_every_threshold_of_the_report_names_its_rule_and_interval(name):
 
 
 def test_a_false_alarm_rate_trades_every_gate_of_the_report():
-    shipped = load_models(settings("report"))
+    shipped = models_of("report")
     strict, loose = (load_models(settings("report", alpha=alpha)) for alpha in (0.02, 0.5))
     for gate in ("color_classes", "location_classes"):
         radii = [
@@ -217,9 +224,9 @@ def test_a_false_alarm_rate_trades_the_trajectory_gate(tmp_path):
     assert density.threshold_rule.startswith("alpha 0.05")
 
 
-def test_digests_are_those_of_the_files_and_the_same_each_time():
-    one, other = load_models(settings()).digests(), load_models(settings()).digests()
-    assert one == other
+def test_digests_are_those_of_the_files_and_the_same_each_time(shipped):
+    one = shipped.digests()
+    assert one == load_models(settings()).digests()
     assert one["judge"] == digest((shipped_models() / "judge.json").read_text())
 
 

@@ -18,12 +18,6 @@ from wayside.schemas.errors import InputError, OutputError
 NAMES = ("a.parquet", "b.parquet", "c.json")
 
 
-@pytest.fixture(autouse=True)
-def fast_disk(monkeypatch):
-    """No test here takes the power away."""
-    monkeypatch.setattr(os, "fsync", lambda opened: None)
-
-
 def write(folder, word, names=NAMES, **options):
     with OutputFolder(folder) as output:
         for name in names:

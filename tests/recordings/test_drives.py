@@ -52,8 +52,8 @@ distortion = [-0.1, 0.05, 0.001, -0.002, 0.0]
 segments = [[30.0, 0.0], [200.0, 300.0]]
 
 [scene]
-trees = 1.0
-weeds = 1.0
+trees = 0.2
+weeds = 0.5
 
 [signs]
 spacing_m = 11.0
@@ -98,6 +98,7 @@ def write_spec(folder: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_bytes_of_one(
     tiny: DriveSpec, rendered: Output, tmp_path: Path
 ) -> None:

@@ -1,7 +1,6 @@
 """`wayside fit` on a folder of pictures with labels, and a run that takes the models."""
 
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -85,9 +84,32 @@ def test_samples_that_a_run_has_chosen_are_told(pictures, tmp_path):
         assert ("no image is complete" in format_fit([], drives, tmp_path)) == told
 
 
-def test_figures_and_curves_stand_beside_the_models(pictures, tmp_path):
-    folder, labels = pictures
-    fit(labels, "--images", folder, "--model", "color", "--space", "lab", "-o", tmp_path)
+@pytest.fixture(scope="module")
+def foreign(pictures):
+    """The same labels as a file of COCO and what its class means."""
+    labels = pictures[1]
+    images = [
+        {"id": k, "file_name": f"road_{k}.png", "width": WIDTH, "height": HEIGHT} for k in range(12)
+    ]
+    boxes = [one.box for one in read_labels(labels).labels]
+    coco = {
+        "images": images,
+        "annotations": [
+            {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
+            for k, (x0, y0, x1, y1) in enumerate(boxes)
+        ],
+        "categories": [{"id": 1, "name": "info"}],
+    }
+    file, classes = labels.with_suffix(".json"), labels.with_suffix(".toml")
+    file.write_text(json.dumps(coco))
+    classes.write_text('[classes]\ninfo = { color = "blue", shape = "rectangle" }\n')
+    return file, classes
+
+
+def test_figures_and_curves_of_foreign_labels_stand_beside_the_models(pictures, foreign, tmp_path):
+    labels, classes = foreign
+    where = ["--classes", classes, "--images", pictures[0], "-o", tmp_path]
+    assert "color.json written" in fit(labels, *where, "--model", "color", "--space", "lab")
     figures = json.loads((tmp_path / "fit.json").read_text())
     color = figures["models"]["color"]
     assert figures["held_out"] == "stretches of road"
@@ -164,28 +186,3 @@ def test_views_of_one_panel_are_one_sign_and_backs_are_none():
         3: [Label(at, SIGN, box, panel="a"), Label(at, SIGN, box)],
     }
     assert sign_numbers(FrameLabels(own, frozenset(), {})).tolist() == [0, 1, 0, 2]
-
-
-def test_foreign_labels_of_a_folder_are_read(pictures, tmp_path):
-    folder, labels = pictures
-    known = read_labels(labels)
-    images = [
-        {"id": k, "file_name": f"road_{k}.png", "width": WIDTH, "height": HEIGHT} for k in range(12)
-    ]
-    boxes = [one.box for one in known.labels]
-    coco = {
-        "images": images,
-        "annotations": [
-            {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
-            for k, (x0, y0, x1, y1) in enumerate(boxes)
-        ],
-        "categories": [{"id": 1, "name": "info"}],
-    }
-    file = Path(tmp_path / "coco.json")
-    file.write_text(json.dumps(coco))
-    classes = tmp_path / "classes.toml"
-    classes.write_text('[classes]\ninfo = { color = "blue", shape = "rectangle" }\n')
-    out = tmp_path / "out"
-    how = ["--model", "color", "--space", "chromaticity", "-o", out]
-    said = fit(file, "--classes", classes, "--images", folder, *how)
-    assert "color.json written" in said

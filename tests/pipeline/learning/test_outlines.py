@@ -148,6 +148,7 @@ def choices_by(weights, count, drives=("a", "b"), seed=0):
     return made
 
 
+@pytest.mark.slow
 def test_the_weights_of_a_conditional_logit_come_back():
     weights = np.linspace(-2, 2, len(OUTLINE_FEATURES))
     model = learn_outlines(choices_by(weights, 750), "made up")

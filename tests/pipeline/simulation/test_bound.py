@@ -68,6 +68,7 @@ def test_nothing_that_weighs_the_views_alone_can_beat_it():
     assert (np.diag(least) > np.diag(bound(EXACT))).all()
 
 
+@pytest.mark.slow
 def test_adjusting_all_together_reaches_it():
     rng = np.random.default_rng(8)
     sigma, deviations = 0.5 / 1400, np.sqrt(np.diag(LOOSE[0]))

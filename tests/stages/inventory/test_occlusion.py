@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
@@ -19,14 +22,20 @@ PLACE = np.array([4.0, -1.0, 40.0])  # right, down, ahead of the first camera
 STEP_M = 8.0
 
 
+@cache
+def slopes_of(camera: Camera) -> NDArray[np.float64]:
+    """Right and down by ahead of the ray of each pixel, (pixels, 2)."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    ideal = ideal_points(camera, np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    return (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+
+
 def image_of(camera: Camera, along_m: float, depth_m: float, seed: int = 3) -> PlaceImage:
     """What a camera sees that has driven so far, of a textured wall at a distance from the first one."""
     rng = np.random.default_rng(seed)
     wall = cv2.resize(rng.uniform(0, 255, (200, 200)).astype(np.float32), (1600, 1600))
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-    ideal = ideal_points(camera, np.column_stack([u.ravel(), v.ravel()]).astype(float))
-    rays = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-    at = rays * (depth_m - along_m) / depth_m * 900 + 800  # of 1600 pixels, as wide as the view
+    # the wall is 1600 pixels wide, as wide as the view
+    at = slopes_of(camera) * (depth_m - along_m) / depth_m * 900 + 800
     maps = at.reshape(camera.height, camera.width, 2).astype(np.float32)
     grey = cv2.remap(wall, maps[..., 0].copy(), maps[..., 1].copy(), cv2.INTER_LINEAR)
     return PlaceImage(grey.astype(np.uint8), np.eye(3), np.array([0, 0, along_m]) - PLACE)

@@ -147,6 +147,7 @@ def test_a_step_that_disagrees_with_its_neighbours_is_solved_again(wrong_step):
         assert np.linalg.norm(error_of(held, before)) > 0.12
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says():
     pulls = []
     for seed in range(25):

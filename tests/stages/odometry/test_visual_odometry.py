@@ -152,6 +152,13 @@ def painted(frames=7, yaw_deg=0.0, missing=(), mover_speed=None):
     return poses, [scene.image(pose, movers(i)) for i, pose in enumerate(poses)]
 
 
+@lru_cache
+def driven(yaw_deg):
+    """Poses of seven painted images and the motion that is found from them and their spacing."""
+    poses, images = painted(7, yaw_deg)
+    return poses, motions(images, spacing_m=[SPACING] * 7)
+
+
 def errors(found, poses):
     """Rotation, sideways and vertical direction (deg), and length ratio of each step against the truth."""
     rows = []
@@ -167,8 +174,7 @@ def errors(found, poses):
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 2.0], ids=["straight", "curve"])
 def test_images_and_spacing_alone_give_the_motion(yaw_deg):
-    poses, images = painted(7, yaw_deg)
-    found = motions(images, spacing_m=[SPACING] * 7)
+    poses, found = driven(yaw_deg)
     error = errors(found, poses)
     assert np.median(error[:, 0]) < 0.02
     assert np.median(error[:, 1]) < 0.08
@@ -180,8 +186,7 @@ def test_images_and_spacing_alone_give_the_motion(yaw_deg):
 
 
 def test_errors_stay_within_the_stated_covariance():
-    poses, images = painted(7, 2.0)
-    found = motions(images, spacing_m=[SPACING] * 7)
+    poses, found = driven(2.0)
     pulls = []
     for i in range(1, 7):
         true, step = poses[i].relative_to(poses[i - 1]), found[i].step
@@ -192,8 +197,7 @@ def test_errors_stay_within_the_stated_covariance():
 
 
 def test_poses_and_stations_are_chained_from_the_first_camera():
-    poses, images = painted(7, 2.0)
-    found = motions(images, spacing_m=[SPACING] * 7)
+    poses, found = driven(2.0)
     np.testing.assert_array_equal(found[0].pose.rotation, np.eye(3))
     assert found[0].source == "start"
     assert found[0].step is None
@@ -205,8 +209,8 @@ def test_poses_and_stations_are_chained_from_the_first_camera():
 
 
 def test_tie_points_are_where_the_plates_stand():
-    poses, images = painted(7, 0.0)
-    ties = motions(images, spacing_m=[SPACING] * 7)[3].ties
+    poses, found = driven(0.0)
+    ties = found[3].ties
     solid = ties.inlier & np.isfinite(ties.point[:, 2]) & (ties.point[:, 2] < 40)
     assert solid.sum() > 20
     local = poses[3].to_camera(Scene(poses).middle)
@@ -460,20 +464,20 @@ class Kept(dict):
         self[frame] = pickle.dumps(step)
 
 
-@pytest.mark.parametrize("known", [1, 4, 6])
-def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(known, bits):
+def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(bits):
     _, images = painted(7, 0.0)
     given = {"status": [USED, USED, SKIPPED, *[USED] * 4], "spacing_m": [SPACING] * 7}
-    whole, again = Kept(), Kept()
+    whole = Kept()
     first = motions(images, **given, memory=whole)
-    again.update({frame: step for frame, step in whole.items() if frame < known})
-    recalled = len(again)
-    second = motions(images, **given, memory=again)
-    assert sorted(again) == [0, 1, 3, 4, 5, 6]
-    assert 0 < recalled < len(again)
-    assert bits(first) == bits(second)
-    for frame in whole:
-        assert bits(whole.recall(frame)) == bits(again.recall(frame))
+    for known in (1, 4, 6):
+        again = Kept({frame: step for frame, step in whole.items() if frame < known})
+        recalled = len(again)
+        second = motions(images, **given, memory=again)
+        assert sorted(again) == [0, 1, 3, 4, 5, 6]
+        assert 0 < recalled < len(again)
+        assert bits(first) == bits(second)
+        for frame in whole:
+            assert bits(whole.recall(frame)) == bits(again.recall(frame))
 
 
 def known_by(source, poses):
@@ -506,19 +510,19 @@ def exchanged(images, first, second):
         ("poses", (3, 5), [3, 4, 5]),
         ("spacing", (2, 6), [2, 6]),
         ("poses", (0, 1), [0, 1]),
-        ("spacing", (8, 9), [8, 9]),
+        ("spacing", (6, 7), [6, 7]),
     ],
     ids=str,
 )
 def test_images_that_are_exchanged_are_left_out_and_the_rest_is_as_without_them(
     source, pair, left_out
 ):
-    poses, images = painted(10)
+    poses, images = painted(8)
     found = stage(exchanged(images, *pair), **known_by(source, poses))
     assert [i for i, item in enumerate(found) if item.frame.status == OTHER_PLACE] == left_out
-    assert [item.frame.index for item in found] == list(range(10))
+    assert [item.frame.index for item in found] == list(range(8))
     used = [item for item in found if item.motion is not None]
-    assert [item.frame.status for item in used] == [USED] * (10 - len(left_out))
+    assert [item.frame.status for item in used] == [USED] * (8 - len(left_out))
     first = poses[used[0].frame.index]
     for item in used:
         true = poses[item.frame.index].relative_to(first)
@@ -552,7 +556,7 @@ def test_a_blurred_image_is_still_of_its_place():
 
 
 def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
-    poses, images = painted(10)
+    poses, images = painted(8)
     order = [*range(5), *range(3, 0, -1)]
     given = [images[i] for i in order]
     found = stage(given, **known_by("poses", [poses[i] for i in order]))
@@ -562,15 +566,14 @@ def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
         assert item.motion.pose.centre == pytest.approx(true, abs=0.3)
 
 
-@pytest.mark.parametrize("known", [3, 4, 5, 6])
-def test_a_run_that_goes_on_leaves_out_the_same_images(known, bits):
-    _, images = painted(10)
-    given = exchanged(images, 3, 5), {"spacing_m": [SPACING] * 10}
-    whole, again = Kept(), Kept()
-    first = stage(given[0], whole, **given[1])
-    assert sorted(whole) == list(range(10))
-    again.update({frame: step for frame, step in whole.items() if frame < known})
-    second = stage(given[0], again, **given[1])
-    assert [item.frame.status for item in first] == [item.frame.status for item in second]
-    assert bits([item.motion for item in first]) == bits([item.motion for item in second])
-    assert sorted(again) == list(range(10))
+def test_a_run_that_goes_on_leaves_out_the_same_images(bits):
+    given, spacing_m = exchanged(painted(8)[1], 3, 5), [SPACING] * 8
+    whole = Kept()
+    first = stage(given, whole, spacing_m=spacing_m)
+    assert sorted(whole) == list(range(8))
+    for known in (3, 4, 5, 6):
+        again = Kept({frame: step for frame, step in whole.items() if frame < known})
+        second = stage(given, again, spacing_m=spacing_m)
+        assert [item.frame.status for item in first] == [item.frame.status for item in second]
+        assert bits([item.motion for item in first]) == bits([item.motion for item in second])
+        assert sorted(again) == list(range(8))
