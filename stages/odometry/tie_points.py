@@ -18,6 +18,7 @@ from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.descriptor_matching import match_in_bands
+from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
 
 
@@ -92,7 +93,7 @@ def register_ties(
         (settings.guided_bits, settings.guided_ratio),
         settings,
     )
-    pairs = _spread(pairs, before.corners, settings)
+    pairs = pairs[first_of_cells(before.corners[pairs[:, 0]], settings.cell_px, settings.per_cell)]
     found = np.full((len(pairs), 6), np.nan)
     fresh = np.ones(len(pairs), np.bool_)
     if last is not None:
@@ -181,7 +182,7 @@ def register_road(
         depth < settings.farthest_road_m
     )
     rows = rows[near & (np.abs(rays[:, 0] * depth) < settings.road_half_width_m)]
-    rows = _spread(np.stack([rows, rows], axis=1), before.corners, settings)[:, 0]
+    rows = rows[first_of_cells(before.corners[rows], settings.cell_px, settings.per_cell)]
     corners = np.rint(before.corners[rows]).astype(np.int64)
     ideal = ideal_points(before.camera, corners.astype(np.float64))
     place, warps = _on_road(before, now, rotation, direction, ground, ideal)
@@ -280,16 +281,3 @@ def _far_points(
     toward = rotation.T @ direction
     epipole = ideal_of_rays(now.camera, (toward[:2] / toward[2])[None])[0]
     return far, epipole
-
-
-def _spread(
-    pairs: NDArray[np.int64], corners: NDArray[np.float32], settings: TieSettings
-) -> NDArray[np.int64]:
-    # The first few of each cell, in the order of the corners.
-    cell = np.floor(corners[pairs[:, 0]] / settings.cell_px).astype(np.int64)
-    key = cell[:, 1] * 10_000 + cell[:, 0]
-    order = np.argsort(key, kind="stable")
-    ordered = key[order]
-    rank = np.arange(len(order)) - np.searchsorted(ordered, ordered)
-    kept: NDArray[np.int64] = pairs[np.sort(order[rank < settings.per_cell])]
-    return kept
