@@ -206,13 +206,13 @@ def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds
     here = changed_camera(problem.camera, lens)
     gain = problem.settings.gain
     settled = [_settle(one, here, problem.weights, rounds, gain) for one in segments]
-    cost = sum(evaluate(one, here, problem.weights)[0] for one in settled)
-    return _State(lens, settled, cost + float(lens @ problem.known @ lens))
+    cost = sum(cost for _, cost in settled) + float(lens @ problem.known @ lens)
+    return _State(lens, [segment for segment, _ in settled], cost)
 
 
 def _settle(
     segment: Segment, camera: Camera, weights: Weights, rounds: int, least_gain: float
-) -> Segment:
+) -> tuple[Segment, float]:
     cost, damping = evaluate(segment, camera, weights)[0], 1e-6
     for _ in range(rounds):
         linear = linearise(segment, camera, weights, damping)
@@ -225,7 +225,7 @@ def _settle(
                 break
         else:
             damping = max(30 * damping, 1e-4)
-    return segment
+    return segment, cost
 
 
 def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, Array]:
