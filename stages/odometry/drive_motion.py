@@ -81,11 +81,9 @@ def estimate_motion(
             spacing_m = None if frame.spacing_m is None else frame.spacing_m + gap_m
             odometry.advance(image, replace(frame, spacing_m=spacing_m))
         if step is None and image is not None and past and _is_doubtful(odometry, before):
-            view = View(frame, image)
-            ahead = _look_ahead(view, images, coming, misplaced, odometry)
-            compared = [view, *islice(ahead, settings.order_reach)]
-            order = ImageOrder(before)
-            wrong = order.misplaced(past, compared, certain=before_newest is None)
+            ahead = _from_here(View(frame, image), images, coming, misplaced, odometry)
+            compared = islice(ahead, 1 + settings.order_reach)
+            wrong = ImageOrder(before).misplaced(past, compared, certain=before_newest is None)
         if not wrong:
             yield from _released(held, memory)
             before_newest, gap_m = (before, gap_m), 0.0
@@ -135,14 +133,15 @@ def _is_doubtful(now: VisualOdometry, before: VisualOdometry) -> bool:
     return now.last.outward < usual
 
 
-def _look_ahead(
+def _from_here(
     view: View,
     images: Iterator[Detections],
     coming: deque[Detections],
     misplaced: set[int],
     odometry: VisualOdometry,
 ) -> Iterator[View]:
-    """The images after one that will be used; they come again."""
+    """An image and those after it that will be used; these come again."""
+    yield view
     for seen in count():
         if seen == len(coming):
             coming.extend(islice(images, 1))

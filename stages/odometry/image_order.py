@@ -7,7 +7,7 @@ reverse by counting them with the images exchanged. No length of a step takes pa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
@@ -39,7 +39,7 @@ class ImageOrder:
     odometry: VisualOdometry
     _moved: dict[tuple[int, int], int] = field(default_factory=dict)
 
-    def misplaced(self, past: Sequence[View], coming: Sequence[View], *, certain: bool) -> set[int]:
+    def misplaced(self, past: Sequence[View], ahead: Iterable[View], *, certain: bool) -> set[int]:
         """Indices of the frames that show another place, empty where that is not certain.
 
         Images contradict each other where the reverse of their order is found. The fewest are left out that leave no
@@ -49,12 +49,13 @@ class ImageOrder:
 
         Parameters
         ----------
-        past, coming
+        past, ahead
             Images before and from the doubtful step on, in order.
         certain
             Whether the newest of `past` is right, as those before it are.
         """
-        if past and not self._agree(coming[0], past[-1]):
+        coming = list(ahead)
+        if not self._agree(coming[0], past[-1]):
             return {coming[0].frame.index} if self._is_foreign(past[-1], *coming[:2]) else set()
         reach = self.odometry.settings.order_reach
         past = past[-reach:]
