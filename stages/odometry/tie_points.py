@@ -130,7 +130,7 @@ def _register(
 ) -> Array:
     """Positions of the first image's corners in the second one, recorded pixels, with warp and sigma: (n, 6).
 
-    nan where their correlation is low.
+    The position is nan where they are not found.
     """
     far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
     corners = np.rint(before.corners[pairs[:, 0]]).astype(np.int64)
@@ -156,8 +156,7 @@ def _register(
     registered = register_patches(
         before.grey, now.grey, corners, starts, warps, settings.search_px, settings
     )
-    found = np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
-    return np.where(registered.zncc[:, None] >= settings.smallest_correlation, found, np.nan)
+    return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
 
 def register_road(
@@ -190,7 +189,7 @@ def register_road(
     found = register_patches(
         before.grey, now.grey, corners, starts, warps, settings.road_search_px, settings
     )
-    good = found.zncc >= settings.smallest_correlation
+    good = found.zncc > 0
     return RegisteredTies(
         np.vstack([tied.previous, ideal[good]]),
         np.vstack([tied.current, ideal_points(now.camera, found.point[good])]),
@@ -250,7 +249,7 @@ def match_corners(
     """
     far, epipole = _far_points(before, now, *motion, slice(None))
     outward = far - epipole
-    reach = np.linalg.norm(outward, axis=1)
+    reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
     outward /= np.maximum(reach, 1e-9)[:, None]
     length = np.minimum(reach * (settings.largest_growth - 1), settings.longest_px)
     width = np.full(len(far), slack_px)
