@@ -56,10 +56,11 @@ def match_in_bands(
     require_array(others, "others", np.uint8, (m, 32))
     if n == 0 or m == 0:
         return np.zeros((0, 2), np.int64)
-    low = points.min(axis=0)
-    cell = np.floor((points - low) / CELL_PX).astype(np.int64)
-    columns, rows = cell.max(axis=0) + 1
-    key = cell[:, 1] * columns + cell[:, 0]
+    places = points.T.copy()  # NumPy reduces long rows fast, and long columns slowly
+    low = places.min(axis=1)
+    column, row = np.floor((places - low[:, None]) / CELL_PX).astype(np.int64)
+    columns, rows = column.max() + 1, row.max() + 1
+    key = row * columns + column
     order = np.argsort(key, kind="stable")
     first = np.append(0, np.cumsum(np.bincount(key, minlength=columns * rows)))
     owner = np.full(m, -1, np.int64)
