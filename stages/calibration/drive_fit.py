@@ -167,8 +167,7 @@ def _error_factor(state: _State, problem: _Problem) -> float:
 def _minimise(start: _State, problem: _Problem) -> _State:
     s, best, damping = problem.settings, start, 0.0
     for _ in range(s.iterations):
-        linear = _linearised(best, problem, _SMALLEST_DAMPING)
-        matrix, right = _equations(best, linear, problem)
+        linear, matrix, right = _equations(best, problem, _SMALLEST_DAMPING)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step: Array = np.asarray(np.linalg.solve(damped, right), np.float64)
         shortened = min(1.0, s.longest_step / max(abs(float(step[0])), 1e-12))
@@ -187,18 +186,14 @@ def _minimise(start: _State, problem: _Problem) -> _State:
     return best
 
 
-def _linearised(state: _State, problem: _Problem, damping: float) -> list[Linear]:
+def _equations(
+    state: _State, problem: _Problem, damping: float
+) -> tuple[list[Linear], Array, Array]:
+    """Linearised segments, and the normal equations of the lens: matrix (5, 5) and right side (5,)."""
     here = changed_camera(problem.camera, state.lens)
-    return [linearise(one, here, problem.weights, damping) for one in state.segments]
-
-
-def _equations(state: _State, linear: Sequence[Linear], problem: _Problem) -> tuple[Array, Array]:
-    """Normal equations of the lens: matrix (5, 5) and right side (5,)."""
-    matrix, right = problem.known.copy(), -problem.known @ state.lens
-    for one in linear:
-        matrix += one.matrix
-        right += one.right
-    return matrix, right
+    linear = [linearise(one, here, problem.weights, damping) for one in state.segments]
+    matrix = sum((one.matrix for one in linear), problem.known)
+    return linear, matrix, sum((one.right for one in linear), -problem.known @ state.lens)
 
 
 def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds: int) -> _State:
@@ -233,8 +228,7 @@ def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, 
 
     Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
     """
-    linear = _linearised(state, problem, 0.0)
-    matrix, right = _equations(state, linear, problem)
+    linear, matrix, right = _equations(state, problem, 0.0)
     inverse = np.asarray(np.linalg.inv(matrix), np.float64)
     result = inverse.copy()
     for segment, one in zip(state.segments, linear, strict=True):
