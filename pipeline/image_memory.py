@@ -9,7 +9,6 @@ from wayside.pipeline.workers import Result
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Frame
 from wayside.schemas.settings import Settings
-from wayside.stages.odometry import HELD_IMAGES
 
 _BYTES_A_PIXEL = 3 + 1 + 3 * (1 / 4 + 1 / 16)
 """Colour, grey, and colour at half and quarter size."""
@@ -79,4 +78,6 @@ class ImageMemory:
 def image_memory(settings: Settings) -> ImageMemory:
     """The count of a run with these settings."""
     track = settings.track
-    return ImageMemory(settings.run.memory_mb, HELD_IMAGES + track.longest + track.window_step)
+    around_doubtful_step = 1 + settings.motion.order_reach
+    window = around_doubtful_step + track.longest + track.window_step
+    return ImageMemory(settings.run.memory_mb, window)

@@ -101,6 +101,12 @@ class PosePrior:
     sigma_rad: float | None
     source: str  # "poses" or "odometry"
 
+    def sigmas(self, default_m: float, default_rad: float) -> tuple[float, float]:
+        """Both standard deviations; the defaults where the log states none."""
+        given = (self.sigma_m, default_m), (self.sigma_rad, default_rad)
+        sigma_m, sigma_rad = (own if own is not None and own > 0 else other for own, other in given)
+        return sigma_m, sigma_rad
+
 
 @dataclass(frozen=True, slots=True)
 class Fix:

@@ -60,11 +60,11 @@ def require_array(
     ValueError
         Naming the array, what was wanted, what was found and what to do.
     """
-    wanted = " x ".join("any" if n is None else str(n) for n in shape)
     fits = len(array.shape) == len(shape) and all(
         n is None or n == found for n, found in zip(shape, array.shape, strict=True)
     )
     if not fits or array.dtype != dtype:
+        wanted = " x ".join("any" if n is None else str(n) for n in shape)
         raise ValueError(
             f"{name}: wanted {wanted} {np.dtype(dtype).name}, found "
             f"{' x '.join(map(str, array.shape))} {array.dtype.name}; convert it first"

@@ -94,6 +94,14 @@ class MotionSettings:
         expert=True,
         low=1,
     )
+    order_reach: int = setting(
+        3,
+        "images",
+        "on either side that an image is compared with where the order is doubtful",
+        origin="further apart, few corners are found again",
+        expert=True,
+        low=1,
+    )
     shortest_m: float = setting(0.02, "m", "shortest step", expert=True, low=0)
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1

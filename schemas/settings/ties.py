@@ -71,7 +71,7 @@ class TieSettings:
         0.3, "", "a registration below it is abandoned", expert=True, low=-1, high=1
     )
     smallest_correlation: float = setting(
-        0.85, "", "smallest correlation of a registered patch", expert=True, low=-1, high=1
+        0.85, "", "smallest correlation of a registered patch", expert=True, low=0.01, high=1
     )
 
     # Points on the road

@@ -167,8 +167,7 @@ def _error_factor(state: _State, problem: _Problem) -> float:
 def _minimise(start: _State, problem: _Problem) -> _State:
     s, best, damping = problem.settings, start, 0.0
     for _ in range(s.iterations):
-        linear = _linearised(best, problem, _SMALLEST_DAMPING)
-        matrix, right = _equations(best, linear, problem)
+        linear, matrix, right = _equations(best, problem, _SMALLEST_DAMPING)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step: Array = np.asarray(np.linalg.solve(damped, right), np.float64)
         shortened = min(1.0, s.longest_step / max(abs(float(step[0])), 1e-12))
@@ -187,18 +186,14 @@ def _minimise(start: _State, problem: _Problem) -> _State:
     return best
 
 
-def _linearised(state: _State, problem: _Problem, damping: float) -> list[Linear]:
+def _equations(
+    state: _State, problem: _Problem, damping: float
+) -> tuple[list[Linear], Array, Array]:
+    """Linearised segments, and the normal equations of the lens: matrix (5, 5) and right side (5,)."""
     here = changed_camera(problem.camera, state.lens)
-    return [linearise(one, here, problem.weights, damping) for one in state.segments]
-
-
-def _equations(state: _State, linear: Sequence[Linear], problem: _Problem) -> tuple[Array, Array]:
-    """Normal equations of the lens: matrix (5, 5) and right side (5,)."""
-    matrix, right = problem.known.copy(), -problem.known @ state.lens
-    for one in linear:
-        matrix += one.matrix
-        right += one.right
-    return matrix, right
+    linear = [linearise(one, here, problem.weights, damping) for one in state.segments]
+    matrix = sum((one.matrix for one in linear), problem.known)
+    return linear, matrix, sum((one.right for one in linear), -problem.known @ state.lens)
 
 
 def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds: int) -> _State:
@@ -206,13 +201,13 @@ def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds
     here = changed_camera(problem.camera, lens)
     gain = problem.settings.gain
     settled = [_settle(one, here, problem.weights, rounds, gain) for one in segments]
-    cost = sum(evaluate(one, here, problem.weights)[0] for one in settled)
-    return _State(lens, settled, cost + float(lens @ problem.known @ lens))
+    cost = sum(cost for _, cost in settled) + float(lens @ problem.known @ lens)
+    return _State(lens, [segment for segment, _ in settled], cost)
 
 
 def _settle(
     segment: Segment, camera: Camera, weights: Weights, rounds: int, least_gain: float
-) -> Segment:
+) -> tuple[Segment, float]:
     cost, damping = evaluate(segment, camera, weights)[0], 1e-6
     for _ in range(rounds):
         linear = linearise(segment, camera, weights, damping)
@@ -225,7 +220,7 @@ def _settle(
                 break
         else:
             damping = max(30 * damping, 1e-4)
-    return segment
+    return segment, cost
 
 
 def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, Array]:
@@ -233,8 +228,7 @@ def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, 
 
     Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
     """
-    linear = _linearised(state, problem, 0.0)
-    matrix, right = _equations(state, linear, problem)
+    linear, matrix, right = _equations(state, problem, 0.0)
     inverse = np.asarray(np.linalg.inv(matrix), np.float64)
     result = inverse.copy()
     for segment, one in zip(state.segments, linear, strict=True):

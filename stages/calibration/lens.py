@@ -15,7 +15,6 @@ from wayside.stages.kernels import Array
 LENS = ("focal", "cx", "cy", "k1", "k2")
 """Changes of a lens: logarithm of the factor of both focal lengths; principal point, px; radial distortion."""
 
-_STEP = 1e-6
 _NEAREST = 1e-3
 
 
@@ -34,9 +33,13 @@ def changed_camera(camera: Camera, lens: Array) -> Camera:
 
 
 class Projection(NamedTuple):
-    """Recorded pixels (n, 2), and their Jacobians by the ray (n, 2, 3) and by the lens (n, 2, 5)."""
+    """Recorded pixels (n, 2), and their Jacobians.
+
+    by_turn (n, 2, 3): by a rotation of the camera (rad, its axes); by_ray (n, 2, 3); by_lens (n, 2, 5).
+    """
 
     pixels: Array
+    by_turn: Array
     by_ray: Array
     by_lens: Array
 
@@ -44,29 +47,14 @@ class Projection(NamedTuple):
 def project(camera: Camera, rays: Array) -> Projection:
     """Project rays (n, 3) of the camera frame; those beside or behind the camera as if just ahead of it.
 
-    The distortion has at least the two coefficients k1 and k2; differences serve as its derivatives, whatever its form.
+    The distortion has at least the two coefficients k1 and k2.
     """
-    depth = np.maximum(rays[:, 2], _NEAREST)
-    plain = rays[:, :2] / depth[:, None]
-    coefficients, focal = np.array(camera.distortion), np.array([camera.fx, camera.fy])
-    lens = _distorted(plain, coefficients)
-    by_ray = np.empty((len(rays), 2, 3))
-    for i in range(2):
-        moved = plain + _STEP * np.eye(2)[i]
-        slope = (_distorted(moved, coefficients) - lens) / _STEP * focal
-        by_ray[:, :, i] = slope / depth[:, None]
-    by_ray[:, :, 2] = -(by_ray[:, :, :2] @ plain[:, :, None])[:, :, 0]
-    by_lens = np.zeros((len(rays), 2, len(LENS)))
-    by_lens[:, :, 0] = lens * focal
-    by_lens[:, 0, 1] = by_lens[:, 1, 2] = 1.0
-    for i in range(2):
-        moved = coefficients + _STEP * np.eye(len(coefficients))[i]
-        by_lens[:, :, 3 + i] = (_distorted(plain, moved) - lens) / _STEP * focal
-    return Projection(lens * focal + (camera.cx, camera.cy), by_ray, by_lens)
-
-
-def _distorted(plain: Array, coefficients: Array) -> Array:
-    solid = np.column_stack([plain, np.ones(len(plain))])
-    still = np.zeros(3)
-    projected, _ = cv2.projectPoints(solid[:, None], still, still, np.eye(3), coefficients)
-    return np.asarray(projected, np.float64).reshape(-1, 2)
+    solid = np.column_stack([rays[:, :2], np.maximum(rays[:, 2], _NEAREST)])
+    still, coefficients = np.zeros(3), np.array(camera.distortion)
+    found, slopes = cv2.projectPoints(solid, still, still, camera.matrix, coefficients)
+    # Columns of OpenCV: rotation and position of the points, focal lengths, principal point, distortion.
+    by: Array = np.asarray(slopes, np.float64).reshape(len(rays), 2, -1)
+    scale = by[:, :, 6:8] @ np.array([[camera.fx], [camera.fy]])
+    by_lens = np.concatenate([scale, by[:, :, 8 : 7 + len(LENS)]], axis=2)
+    pixels = np.asarray(found, np.float64).reshape(-1, 2)
+    return Projection(pixels, -by[:, :, :3], by[:, :, 3:6], by_lens)

@@ -143,8 +143,7 @@ def _turns(motions: Sequence[Motion]) -> tuple[Array, Array]:
     """Rotations (m - 1, 3, 3) of the steps by the log, and their sigmas (m - 1,), inf where it has none."""
     turns, sigmas = [], []
     for motion in motions[1:]:
-        prior = motion.prior
-        known = prior is not None and motion.source in KNOWN_TURNS
-        turns.append(prior.rotation if known and prior is not None else np.eye(3))
-        sigmas.append(prior.sigma_rotation if known and prior is not None else inf)
+        prior = motion.prior if motion.source in KNOWN_TURNS else None
+        turns.append(np.eye(3) if prior is None else prior.rotation)
+        sigmas.append(inf if prior is None else prior.sigma_rotation)
     return np.array(turns), np.array(sigmas)

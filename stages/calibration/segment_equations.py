@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera
 from wayside.stages.calibration.lens import LENS, Projection, project
 from wayside.stages.calibration.segment import Segment
-from wayside.stages.geometry import cross_matrices
 from wayside.stages.kernels import Array
 
 _FLOOR = 1e-9
@@ -52,11 +51,26 @@ class Linear(NamedTuple):
 
 
 class _View(NamedTuple):
-    """Points in an image each: pixels and Jacobians, these also by the pose (n, 2, 6) and by the point (n, 2, 3)."""
+    """Points in an image each: pixels and Jacobians.
+
+    rotation (n, 3, 3) and basis (n, 2, 3) of each, inverse (n,) distance, arm (n, 3) from its image to its origin.
+    """
 
     projection: Projection
-    by_pose: Array
-    by_point: Array
+    rotation: Array
+    basis: Array
+    inverse: Array
+    arm: Array
+
+    def derivatives(self) -> tuple[Array, Array]:
+        """Of the pixels by the pose (n, 2, 6) and by the point (n, 2, 3)."""
+        in_world = self.projection.by_ray @ self.rotation.transpose(0, 2, 1)
+        by_centre = -self.inverse[:, None, None] * in_world
+        by_offset = in_world @ self.basis.transpose(0, 2, 1)
+        return (
+            np.concatenate([self.projection.by_turn, by_centre], axis=2),
+            np.concatenate([by_offset, in_world @ self.arm[:, :, None]], axis=2),
+        )
 
 
 def evaluate(segment: Segment, camera: Camera, weights: Weights) -> tuple[float, Array]:
@@ -78,17 +92,20 @@ def linearise(segment: Segment, camera: Camera, weights: Weights, damping: float
     lengths = np.linalg.norm(residual, axis=1) / sigma
     weight = 1 / (sigma * np.sqrt(1 + (lengths / weights.scale) ** 2))
     warp = _warps(s.warp)
+    early_pose, early_point = early.derivatives()
+    late_pose, late_point = late.derivatives()
     by_all = np.zeros((len(residual), 2, size))
-    _put(by_all, s.frames[:, 1], late.by_pose)
-    _put(by_all, s.frames[:, 0], -warp @ early.by_pose)
+    _put(by_all, s.frames[:, 1], late_pose)
+    _put(by_all, s.frames[:, 0], -warp @ early_pose)
     by_all[:, :, 6 * count :] = late.projection.by_lens - warp @ early.projection.by_lens
-    by_point = late.by_point - warp @ early.by_point
+    by_point = late_point - warp @ early_point
     anchor, first = _anchor_residuals(s, camera)
+    first_pose, first_point = first.derivatives()
     anchor_all = np.zeros((tracks, 2, size))
-    _put(anchor_all, s.frames[s.head, 0], first.by_pose)
+    _put(anchor_all, s.frames[s.head, 0], first_pose)
     anchor_all[:, :, 6 * count :] = first.projection.by_lens
     jacobian = np.concatenate([anchor_all / weights.anchor_px, by_all * weight[:, None, None]])
-    points = np.concatenate([first.by_point / weights.anchor_px, by_point * weight[:, None, None]])
+    points = np.concatenate([first_point / weights.anchor_px, by_point * weight[:, None, None]])
     errors = np.concatenate([anchor / weights.anchor_px, residual * weight[:, None]])
     track = np.concatenate([np.arange(tracks), s.track])
     order = np.argsort(track, kind="stable")  # sums over the rows of each track
@@ -157,15 +174,8 @@ def _view(
     arm = s.origin[track] - s.centres[frame]
     offset = (s.points[track, None, :2] @ basis)[:, 0]
     world = s.ray[track] + offset + inverse[:, None] * arm
-    local = (world[:, None] @ rotation)[:, 0]
-    projection = project(camera, local)
-    in_world = projection.by_ray @ rotation.transpose(0, 2, 1)
-    by_turn = projection.by_ray @ cross_matrices(local)
-    by_pose = np.concatenate([by_turn, -inverse[:, None, None] * in_world], axis=2)
-    by_offset = in_world @ basis.transpose(0, 2, 1)
-    return _View(
-        projection, by_pose, np.concatenate([by_offset, in_world @ arm[:, :, None]], axis=2)
-    )
+    projection = project(camera, (world[:, None] @ rotation)[:, 0])
+    return _View(projection, rotation, basis, inverse, arm)
 
 
 def _warps(warp: Array) -> Array:

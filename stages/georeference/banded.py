@@ -30,9 +30,14 @@ class BandedNormal:
         self.right: Array = np.zeros(blocks * size)
 
     def add(
-        self, block: NDArray[np.int64], columns: Sequence[int], jacobian: Array, residual: Array
+        self,
+        block: NDArray[np.int64],
+        columns: Sequence[int],
+        jacobian: Array,
+        residual: Array,
+        weight: Array | float = 1.0,
     ) -> None:
-        """Add measurements of one kind, already divided by their standard deviations.
+        """Add measurements of one kind.
 
         Parameters
         ----------
@@ -42,13 +47,16 @@ class BandedNormal:
             Of the c unknowns touched, counted from the first of the block; down to -size for the block before.
         jacobian, residual
             (m, r, c) and (m, r): Jacobian of the prediction, and measured minus predicted.
+        weight
+            One over the variance: of all, or (m, r) or (m, 1).
         """
+        weighted = jacobian * np.asarray(weight)[..., None]
         first = block * self.size
         for a, column in enumerate(columns):
-            self.right[first + column] += (jacobian[:, :, a] * residual).sum(axis=1)
+            self.right[first + column] += (weighted[:, :, a] * residual).sum(axis=1)
             for b, other in enumerate(columns[: a + 1]):
                 high, low = max(column, other), min(column, other)
-                product = (jacobian[:, :, a] * jacobian[:, :, b]).sum(axis=1)
+                product = (weighted[:, :, a] * jacobian[:, :, b]).sum(axis=1)
                 self.band[high - low, first + low] += product
 
     def solve(self) -> tuple[Array, Array]:

@@ -149,21 +149,18 @@ def _measured_poses(
     """The log's own poses."""
     s = settings
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    sigma = np.array([max(_or(g.sigma_m, motion.pose_sigma_m), s.pose_floor_m) for _, g in given])
+    default = motion.pose_sigma_m, radians(motion.pose_sigma_deg)
+    floor = s.pose_floor_m, s.pose_floor_rad
+    sigma_m, sigma_rad = np.maximum([g.sigmas(*default) for _, g in given], floor).T
     return AbsoluteMeasurements(
         row=np.array([row for row, _ in given]),
         position=np.stack([g.pose.centre for _, g in given]),
-        sigma_m=np.tile(sigma[:, None], (1, 3)),
+        sigma_m=np.tile(sigma_m[:, None], (1, 3)),
         correlated_sigma_m=np.zeros((len(path), 3)),
         correlation_s=s.correlation_s,
         lever_arm_m=np.zeros(3),
         rotation=np.stack([g.pose.rotation for _, g in given]),
-        sigma_rad=np.array(
-            [
-                max(_or(g.sigma_rad, radians(motion.pose_sigma_deg)), s.pose_floor_rad)
-                for _, g in given
-            ]
-        ),
+        sigma_rad=sigma_rad,
         first_sigma_rad=np.full(3, pi),
         roll_sigma_rad=np.inf,
     )
@@ -265,7 +262,3 @@ def _drive_start(path: Sequence[PathPoint], heading_step_m: float) -> Pose:
     axes = np.stack([forward, np.cross(up, forward), up])  # world axes in the first camera's frame
     rotation = axes @ first.rotation.T
     return Pose(rotation, -rotation @ first.centre)
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None or not value > 0 else value

@@ -7,11 +7,9 @@ time offset. Every measurement touches one frame or two neighbours: the cost is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.settings import GeoreferenceSettings
@@ -150,22 +148,23 @@ class _Adjustment:
         """Priors of scales and time offset; the correlated error is a first-order Gauss-Markov process."""
         n, s = len(self.centre), self.settings
         every, later = np.arange(n), np.arange(1, n)
+        one = np.ones((1, 1, 1))
         sigma = np.where(self.chain.free_length, s.unknown_length_sigma, s.known_length_sigma)
-        _add(normal, every, (SCALE,), np.ones((n, 1, 1)), -self.scale[:, None], sigma[:, None])
+        normal.add(
+            every, (SCALE,), np.tile(one, (n, 1, 1)), -self.scale[:, None], sigma[:, None] ** -2
+        )
         keeps = np.exp(-np.maximum(self.chain.interval_s[1:], 0.0) / self.measured.correlation_s)
         fresh = np.sqrt(np.maximum(1 - keeps**2, 1e-8))
         for axis in range(CORRELATED.start, CORRELATED.stop):
             u = self.correlated[:, axis - CORRELATED.start]
-            _add(normal, every[:1], (axis,), np.ones((1, 1, 1)), -u[:1, None], np.ones((1, 1)))
+            normal.add(every[:1], (axis,), one, -u[:1, None])
             jacobian = np.stack([np.ones(n - 1), -keeps], axis=1)[:, None]
             residual = (keeps * u[:-1] - u[1:])[:, None]
-            _add(normal, later, (axis, axis - UNKNOWNS), jacobian, residual, fresh[:, None])
-        sigma = np.full((1, 1), self.offset_sigma_s)
-        _add(normal, every[:1], (OFFSET,), np.ones((1, 1, 1)), -self.offset[:1, None], sigma)
+            normal.add(later, (axis, axis - UNKNOWNS), jacobian, residual, fresh[:, None] ** -2)
+        normal.add(every[:1], (OFFSET,), one, -self.offset[:1, None], self.offset_sigma_s**-2)
         jacobian = np.tile([1.0, -1.0], (n - 1, 1, 1))
         residual = -np.diff(self.offset)[:, None]
-        sigma = np.full((n - 1, 1), s.offset_drift_s)
-        _add(normal, later, (OFFSET, OFFSET - UNKNOWNS), jacobian, residual, sigma)
+        normal.add(later, (OFFSET, OFFSET - UNKNOWNS), jacobian, residual, s.offset_drift_s**-2)
 
     def _add_steps(self, normal: BandedNormal) -> None:
         """The steps: rotation and translation in the axes of the camera before."""
@@ -187,7 +186,7 @@ class _Adjustment:
         white, jacobian = -_times(root, residual), root @ jacobian
         weight = _cauchy((white**2).sum(axis=1), 6, self.settings.step_reach)
         columns = (*range(-UNKNOWNS, 6 - UNKNOWNS), *range(7))
-        _add_weighted(normal, np.arange(1, n), columns, jacobian, white, weight)
+        normal.add(np.arange(1, n), columns, jacobian, white, weight[:, None])
 
     def _add_ratios(self, normal: BandedNormal) -> None:
         """Lengths of neighbouring steps against each other."""
@@ -197,7 +196,7 @@ class _Adjustment:
             weight = _cauchy(white**2, 1, s.ratio_reach)
             jacobian = np.stack([1 / sigma, -1 / sigma], axis=1)[:, None]
             columns = (SCALE, SCALE - UNKNOWNS)
-            _add_weighted(normal, rows, columns, jacobian, white[:, None], weight)
+            normal.add(rows, columns, jacobian, white[:, None], weight[:, None])
 
     def _add_measured(self, normal: BandedNormal, weight: Array | None) -> None:
         """Absolute positions and rotations at the time offset before the frame's capture; roll and first rotation."""
@@ -233,7 +232,7 @@ class _Adjustment:
         freedom = 3 if measured.rotation is None else 6
         robust = _cauchy((white**2).sum(axis=1), freedom, self.settings.position_reach)
         self.weight = robust if weight is None else weight
-        _add_weighted(normal, rows, range(UNKNOWNS), jacobian, white, self.weight)
+        normal.add(rows, range(UNKNOWNS), jacobian, white, self.weight[:, None])
         self._add_level(normal)
 
     def _add_level(self, normal: BandedNormal) -> None:
@@ -242,11 +241,10 @@ class _Adjustment:
         if np.isfinite(measured.roll_sigma_rad):
             right = self.rotation[:, :, 0]
             jacobian = np.stack([right[:, 1], -right[:, 0]], axis=1)[:, None]
-            sigma = np.full((n, 1), measured.roll_sigma_rad)
-            _add(normal, np.arange(n), (3, 4), jacobian, -right[:, 2:], sigma)
+            normal.add(np.arange(n), (3, 4), jacobian, -right[:, 2:], measured.roll_sigma_rad**-2)
         apart = _vector(self.first @ self.rotation[:1].transpose(0, 2, 1))
-        sigma = measured.first_sigma_rad[None]
-        _add(normal, np.zeros(1, int), range(3, 6), np.eye(3)[None], apart, sigma)
+        weight = measured.first_sigma_rad[None] ** -2
+        normal.add(np.zeros(1, int), range(3, 6), np.eye(3)[None], apart, weight)
 
     def _velocity(self) -> Array:
         """Velocity of each frame (n, 3), m/s, 0 where times do not tell."""
@@ -283,29 +281,6 @@ def _cauchy(squares: Array, freedom: int, reach: float) -> Array:
     each = squares / freedom
     usual = max(1.0, float(np.median(each)))
     return np.asarray(1 / (1 + each / (reach**2 * usual)))
-
-
-def _add(
-    normal: BandedNormal,
-    block: NDArray[np.int64],
-    columns: Sequence[int],
-    jacobian: Array,
-    residual: Array,
-    sigma: Array,
-) -> None:
-    normal.add(block, columns, jacobian / sigma[:, :, None], residual / sigma)
-
-
-def _add_weighted(
-    normal: BandedNormal,
-    block: NDArray[np.int64],
-    columns: Sequence[int],
-    jacobian: Array,
-    white: Array,
-    weight: Array,
-) -> None:
-    root = np.sqrt(weight)[:, None]
-    normal.add(block, columns, jacobian * root[:, :, None], white * root)
 
 
 def _rotated(rotation: Array, vector: Array) -> Array:

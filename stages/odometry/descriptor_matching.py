@@ -56,39 +56,30 @@ def match_in_bands(
     require_array(others, "others", np.uint8, (m, 32))
     if n == 0 or m == 0:
         return np.zeros((0, 2), np.int64)
-    low = points.min(axis=0)
-    columns, rows = (np.floor((points.max(axis=0) - low) / CELL_PX)).astype(np.int64) + 1
-    cell = np.floor((points - low) / CELL_PX).astype(np.int64)
-    key = cell[:, 1] * columns + cell[:, 0]
+    places = points.T.copy()  # NumPy reduces long rows fast, and long columns slowly
+    low = places.min(axis=1)
+    column, row = np.floor((places - low[:, None]) / CELL_PX).astype(np.int64)
+    columns, rows = column.max() + 1, row.max() + 1
+    key = row * columns + column
     order = np.argsort(key, kind="stable")
-    first = np.searchsorted(key[order], np.arange(columns * rows + 1))
-    best = np.full(n, -1, np.int64)
-    distance = np.full(n, 257, np.int64)
+    first = np.append(0, np.cumsum(np.bincount(key, minlength=columns * rows)))
+    owner = np.full(m, -1, np.int64)
     _match(
         bands,
         descriptors.view(np.uint64),
-        points,
-        others.view(np.uint64),
+        points[order],
+        others[order].view(np.uint64),
         low,
-        np.array([columns, rows]),
-        order,
+        (int(columns), int(rows)),
         first,
         farthest,
         ratio,
         same_corner_px,
-        best,
-        distance,
+        owner,
     )
-    return _one_to_one(best, distance)
-
-
-def _one_to_one(best: NDArray[np.int64], distance: NDArray[np.int64]) -> NDArray[np.int64]:
-    # Of all first corners with the same best match, the one with the smallest distance keeps it.
-    chosen = np.flatnonzero(best >= 0)
-    order = chosen[np.lexsort((chosen, distance[chosen], best[chosen]))]
-    _, leaders = np.unique(best[order], return_index=True)
-    kept = np.sort(order[leaders])
-    return np.stack([kept, best[kept]], axis=1)
+    found = np.flatnonzero(owner >= 0)
+    pairs = np.stack([owner[found], order[found]], axis=1)
+    return np.asarray(pairs[np.argsort(pairs[:, 0])])
 
 
 @compiled
@@ -109,18 +100,18 @@ def _match(
     points: Array,
     others: NDArray[np.uint64],
     low: Array,
-    grid: NDArray[np.int64],
-    order: NDArray[np.int64],
+    grid: tuple[int, int],
     first: NDArray[np.int64],
     farthest: int,
     ratio: float,
     same_corner_px: float,
-    best: NDArray[np.int64],
-    distance: NDArray[np.int64],
+    owner: NDArray[np.int64],
 ) -> None:
-    columns, rows = grid[0], grid[1]
+    # The second corners come by cell, the first of each cell in `first`; `owner` becomes the first corner of each.
+    columns, rows = grid
     candidates = np.empty(points.shape[0], np.int64)
     distances = np.empty(points.shape[0], np.int64)
+    closest = np.empty(points.shape[0], np.int64)
     for i in range(bands.shape[0]):
         u, v, du, dv, length, width = bands[i]
         # the cells that the band's box touches; clipped so that a band outside touches none
@@ -135,8 +126,7 @@ def _match(
         count, least, winner = 0, 257, -1
         for row in range(row_from, row_to + 1):
             begin = first[row * columns + column_from]
-            for k in range(begin, first[row * columns + column_to + 1]):
-                j = order[k]
+            for j in range(begin, first[row * columns + column_to + 1]):
                 x, y = points[j, 0] - u, points[j, 1] - v
                 along = x * du + y * dv
                 if abs(x * dv - y * du) > width or along < -width or along > length + width:
@@ -158,5 +148,6 @@ def _match(
             )
             if apart > same_corner_px and distances[k] < second:
                 second = distances[k]
-        if least < ratio * second:
-            best[i], distance[i] = winner, least
+        if least < ratio * second and (owner[winner] < 0 or least < closest[winner]):
+            # of several with the same best one the closest keeps it
+            owner[winner], closest[winner] = i, least

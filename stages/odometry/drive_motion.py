@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Protocol
+from itertools import count, islice
+from typing import NamedTuple, Protocol
 
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
 from wayside.schemas.frame import DUPLICATE, OTHER_PLACE, Frame, Image
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
-from wayside.stages.odometry.image_order import REACH, ImageOrder, View
-from wayside.stages.odometry.standing import shows_no_motion
+from wayside.stages.odometry.image_order import ImageOrder, View, shows_no_motion
 from wayside.stages.odometry.tie_points import KeypointImage
 from wayside.stages.odometry.visual_odometry import OdometryStep, VisualOdometry
-
-HELD_IMAGES = 1 + REACH
-"""Images that wait here at most while one more comes: around a doubtful step."""
 
 
 class StepMemory(Protocol):
@@ -52,145 +49,111 @@ def estimate_motion(
     InputError
         Where no source gives the length of a step.
     """
-    stage = _MotionStage(VisualOdometry(settings, ties, adjustment), images, memory)
-    while (item := stage.next_image()) is not None:
-        yield from stage.take(item)
-    yield from stage.release()
-
-
-class _MotionStage:
-    """The odometry, and the images that may still be left out.
-
-    earlier, earlier_gap_m: state before the newest used image, None where that has left; past: used images, the newest
-    last; gap_m: spacing of images left out since; held: the newest used image and what has come since; recalled: frames
-    whose steps are in the memory; misplaced: frames known to show other places.
-    """
-
-    def __init__(
-        self,
-        odometry: VisualOdometry,
-        images: Iterator[Detections],
-        memory: StepMemory | None,
-    ) -> None:
-        self.odometry, self.images, self.memory = odometry, images, memory
-        self.earlier: VisualOdometry | None = None
-        self.gap_m = self.earlier_gap_m = 0.0
-        self.past: list[View] = []
-        self.coming: deque[Detections] = deque()
-        self.held: list[tuple[Detections, OdometryStep | None]] = []
-        self.recalled: set[int] = set()
-        self.misplaced: set[int] = set()
-
-    def next_image(self) -> Detections | None:
-        """The next image, None at the end."""
-        return self.coming.popleft() if self.coming else next(self.images, None)
-
-    def take(self, item: Detections) -> Iterator[PosedDetections]:
-        """Take in an image; those that are certain now."""
-        frame = item.frame
-        if not frame.used:
-            yield from self._hold(item, None)
-            return
-        step = None if self.memory is None else self.memory.recall(frame.index)
+    odometry = VisualOdometry(settings, ties, adjustment)
+    # State before the newest used image, while that may still be left out, and the spacing of those left out since.
+    before_newest: tuple[VisualOdometry, float] | None = None
+    gap_m = 0.0
+    coming: deque[Detections] = deque()
+    past: list[View] = []
+    held: list[_Held] = []
+    misplaced: set[int] = set()
+    while (item := coming.popleft() if coming else next(images, None)) is not None:
+        frame, image = item.frame, KeypointImage.of(item) if item.frame.used else None
+        step = memory.recall(frame.index) if memory is not None and frame.used else None
+        recalled = step is not None
         if step is not None:
-            self.recalled.add(frame.index)
-            self.misplaced |= set(step.misplaced)
-        elif frame.index in self.misplaced:
-            step = self._other_place(frame)
-        if step is not None and step.motion is None:
-            self._skip(frame, step)
-            yield from self._hold(item, step)
-            return
-        image = KeypointImage.of(item)
-        s, ties = self.odometry.settings, self.odometry.ties
-        if step is None and shows_no_motion(self.odometry.image, image, s, ties):
-            yield from self._hold(item, OdometryStep(None, status=DUPLICATE))
-            return
-        before = self.odometry.copy()
+            misplaced.update(step.misplaced)
+        elif frame.used and frame.index in misplaced:
+            step = _other_place(frame, misplaced)
+        elif shows_no_motion(odometry.image, image, settings, ties):
+            step = OdometryStep(None, status=DUPLICATE)
+        if not frame.used or (step is not None and step.motion is None):
+            if step is not None and step.status == OTHER_PLACE:
+                gap_m += frame.spacing_m or 0.0
+            held.append(_Held(item, step, recalled))
+            if before_newest is None:
+                yield from _released(held, memory)
+            continue
+        before, wrong = odometry.copy(), set[int]()
         if step is not None:
-            self.odometry.take(step, image, frame)
+            odometry.take(step, image, frame)
         else:
-            spacing_m = None if frame.spacing_m is None else frame.spacing_m + self.gap_m
-            self.odometry.advance(image, replace(frame, spacing_m=spacing_m))
-            if image is not None and (found := self._misplaced(before, View(frame, image))):
-                yield from self._leave_out(found, before, item)
-                return
-        yield from self.release()
-        self.earlier, self.earlier_gap_m, self.gap_m = before, self.gap_m, 0.0
-        self.past = [*self.past[-REACH:], View(frame, image)] if image is not None else []
-        self.held = [(item, self.odometry.last)]
+            spacing_m = None if frame.spacing_m is None else frame.spacing_m + gap_m
+            odometry.advance(image, replace(frame, spacing_m=spacing_m))
+        if step is None and image is not None and past and _is_doubtful(odometry, before):
+            ahead = _from_here(View(frame, image), images, coming, misplaced, odometry)
+            compared = islice(ahead, 1 + settings.order_reach)
+            wrong = ImageOrder(before).misplaced(past, compared, certain=before_newest is None)
+        if not wrong:
+            yield from _released(held, memory)
+            before_newest, gap_m = (before, gap_m), 0.0
+            past = [] if image is None else [*past[-settings.order_reach :], View(frame, image)]
+            held = [_Held(item, odometry.last, recalled)]
+            continue
+        # Go back before the first image that is left out: this one comes again.
+        odometry, misplaced = before, misplaced | wrong
+        coming.appendleft(item)
+        if before_newest is not None and past[-1].frame.index in wrong:
+            (odometry, gap_m), before_newest = before_newest, None
+            newest = past.pop().frame
+            gap_m += newest.spacing_m or 0.0
+            held[0] = held[0]._replace(step=_other_place(newest, misplaced))
+            yield from _released(held, memory)
+    yield from _released(held, memory)
 
-    def release(self) -> Iterator[PosedDetections]:
-        """Let go of what waits: it is certain."""
-        for item, step in self.held:
-            index = item.frame.index
-            if self.memory is not None and step is not None and index not in self.recalled:
-                self.memory.keep(index, step)
-            out = item if step is None or step.motion is not None else _left_out(item, step.status)
-            yield PosedDetections(out, None if step is None else step.motion)
-        self.held, self.earlier = [], None
 
-    def _hold(self, item: Detections, step: OdometryStep | None) -> Iterator[PosedDetections]:
-        self.held.append((item, step))
-        if self.earlier is None:
-            yield from self.release()
+class _Held(NamedTuple):
+    """The newest used image or one that has come since; recalled: its step is in the memory."""
 
-    def _other_place(self, frame: Frame) -> OdometryStep:
-        later = tuple(sorted(i for i in self.misplaced if i > frame.index))
-        return OdometryStep(None, status=OTHER_PLACE, misplaced=later)
+    item: Detections
+    step: OdometryStep | None
+    recalled: bool
 
-    def _skip(self, frame: Frame, step: OdometryStep) -> None:
-        if step.status == OTHER_PLACE:
-            self.gap_m += frame.spacing_m or 0.0
 
-    def _misplaced(self, before: VisualOdometry, view: View) -> set[int]:
-        """Frames that show another place, by the step to an image that has been made; mostly none."""
-        s, step = self.odometry.settings, self.odometry.last
-        usual = max(s.order_ratio * s.smallest_ties, before.last.outward / s.order_ratio)
-        if not self.past or step.outward >= usual:
-            return set()
-        order = ImageOrder(
-            s, before.ties, before.estimate, before.mount.travel, before.last.rotation
-        )
-        views = [view, *self._look_ahead(view)]
-        sure = len(self.past) - (self.earlier is not None)
-        return order.misplaced(self.past, views, sure=sure)
+def _released(held: list[_Held], memory: StepMemory | None) -> Iterator[PosedDetections]:
+    """Let go of all that waits: it is certain."""
+    for item, step, recalled in held:
+        if memory is not None and step is not None and not recalled:
+            memory.keep(item.frame.index, step)
+        motion = None if step is None else step.motion
+        out = item if step is None or motion is not None else _left_out(item, step.status)
+        yield PosedDetections(out, motion)
+    held.clear()
 
-    def _look_ahead(self, view: View) -> list[View]:
-        """The next images that will be used, as far as they are compared; they come again."""
-        found: list[View] = []
-        seen = 0
-        while len(found) < REACH:
-            if seen == len(self.coming):
-                if (item := next(self.images, None)) is None:
-                    break
-                self.coming.append(item)
-            item, seen = self.coming[seen], seen + 1
-            image = KeypointImage.of(item) if item.frame.used else None
-            if image is None or item.frame.index in self.misplaced:
-                continue
-            last = found[-1] if found else view
-            if not shows_no_motion(last.image, image, self.odometry.settings, self.odometry.ties):
-                found.append(View(item.frame, image))
-        return found
 
-    def _leave_out(
-        self, found: set[int], before: VisualOdometry, item: Detections
-    ) -> Iterator[PosedDetections]:
-        """Go back before the first image that is left out; `item` comes again."""
-        self.misplaced |= found
-        self.coming.appendleft(item)
-        self.odometry = before
-        newest = self.past[-1].frame
-        if newest.index not in found:
+def _other_place(frame: Frame, misplaced: set[int]) -> OdometryStep:
+    later = tuple(sorted(i for i in misplaced if i > frame.index))
+    return OdometryStep(None, status=OTHER_PLACE, misplaced=later)
+
+
+def _is_doubtful(now: VisualOdometry, before: VisualOdometry) -> bool:
+    """Whether so few ties moved outward in the last step that an image may show another place."""
+    s = now.settings
+    usual = max(s.order_ratio * s.smallest_ties, before.last.outward / s.order_ratio)
+    return now.last.outward < usual
+
+
+def _from_here(
+    view: View,
+    images: Iterator[Detections],
+    coming: deque[Detections],
+    misplaced: set[int],
+    odometry: VisualOdometry,
+) -> Iterator[View]:
+    """An image and those after it that will be used; these come again."""
+    yield view
+    for seen in count():
+        if seen == len(coming):
+            coming.extend(islice(images, 1))
+        if seen == len(coming):
             return
-        assert self.earlier is not None
-        self.odometry, self.gap_m = self.earlier, self.earlier_gap_m
-        step = self._other_place(newest)
-        self._skip(newest, step)
-        self.past.pop()
-        self.held[0] = self.held[0][0], step
-        yield from self.release()
+        item = coming[seen]
+        image = KeypointImage.of(item) if item.frame.used else None
+        if image is None or item.frame.index in misplaced:
+            continue
+        if not shows_no_motion(view.image, image, odometry.settings, odometry.ties):
+            view = View(item.frame, image)
+            yield view
 
 
 def _left_out(item: Detections, status: str) -> Detections:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from operator import attrgetter
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections, Features
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry import ideal_points
+from wayside.stages.kernels import compiled
 
 
 def extract_features(
@@ -68,14 +71,34 @@ def tie_corners(
 
 
 def _strongest(found: Sequence[cv2.KeyPoint], settings: FeatureSettings) -> NDArray[np.int64]:
-    places = np.asarray(cv2.KeyPoint.convert(found), np.float32)
-    response = np.fromiter((point.response for point in found), np.float32, len(found))
-    cell = np.floor(places / settings.corner_cell_px).astype(np.int64)
-    key = cell[:, 1] * 100_000 + cell[:, 0]
-    order = np.lexsort((np.arange(len(found)), -response, key))
-    rank = np.arange(len(order)) - np.searchsorted(key[order], key[order])
-    chosen: NDArray[np.int64] = np.sort(order[rank < settings.corners_per_cell])
-    return chosen
+    # A response of FAST is the largest contrast at which the corner is still one: a grey level.
+    response = np.fromiter(map(_response, found), np.float32, len(found)).astype(np.uint8)
+    order = np.argsort(~response, kind="stable")
+    places = np.asarray(cv2.KeyPoint.convert(found), np.float64)[order]
+    kept = first_of_cells(places, settings.corner_cell_px, settings.corners_per_cell)
+    return np.sort(order[kept])
+
+
+def first_of_cells(
+    places: NDArray[np.floating[Any]], side_px: float, most: int
+) -> NDArray[np.bool_]:
+    """Which places (n, 2) px are among the first `most` of their square cell of an image."""
+    cell = np.floor(places / side_px).astype(np.int64)
+    key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
+    key -= key.min(initial=0)
+    kept = np.empty(len(key), np.bool_)
+    _first_of_cells(key, np.zeros(key.max(initial=0) + 1, np.int64), most, kept)
+    return kept
+
+
+@compiled
+def _first_of_cells(
+    key: NDArray[np.int64], count: NDArray[np.int64], most: int, kept: NDArray[np.bool_]
+) -> None:
+    for i in range(key.shape[0]):
+        count[key[i]] += 1
+        kept[i] = count[key[i]] <= most
 
 
 _NONE = Features.empty()
+_response = attrgetter("response")

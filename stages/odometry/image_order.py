@@ -1,4 +1,4 @@
-"""Whether images show the places that their order says.
+"""Whether images show the places that their order says, or all the same place.
 
 Of two images of a vehicle that goes forward, the later one was taken further ahead: what both show moves outward, away
 from the epipole. Corners are searched outward alone, so an order is tested by counting those that have moved, and its
@@ -7,7 +7,7 @@ reverse by counting them with the images exchanged. No length of a step takes pa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
@@ -17,14 +17,12 @@ import numpy as np
 
 from wayside.schemas.frame import Frame
 from wayside.schemas.settings import MotionSettings, TieSettings
-from wayside.stages.kernels import Array
-from wayside.stages.odometry.motion_prior import TravelDirection, predict_motion
+from wayside.stages.odometry.descriptor_matching import match_in_bands
+from wayside.stages.odometry.motion_prior import predict_motion
 from wayside.stages.odometry.mount import Mount
-from wayside.stages.odometry.relative_pose import RelativePose, RelativePoseEstimator
+from wayside.stages.odometry.relative_pose import RelativePose
 from wayside.stages.odometry.tie_points import KeypointImage
-
-REACH = 3
-"""Images on either side that one is compared with: further apart, few corners are found again."""
+from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 
 class View(NamedTuple):
@@ -36,20 +34,12 @@ class View(NamedTuple):
 
 @dataclass(slots=True)
 class ImageOrder:
-    """Compares images by pairs; each pair once.
+    """Compares images by pairs, each pair once; odometry: its state before the doubtful step."""
 
-    estimate: gives the relative pose of two images; travel: direction of travel; rotation: (3, 3) of the last step, or
-    None.
-    """
-
-    settings: MotionSettings
-    ties: TieSettings
-    estimate: RelativePoseEstimator
-    travel: TravelDirection
-    rotation: Array | None
+    odometry: VisualOdometry
     _moved: dict[tuple[int, int], int] = field(default_factory=dict)
 
-    def misplaced(self, past: Sequence[View], coming: Sequence[View], *, sure: int) -> set[int]:
+    def misplaced(self, past: Sequence[View], ahead: Iterable[View], *, certain: bool) -> set[int]:
         """Indices of the frames that show another place, empty where that is not certain.
 
         Images contradict each other where the reverse of their order is found. The fewest are left out that leave no
@@ -59,15 +49,17 @@ class ImageOrder:
 
         Parameters
         ----------
-        past, coming
+        past, ahead
             Images before and from the doubtful step on, in order.
-        sure
-            The first so many of `past` are right.
+        certain
+            Whether the newest of `past` is right, as those before it are.
         """
-        if past and not self._agree(coming[0], past[-1]):
+        coming = list(ahead)
+        if not self._agree(coming[0], past[-1]):
             return {coming[0].frame.index} if self._is_foreign(past[-1], *coming[:2]) else set()
-        views = [*past[-REACH:], *coming]
-        sure = max(0, sure - (len(past) - len(past[-REACH:])))
+        reach = self.odometry.settings.order_reach
+        past = past[-reach:]
+        views, sure = [*past, *coming], len(past) - (not certain)
         against = self._contradictions(views)
         left_out: set[int] = set()
         while counts := {i: len(others - left_out) for i, others in against.items()}:
@@ -77,14 +69,14 @@ class ImageOrder:
             # An image that is right decides; else the one that most others contradict is wrong.
             wrong = {i for i in free if any(other < sure for other in against[i])}
             left_out |= wrong or {i for i, n in free.items() if n == max(free.values())}
-        if not left_out or not self._goes_on(views, left_out, first_coming=len(past[-REACH:])):
+        if not left_out or not self._goes_on(views, left_out, first_coming=len(past)):
             return set()
         return {views[i].frame.index for i in left_out}
 
     def _contradictions(self, views: Sequence[View]) -> dict[int, set[int]]:
         against: dict[int, set[int]] = {i: set() for i in range(len(views))}
         for i in range(len(views)):
-            for k in range(i + 1, min(i + 1 + REACH, len(views))):
+            for k in range(i + 1, min(i + 1 + self.odometry.settings.order_reach, len(views))):
                 if self._agree(views[k], views[i]):
                     against[i].add(k)
                     against[k].add(i)
@@ -102,7 +94,7 @@ class ImageOrder:
         """
         kept = [i for i in range(len(views)) if i not in left_out]
         behind = sum(i < min(left_out) for i in kept)
-        if behind == len(kept) and len(views) - first_coming <= REACH:
+        if behind == len(kept) and len(views) - first_coming <= self.odometry.settings.order_reach:
             behind -= 1
         around = [i for i in (behind - 1, behind, behind + 1) if 0 <= i < len(kept)]
         if behind >= len(kept):
@@ -115,7 +107,7 @@ class ImageOrder:
             return False
         around = before, behind[0]
         corners = [len(view.image.corners) for view in around]
-        if len(one.image.corners) * self.settings.order_ratio < min(corners):
+        if len(one.image.corners) * self.odometry.settings.order_ratio < min(corners):
             return False  # blurred or dark: it may well be of its place
         across = self._moves(*around)
         return all(
@@ -123,7 +115,7 @@ class ImageOrder:
         )
 
     def _is_clear(self, count: int, other: int) -> bool:
-        s = self.settings
+        s = self.odometry.settings
         return count >= s.smallest_ties and count >= s.order_ratio * other
 
     def _moves(self, first: View, second: View) -> int:
@@ -136,16 +128,18 @@ class ImageOrder:
             before, after = sorted((first.frame, second.frame), key=lambda frame: frame.index)
             # Only the direction matters: any length will do where poses do not tell it.
             after = replace(after, spacing_m=after.spacing_m or 1.0)
-            expected = predict_motion(before, after, self.travel, self.rotation, nan, self.settings)
+            odometry, travel = self.odometry, self.odometry.mount.travel
+            settings, rotation = odometry.settings, odometry.last.rotation
+            expected = predict_motion(before, after, travel, rotation, nan, settings)
             self._moved[pair] = 0
-            if expected.straight[1] @ self.travel.direction > 0:
-                pose = self.estimate(
+            if expected.straight[1] @ travel.direction > 0:
+                pose = odometry.estimate(
                     first.image,
                     second.image,
                     expected,
-                    Mount(self.settings),
-                    self.settings.smallest_ties,
-                    replace(self.ties, inlier_ratio=0.0),
+                    Mount(settings),
+                    settings.smallest_ties,
+                    replace(odometry.ties, inlier_ratio=0.0),
                 )
                 if pose is not None:
                     self._moved[pair] = self._moved_outward(pose, second.image.focal_px)
@@ -158,4 +152,35 @@ class ImageOrder:
         outward = far - toward[:2] / toward[2]
         reach = np.maximum(np.linalg.norm(outward, axis=1), 1e-9)
         moved = focal_px * np.einsum("nk,nk->n", pose.current - far, outward) / reach
-        return int((pose.inlier & (moved > self.settings.smallest_parallax_px)).sum())
+        return int((pose.inlier & (moved > self.odometry.settings.smallest_parallax_px)).sum())
+
+
+def shows_no_motion(
+    before: KeypointImage | None,
+    now: KeypointImage | None,
+    settings: MotionSettings,
+    ties: TieSettings,
+) -> bool:
+    """Whether so many corners of an image are found again at the same place that the camera cannot have moved.
+
+    This needs no prior: a wrong pose or spacing does not hide a copy. Travel moves most corners, and leaves only those
+    that are far away, or on the vehicle itself; corners on other vehicles move while the camera stands. False where an
+    image has too few corners to tell.
+    """
+    if before is None or now is None or before.grey.shape != now.grey.shape:
+        return False
+    most = min(len(before.corners), len(now.corners))
+    if most < settings.smallest_ties:
+        return False
+    place = before.corners.astype(np.float64)
+    here = np.column_stack([place, np.tile([1.0, 0.0, 0.0, ties.search_px], (len(place), 1))])
+    again = match_in_bands(
+        here,
+        before.descriptors,
+        now.corners.astype(np.float64),
+        now.descriptors,
+        farthest=ties.coarse_bits,
+        ratio=ties.guided_ratio,
+        same_corner_px=ties.same_corner_px,
+    )
+    return len(again) >= settings.standing_share * most

@@ -108,11 +108,9 @@ def _by_poses(
     travel: TravelDirection,
     settings: MotionSettings,
 ) -> MotionPrior:
-    default_m, default_rad = settings.pose_sigma_m, radians(settings.pose_sigma_deg)
-    sigma_m = sqrt(2.0) * max(_or(first.sigma_m, default_m), _or(second.sigma_m, default_m))
-    sigma_rad = sqrt(2.0) * max(
-        _or(first.sigma_rad, default_rad), _or(second.sigma_rad, default_rad)
-    )
+    default = settings.pose_sigma_m, radians(settings.pose_sigma_deg)
+    pairs = zip(first.sigmas(*default), second.sigmas(*default), strict=True)
+    sigma_m, sigma_rad = (sqrt(2.0) * max(pair) for pair in pairs)
     length = float(np.linalg.norm(step.centre))
     baseline = max(length, settings.shortest_m)
     # Poses of a vehicle that stands tell no direction.
@@ -166,7 +164,3 @@ def _between_fixes(
 def _fix_sigma_m(first: Fix, second: Fix, settings: MotionSettings) -> float:
     known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
     return settings.fix_step_fraction * max(known, default=settings.fix_sigma_m)
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None or not value > 0 else value

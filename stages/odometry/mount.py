@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from copy import copy
 from dataclasses import dataclass, field
+from math import isfinite, nan
 
 import numpy as np
 
@@ -16,65 +18,66 @@ from wayside.stages.odometry.tie_points import GroundPlane
 
 @dataclass(slots=True)
 class Mount:
-    """Running medians over the last steps: slopes (2,) of the direction of travel, heights (n,) of points, metres."""
+    """Running medians over the last steps.
+
+    slopes (2,) of the direction of travel, heights (n,) of points, metres; by these, travel: direction as learnt so
+    far, straight ahead before the mount is known, and height_m of the camera above the road, nan while unknown.
+    """
 
     settings: MotionSettings
     slopes: deque[Array] = field(init=False)
     heights: deque[Array] = field(init=False)
+    travel: TravelDirection = field(init=False)
+    height_m: float = field(init=False, default=nan)
 
     def __post_init__(self) -> None:
-        self.slopes = deque(maxlen=self.settings.mount_memory)
-        self.heights = deque(maxlen=self.settings.height_memory)
+        s = self.settings
+        self.slopes = deque(maxlen=s.mount_memory)
+        self.heights = deque(maxlen=s.height_memory)
+        self.travel = TravelDirection(
+            np.array([0.0, 0.0, 1.0]), np.radians([s.mount_sigma_deg] * 2)
+        )
 
     def learn(self, rotation: Array, direction: Array, points: Array) -> tuple[Array, Array]:
         """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame.
 
         Returns what was learned, for `take`: slopes (2,) and heights (n,).
         """
-        self.slopes.append(travel_slopes(rotation, direction))
-        self.heights.append(lane_heights(points, self.travel.direction, self.settings))
-        return self.slopes[-1], self.heights[-1]
+        slopes = travel_slopes(rotation, direction)
+        self._take_slopes(slopes)
+        heights = lane_heights(points, self.travel.direction, self.settings)
+        self._take_heights(heights)
+        return slopes, heights
 
     def copy(self) -> Mount:
         """The same, apart from this one."""
-        twin = Mount(self.settings)
-        twin.slopes.extend(self.slopes)
-        twin.heights.extend(self.heights)
+        twin = copy(self)
+        twin.slopes, twin.heights = self.slopes.copy(), self.heights.copy()
         return twin
 
     def take(self, slopes: Array, heights: Array) -> None:
         """Take in what `learn` returned."""
+        self._take_slopes(slopes)
+        self._take_heights(heights)
+
+    def _take_slopes(self, slopes: Array) -> None:
         self.slopes.append(slopes)
-        self.heights.append(heights)
-
-    @property
-    def known(self) -> bool:
-        """Whether enough steps have been learnt."""
-        return len(self.slopes) >= self.settings.mount_steps
-
-    @property
-    def travel(self) -> TravelDirection:
-        """Direction of travel as learnt so far; straight ahead before the mount is known."""
         s = self.settings
-        if not self.known:
-            sigma = np.radians([s.mount_sigma_deg, s.mount_sigma_deg])
-            return TravelDirection(np.array([0.0, 0.0, 1.0]), sigma)
-        slopes = np.median(np.array(self.slopes), axis=0)
-        direction = np.array([slopes[0], slopes[1], 1.0])
-        sigma = np.radians([s.travel_right_sigma_deg, s.travel_up_sigma_deg])
-        return TravelDirection(direction / np.linalg.norm(direction), sigma)
+        if len(self.slopes) >= s.mount_steps:
+            middle = np.median(np.array(self.slopes), axis=0)
+            direction = np.array([middle[0], middle[1], 1.0])
+            sigma = np.radians([s.travel_right_sigma_deg, s.travel_up_sigma_deg])
+            self.travel = TravelDirection(direction / np.linalg.norm(direction), sigma)
 
-    @property
-    def height_m(self) -> float:
-        """Height of the camera above the road, nan while unknown."""
-        return common_height(np.concatenate([*self.heights, np.zeros(0)]), self.settings)
+    def _take_heights(self, heights: Array) -> None:
+        self.heights.append(heights)
+        self.height_m = common_height(np.concatenate(self.heights), self.settings)
 
     def ground(self, baseline_m: float) -> GroundPlane | None:
         """The road under the camera for a step of that length, None while its height is unknown."""
-        height = self.height_m
-        if not np.isfinite(height):
+        if not isfinite(self.height_m):
             return None
-        return GroundPlane(road_down(self.travel.direction), height, baseline_m)
+        return GroundPlane(road_down(self.travel.direction), self.height_m, baseline_m)
 
 
 def travel_slopes(rotation: Array, direction: Array) -> Array:

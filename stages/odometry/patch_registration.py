@@ -32,11 +32,12 @@ class _Limits(NamedTuple):
     scale_change: float
     least_texture: float
     abandoned_correlation: float
+    smallest_correlation: float
     scale_step: float
 
 
 class PatchRegistration(NamedTuple):
-    """Registered patches: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) correlation, 0 if it failed.
+    """Registered patches: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) correlation, 0 where it is low.
 
     sigma (n,): standard deviation of the point along its worst direction, px of the far image, by the residual noise
     between the patches: large along an edge, where only its ends fix the position.
@@ -78,7 +79,8 @@ def register_patches(
     Returns
     -------
     Registered
-        zncc is 0 and the point nan where the patch leaves an image, has no texture, or the fit exceeds its limits.
+        zncc is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
+        correlation is low.
 
     Raises
     ------
@@ -100,6 +102,7 @@ def register_patches(
         settings.scale_change,
         settings.least_texture,
         settings.abandoned_correlation,
+        settings.smallest_correlation,
         settings.scale_step,
     )
     _register(far, near, corners, starts, warps, search_px, limits, point, scale, zncc, sigma)
@@ -119,119 +122,84 @@ def _inside(
 
 
 @compiled
-def _sample(
-    image: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, patch: Array
-) -> tuple[float, float]:
-    # Bilinear (SIDE, SIDE) patch round u, v; returns its mean and the root of its sum of squares about the mean.
-    total, squares = 0.0, 0.0
-    step = scale * warp[0]
-    for i in range(SIDE):
-        y = v + scale * warp[2] * (i - RADIUS)
-        row = int(y)
-        fy = y - row
-        start = u + scale * warp[1] * (i - RADIUS) - step * RADIUS
-        for j in range(SIDE):
-            x = start + step * j
-            column = int(x)
-            fx = x - column
-            a, b = float(image[row, column]), float(image[row + 1, column])
-            a += fx * (float(image[row, column + 1]) - a)
-            b += fx * (float(image[row + 1, column + 1]) - b)
-            value = a + fy * (b - a)
-            patch[i, j] = value
-            total += value
-            squares += value * value
-    mean = total / (SIDE * SIDE)
-    return mean, np.sqrt(max(0.0, squares - total * mean))
-
-
-@compiled
 def _coarse(
-    near: NDArray[np.uint8], template: Array, start: Array, warp: Array, search: int
+    far: NDArray[np.uint8],
+    near: NDArray[np.uint8],
+    u: int,
+    v: int,
+    start: Array,
+    warp: Array,
+    search: int,
+    columns: NDArray[np.int64],
 ) -> tuple[float, float]:
-    # The whole-pixel shift of best correlation, by every second pixel of the patch.
+    # The whole-pixel shift of best correlation, by every second pixel of the patch: sums of whole numbers.
     best, best_u, best_v = -1.0, start[0], start[1]
     if not _inside(near, start[0], start[1], warp, 1.0, search + 1.0):
         return best_u, best_v
-    count, total_t, squares_t = 0, 0.0, 0.0
+    count, total_t, squares_t = 0, 0, 0
     for i in range(0, SIDE, 2):
+        begin = start[0] + warp[1] * (i - RADIUS) + 0.5
         for j in range(0, SIDE, 2):
-            total_t += template[i, j]
-            squares_t += template[i, j] * template[i, j]
-            count += 1
-    spread_t = squares_t - total_t * total_t / count
+            columns[i, j] = int(begin + warp[0] * (j - RADIUS))
+            expected = int(far[v + i - RADIUS, u + j - RADIUS])
+            total_t, squares_t, count = total_t + expected, squares_t + expected**2, count + 1
+    spread_t = float(count * squares_t - total_t**2)
     for dv in range(-search, search + 1):
         for du in range(-search, search + 1):
-            total, squares, product = 0.0, 0.0, 0.0
+            total, squares, product = 0, 0, 0
             for i in range(0, SIDE, 2):
-                row = int(start[1] + dv + warp[2] * (i - RADIUS) + 0.5)
-                begin = start[0] + du + warp[1] * (i - RADIUS) + 0.5
+                row = int(start[1] + warp[2] * (i - RADIUS) + 0.5) + dv
                 for j in range(0, SIDE, 2):
-                    value = float(near[row, int(begin + warp[0] * (j - RADIUS))])
-                    total += value
-                    squares += value * value
-                    product += value * template[i, j]
-            spread = (squares - total * total / count) * spread_t
+                    value = int(near[row, columns[i, j] + du])
+                    total, squares = total + value, squares + value**2
+                    product += value * int(far[v + i - RADIUS, u + j - RADIUS])
+            spread = (count * squares - total**2) * spread_t
             if spread <= 0:
                 continue
-            zncc = (product - total * total_t / count) / np.sqrt(spread)
+            zncc = (count * product - total * total_t) / np.sqrt(spread)
             if zncc > best:
                 best, best_u, best_v = zncc, start[0] + du, start[1] + dv
     return best_u, best_v
 
 
 @compiled
-def _template(far: NDArray[np.uint8], u: int, v: int, template: Array) -> float:
-    # The patch round a whole pixel less its mean; returns the sum of its squares.
+def _template(
+    far: NDArray[np.uint8], u: int, v: int, template: Array, jacobian: Array, normal: Array
+) -> float:
+    # The patch round a whole pixel less its mean, its derivatives by position and scale, and the upper half of their
+    # normal matrix; returns the sum of the patch's squares. The derivatives are made orthogonal to gain and bias, which
+    # then need no unknowns of their own.
     mean, square = 0.0, 0.0
     for i in range(SIDE):
         for j in range(SIDE):
-            template[i, j] = float(far[v + i - RADIUS, u + j - RADIUS])
-            mean += template[i, j]
+            mean += float(far[v + i - RADIUS, u + j - RADIUS])
     mean /= SIDE * SIDE
-    for i in range(SIDE):
-        for j in range(SIDE):
-            template[i, j] -= mean
-            square += template[i, j] ** 2
-    return square
-
-
-@compiled
-def _derivatives(
-    far: NDArray[np.uint8], u: int, v: int, template: Array, square: float, jacobian: Array
-) -> None:
-    # Derivatives by position and scale, made orthogonal to gain and bias, which then need no unknowns of their own.
+    m0, m1, m2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(SIDE):
         for j in range(SIDE):
             y, x = v + i - RADIUS, u + j - RADIUS
-            jacobian[0, i, j] = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
-            jacobian[1, i, j] = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
-            jacobian[2, i, j] = jacobian[0, i, j] * (j - RADIUS) + jacobian[1, i, j] * (i - RADIUS)
-    for k in range(3):
-        mean, fraction = 0.0, 0.0
-        for i in range(SIDE):
-            for j in range(SIDE):
-                mean += jacobian[k, i, j]
-                fraction += jacobian[k, i, j] * template[i, j]
-        mean /= SIDE * SIDE
-        fraction /= square
-        for i in range(SIDE):
-            for j in range(SIDE):
-                jacobian[k, i, j] -= mean + fraction * template[i, j]
-
-
-@compiled
-def _inverse(jacobian: Array, inverse: Array) -> bool:
-    # Inverse (3, 3) of the normal matrix of the Jacobian; False where it is singular.
-    normal = np.empty((3, 3))
-    for k in range(3):
-        for m in range(k, 3):
-            total = 0.0
-            for i in range(SIDE):
-                for j in range(SIDE):
-                    total += jacobian[k, i, j] * jacobian[m, i, j]
-            normal[k, m] = total
-    return invert_symmetric(normal, 0.0, 0.0, inverse) > 1e-9
+            value = float(far[y, x]) - mean
+            by_u = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
+            by_v = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
+            by_scale = by_u * (j - RADIUS) + by_v * (i - RADIUS)
+            template[i, j], square = value, square + value * value
+            jacobian[0, i, j], jacobian[1, i, j], jacobian[2, i, j] = by_u, by_v, by_scale
+            m0, m1, m2 = m0 + by_u, m1 + by_v, m2 + by_scale
+            f0, f1, f2 = f0 + by_u * value, f1 + by_v * value, f2 + by_scale * value
+    m0, m1, m2 = m0 / (SIDE * SIDE), m1 / (SIDE * SIDE), m2 / (SIDE * SIDE)
+    f0, f1, f2 = f0 / square, f1 / square, f2 / square
+    n00, n01, n02, n11, n12, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(SIDE):
+        for j in range(SIDE):
+            a = jacobian[0, i, j] - (m0 + f0 * template[i, j])
+            b = jacobian[1, i, j] - (m1 + f1 * template[i, j])
+            c = jacobian[2, i, j] - (m2 + f2 * template[i, j])
+            jacobian[0, i, j], jacobian[1, i, j], jacobian[2, i, j] = a, b, c
+            n00, n01, n02 = n00 + a * a, n01 + a * b, n02 + a * c
+            n11, n12, n22 = n11 + b * b, n12 + b * c, n22 + c * c
+    normal[0, 0], normal[0, 1], normal[0, 2] = n00, n01, n02
+    normal[1, 1], normal[1, 2], normal[2, 2] = n11, n12, n22
+    return square
 
 
 @compiled
@@ -256,22 +224,37 @@ def _fit(
     limits: _Limits,
 ) -> float:
     # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
-    zncc, norm_t = 0.0, float(np.sqrt(square))
+    zncc: float = 0.0
     for _ in range(limits.iterations):
-        if not _inside(near, position[0], position[1], warp, position[2], 0.0):
+        u, v, scale = position
+        if not _inside(near, u, v, warp, scale, 0.0):
             return 0.0
-        mean, norm = _sample(near, position[0], position[1], warp, position[2], patch)
-        if norm <= 1e-6:
-            return 0.0
-        product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0
+        for i in range(SIDE):
+            y = v + scale * warp[2] * (i - RADIUS)
+            row = int(y)
+            fy = y - row
+            begin = u + scale * (warp[1] * (i - RADIUS) - warp[0] * RADIUS)
+            for j in range(SIDE):
+                x = begin + scale * warp[0] * j
+                column = int(x)
+                fx = x - column
+                a, b = float(near[row, column]), float(near[row + 1, column])
+                a += fx * (float(near[row, column + 1]) - a)
+                b += fx * (float(near[row + 1, column + 1]) - b)
+                patch[i, j] = a + fy * (b - a)
+        # Template and derivatives have no mean, so that of the patch needs not be taken off.
+        total, squares, product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(SIDE):
             for j in range(SIDE):
-                value = patch[i, j] - mean
-                product += value * template[i, j]
-                r0 += jacobian[0, i, j] * value
-                r1 += jacobian[1, i, j] * value
+                value = patch[i, j]
+                total, squares = total + value, squares + value * value
+                product += template[i, j] * value
+                r0, r1 = r0 + jacobian[0, i, j] * value, r1 + jacobian[1, i, j] * value
                 r2 += jacobian[2, i, j] * value
-        zncc = product / (norm * norm_t)
+        norm = np.sqrt(max(0.0, squares - total * total / (SIDE * SIDE)))
+        if norm <= 1e-6:
+            return 0.0
+        zncc = float(product / (norm * np.sqrt(square)))
         if zncc < limits.abandoned_correlation:
             return zncc
         gain = product / square  # of the near patch against the template
@@ -305,7 +288,9 @@ def _register(
 ) -> None:
     height, width = far.shape
     template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
-    jacobian, inverse, position = np.empty((3, SIDE, SIDE)), np.empty((3, 3)), np.empty(3)
+    jacobian, position = np.empty((3, SIDE, SIDE)), np.empty(3)
+    normal, inverse = np.empty((3, 3)), np.empty((3, 3))
+    columns = np.empty((SIDE, SIDE), np.int64)
     edge = RADIUS + 1
     for n in range(corners.shape[0]):
         u, v = corners[n, 0], corners[n, 1]
@@ -313,18 +298,18 @@ def _register(
             continue
         if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
-        square = _template(far, u, v, template)
+        square = _template(far, u, v, template, jacobian, normal)
         if square < (limits.least_texture * SIDE) ** 2:
             continue
-        _derivatives(far, u, v, template, square, jacobian)
-        if not _inverse(jacobian, inverse):
-            continue
-        position[0], position[1] = _coarse(near, template, starts[n], warps[n], search)
+        if invert_symmetric(normal, 0.0, 0.0, inverse) <= 1e-9:
+            continue  # singular
+        position[0], position[1] = _coarse(far, near, u, v, starts[n], warps[n], search, columns)
         position[2] = 1.0
         zncc = _fit(near, template, square, jacobian, inverse, warps[n], position, patch, limits)
         shift = max(abs(position[0] - starts[n, 0]), abs(position[1] - starts[n, 1]))
         if (
-            shift > limits.farthest_px + search
+            zncc < limits.smallest_correlation
+            or shift > limits.farthest_px + search
             or not 1 / limits.scale_change < position[2] < limits.scale_change
         ):
             continue

@@ -18,14 +18,14 @@ from wayside.stages.geometry import (
     rotation_from_vector,
 )
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.coarse_pose import find_coarse_motion
-from wayside.stages.odometry.epipolar import fit_epipolar, sampson_px
+from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.tie_points import (
     GroundPlane,
     KeypointImage,
     RegisteredTies,
+    match_corners,
     register_road,
     register_ties,
 )
@@ -119,12 +119,9 @@ def _other_starts(
     steps = np.arange(-settings.start_yaws, settings.start_yaws + 1)
     for yaw in np.radians(np.round(settings.start_yaw_step_deg * steps, 6)):
         rotation = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
-        starts.append((rotation, _prior_direction(rotation, prior)))
+        ahead = halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
+        starts.append((rotation, ahead))
     return starts
-
-
-def _prior_direction(rotation: Array, prior: StepPrior) -> Array:
-    return halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
 
 
 def _refine(
@@ -136,18 +133,17 @@ def _refine(
     settings: TieSettings,
 ) -> RelativePose:
     # Ties selected by a motion are biased towards it: they are selected again while it still changes.
-    tied = register_ties(before, now, *start, settings, ground)
-    pose = fit_relative_pose(before, now, tied, start, prior, settings)
-    for _ in range(settings.rounds - 1):
-        if np.abs(pose.direction - start[1]).max() < radians(settings.settled_deg):
-            break
-        start = pose.rotation, pose.direction
+    tied = None
+    for _ in range(settings.rounds):
         tied = register_ties(before, now, *start, settings, ground, tied)
         pose = fit_relative_pose(before, now, tied, start, prior, settings)
+        change = np.abs(pose.direction - start[1]).max()
+        start = pose.rotation, pose.direction
+        if change < radians(settings.settled_deg):
+            break
     if ground is None:
         return pose
-    start = pose.rotation, pose.direction
-    tied = register_road(before, now, *start, ground, tied, settings)
+    tied = register_road(before, now, *start, ground, pose.tied, settings)
     return fit_relative_pose(before, now, tied, start, prior, settings)
 
 
@@ -177,3 +173,70 @@ def fit_relative_pose(
         np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px
     )
     return RelativePose(rotation, direction, tied, previous, current, inlier)
+
+
+def find_coarse_motion(
+    before: KeypointImage,
+    now: KeypointImage,
+    prior: StepPrior,
+    predicted: Array,
+    slack_px: float,
+    settings: TieSettings,
+) -> tuple[EpipolarFit | None, int]:
+    """Rotation and direction from matched corners, and the number of inliers; None with too few matches.
+
+    Parameters
+    ----------
+    before, now
+        The images.
+    prior
+        What is known of the relative pose.
+    predicted
+        Rotation (3, 3) by which corners are predicted.
+    slack_px
+        Half width of the search band round the prediction.
+    settings
+        Matching and fits.
+    """
+    pairs = match_corners(
+        before,
+        now,
+        (predicted, prior.direction),
+        slack_px,
+        (settings.coarse_bits, settings.coarse_ratio),
+        settings,
+    )
+    if len(pairs) < settings.fewest_coarse:
+        return None, 0
+    previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
+    current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
+    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px, settings)
+
+
+def fit_coarse_motion(
+    previous: Array,
+    current: Array,
+    prior: StepPrior,
+    predicted: Array,
+    focal_px: float,
+    settings: TieSettings,
+) -> tuple[EpipolarFit, int]:
+    """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
+    # In forward motion, direction and yaw have similar effects: the direction is held first.
+    s = settings
+    sigma = np.minimum(prior.sigma_direction, radians(s.held_direction_deg))
+    scales = (s.coarse_first_scale_px, s.coarse_second_scale_px, s.coarse_last_scale_px)
+    fit: tuple[Array, Array] = predicted, prior.direction
+    for known, scales_px in ((prior._replace(sigma_direction=sigma), scales), (prior, scales[-1:])):
+        fit = fit_epipolar(
+            previous,
+            current,
+            fit,
+            known,
+            focal_px=focal_px,
+            sigma_px=s.coarse_sigma_px,
+            scales_px=scales_px,
+            schedule=Schedule(s.fit_iterations, s.fit_gain),
+        )
+    distances = sampson_px(previous, current, *fit, focal_px)
+    return EpipolarFit(*fit), int((np.abs(distances) < s.coarse_inlier_px).sum())

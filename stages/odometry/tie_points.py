@@ -18,6 +18,7 @@ from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.descriptor_matching import match_in_bands
+from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
 
 
@@ -92,7 +93,7 @@ def register_ties(
         (settings.guided_bits, settings.guided_ratio),
         settings,
     )
-    pairs = _spread(pairs, before.corners, settings)
+    pairs = pairs[first_of_cells(before.corners[pairs[:, 0]], settings.cell_px, settings.per_cell)]
     found = np.full((len(pairs), 6), np.nan)
     fresh = np.ones(len(pairs), np.bool_)
     if last is not None:
@@ -129,7 +130,7 @@ def _register(
 ) -> Array:
     """Positions of the first image's corners in the second one, recorded pixels, with warp and sigma: (n, 6).
 
-    nan where their correlation is low.
+    The position is nan where they are not found.
     """
     far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
     corners = np.rint(before.corners[pairs[:, 0]]).astype(np.int64)
@@ -155,8 +156,7 @@ def _register(
     registered = register_patches(
         before.grey, now.grey, corners, starts, warps, settings.search_px, settings
     )
-    found = np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
-    return np.where(registered.zncc[:, None] >= settings.smallest_correlation, found, np.nan)
+    return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
 
 def register_road(
@@ -181,7 +181,7 @@ def register_road(
         depth < settings.farthest_road_m
     )
     rows = rows[near & (np.abs(rays[:, 0] * depth) < settings.road_half_width_m)]
-    rows = _spread(np.stack([rows, rows], axis=1), before.corners, settings)[:, 0]
+    rows = rows[first_of_cells(before.corners[rows], settings.cell_px, settings.per_cell)]
     corners = np.rint(before.corners[rows]).astype(np.int64)
     ideal = ideal_points(before.camera, corners.astype(np.float64))
     place, warps = _on_road(before, now, rotation, direction, ground, ideal)
@@ -189,7 +189,7 @@ def register_road(
     found = register_patches(
         before.grey, now.grey, corners, starts, warps, settings.road_search_px, settings
     )
-    good = found.zncc >= settings.smallest_correlation
+    good = found.zncc > 0
     return RegisteredTies(
         np.vstack([tied.previous, ideal[good]]),
         np.vstack([tied.current, ideal_points(now.camera, found.point[good])]),
@@ -249,7 +249,7 @@ def match_corners(
     """
     far, epipole = _far_points(before, now, *motion, slice(None))
     outward = far - epipole
-    reach = np.linalg.norm(outward, axis=1)
+    reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
     outward /= np.maximum(reach, 1e-9)[:, None]
     length = np.minimum(reach * (settings.largest_growth - 1), settings.longest_px)
     width = np.full(len(far), slack_px)
@@ -280,16 +280,3 @@ def _far_points(
     toward = rotation.T @ direction
     epipole = ideal_of_rays(now.camera, (toward[:2] / toward[2])[None])[0]
     return far, epipole
-
-
-def _spread(
-    pairs: NDArray[np.int64], corners: NDArray[np.float32], settings: TieSettings
-) -> NDArray[np.int64]:
-    # The first few of each cell, in the order of the corners.
-    cell = np.floor(corners[pairs[:, 0]] / settings.cell_px).astype(np.int64)
-    key = cell[:, 1] * 10_000 + cell[:, 0]
-    order = np.argsort(key, kind="stable")
-    ordered = key[order]
-    rank = np.arange(len(order)) - np.searchsorted(ordered, ordered)
-    kept: NDArray[np.int64] = pairs[np.sort(order[rank < settings.per_cell])]
-    return kept

@@ -5,32 +5,30 @@ import pytest
 
 from wayside.schemas.settings import TieSettings
 from wayside.stages.adjustment import tie_scatter
-from wayside.stages.adjustment.scatter import residual_scatter
 
-PULLS = np.random.default_rng(3).normal(0, 1, 20_000)
 SETTINGS = TieSettings()
+PULLS = np.random.default_rng(3).normal(0, SETTINGS.sigma_px, 20_000)
+"""Errors as large as stated, px."""
 
 
 @pytest.mark.parametrize("quantile", [0.5, 0.75, 0.9])
 def test_the_scatter_is_that_of_the_residuals_over_the_stated_one(quantile):
-    assert residual_scatter(2.5 * PULLS, quantile) == pytest.approx(2.5, rel=0.03)
+    settings = replace(SETTINGS, scatter_quantile=quantile)
+    assert tie_scatter(2.5 * PULLS, settings) == pytest.approx(2.5, rel=0.03)
+    stated_twice = replace(settings, sigma_px=2 * SETTINGS.sigma_px)
+    assert tie_scatter(2.5 * PULLS, stated_twice) == pytest.approx(1.25, rel=0.03)
 
 
 def test_errors_are_never_stated_smaller_than_before():
-    assert residual_scatter(0.3 * PULLS, 0.75) == 1.0
+    assert tie_scatter(0.3 * PULLS, SETTINGS) == 1.0
 
 
 def test_without_residuals_the_errors_are_as_stated():
-    assert residual_scatter(np.zeros(0), 0.75) == 1.0
+    assert tie_scatter(np.zeros(0), SETTINGS) == 1.0
 
 
 def test_gross_errors_count_no_more_however_large_they_are():
     some, more = PULLS.copy(), PULLS.copy()
-    some[::20], more[::20] = 20.0, 2000.0
-    assert residual_scatter(some, 0.75) == residual_scatter(more, 0.75)
-    assert residual_scatter(more, 0.75) < 1.2
-
-
-def test_sampson_distances_are_compared_with_the_error_of_a_registered_coordinate():
-    assert tie_scatter(0.2 * PULLS, SETTINGS) == pytest.approx(0.2 / 0.08, rel=0.03)
-    assert tie_scatter(0.2 * PULLS, replace(SETTINGS, sigma_px=0.2)) == pytest.approx(1, rel=0.03)
+    some[::20], more[::20] = 2.0, 200.0
+    assert tie_scatter(some, SETTINGS) == tie_scatter(more, SETTINGS)
+    assert tie_scatter(more, SETTINGS) < 1.2

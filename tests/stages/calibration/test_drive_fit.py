@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.frame import Camera
@@ -144,9 +145,14 @@ def test_derivatives_of_a_projection_are_its_differences(distortion):
     for i in range(3):
         step = 1e-5 * np.eye(3)[i]
         slope = (project(camera, rays + step).pixels - project(camera, rays - step).pixels) / 2e-5
-        np.testing.assert_allclose(seen.by_ray[:, :, i], slope, rtol=1e-3, atol=1e-2)
+        np.testing.assert_allclose(seen.by_ray[:, :, i], slope, rtol=1e-5, atol=1e-4)
+        turned = rays @ Rotation.from_rotvec(step).as_matrix() - rays
+        slope = (
+            project(camera, rays + turned).pixels - project(camera, rays - turned).pixels
+        ) / 2e-5
+        np.testing.assert_allclose(seen.by_turn[:, :, i], slope, rtol=1e-5, atol=1e-2)
     for i in range(len(LENS)):
         step = 1e-5 * np.eye(5)[i]
         up, down = changed_camera(camera, step), changed_camera(camera, -step)
         slope = (project(up, rays).pixels - project(down, rays).pixels) / 2e-5
-        np.testing.assert_allclose(seen.by_lens[:, :, i], slope, rtol=1e-3, atol=1e-2)
+        np.testing.assert_allclose(seen.by_lens[:, :, i], slope, rtol=1e-5, atol=1e-4)

@@ -7,8 +7,8 @@ from wayside.schemas.detections import Candidates, Detections, Features, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import FeatureSettings, TieSettings
-from wayside.stages.odometry.coarse_pose import find_coarse_motion
 from wayside.stages.odometry.features import tie_corners
+from wayside.stages.odometry.relative_pose import find_coarse_motion
 from wayside.stages.odometry.tie_points import (
     GroundPlane,
     KeypointImage,
