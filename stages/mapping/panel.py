@@ -164,7 +164,7 @@ def solve_panel(
     weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
-        point, _, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
+        point, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used

@@ -48,30 +48,20 @@ def same_face(
 
     A depth of large scatter (a few far views) is like any depth within its error.
     """
-    axis = camera.rotation[:, 2]
-    near, far = sorted(float((f.point - camera.centre) @ axis) for f in (one, other))
+    local, metric = camera.to_camera(np.array([one.point, other.point])), (one.metric, other.metric)
+    axis, depth = camera.rotation[:, 2], local[:, 2:]
+    near, far = float(depth.min()), float(depth.max())
     tolerance = max(
         settings.same_depth_share * near,
         settings.same_depth_m,
         settings.same_depth_sigmas * float(np.sqrt(axis @ one.covariance @ axis)),
     )
-    if near <= 0 or far - near > tolerance:
+    if near < settings.nearest_m or far - near > tolerance:
         return False
-    return max(mutual_cover(one, other, camera, settings)) > settings.same_cover
-
-
-def mutual_cover(
-    one: LandmarkFit, other: LandmarkFit, camera: Pose, settings: VerdictSettings
-) -> tuple[float, float]:
-    """Share of each landmark's box that the other's covers in an image, (of one, of other)."""
-    local = camera.to_camera(np.array([one.point, other.point]))
-    depth = local[:, 2:]
-    if depth.min() < settings.nearest_m:
-        return 0.0, 0.0
-    centre, half = local[:, :2] / depth, np.array([one.metric, other.metric]) / depth / 2
+    centre, half = local[:, :2] / depth, np.array(metric) / depth / 2
     box = np.concatenate([centre - half, centre + half], axis=1)
-    of_one, of_other = intersection_areas(box[:1], box[1:])[0, 0] / box_areas(box)
-    return float(of_one), float(of_other)
+    shared = intersection_areas(box[:1], box[1:])[0, 0]
+    return bool(shared > settings.same_cover * box_areas(box).min())
 
 
 def location_verdict(

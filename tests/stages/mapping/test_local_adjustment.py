@@ -103,7 +103,7 @@ def observed_by(true, seed=0):
 
 def chained_place(held, observed):
     poses = [h.motion.pose for h in held]
-    point, _, _ = triangulate_views(
+    point, _ = triangulate_views(
         np.stack([p.rotation for p in poses]),
         np.stack([p.centre for p in poses]),
         observed.rays,
