@@ -2,7 +2,6 @@
 
 from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.association import AssociationGates
-from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
@@ -11,7 +10,7 @@ from wayside.stages.mapping.landmark_evidence import (
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
-from wayside.stages.mapping.tracker import track
+from wayside.stages.mapping.tracker import SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, VerdictRevision
 from wayside.stages.mapping.window import (
     TravelledPath,

@@ -114,6 +114,7 @@ def build_landmark(
     A back bears no colour of a sign, and its shape is that of the outline of its panel, where one is known.
     """
     best, panel = best_view(fit, window), measured.panel
+    views = tuple(observation(fit, window, i) for i in range(len(fit.rows)))
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
     color = VotedClass(None, float("nan"))
@@ -125,7 +126,7 @@ def build_landmark(
     return Landmark(
         back=fit.back,
         track_id=track_id,
-        views=tuple(observation(fit, window, i) for i in range(len(fit.rows))),
+        views=views,
         position=pose.to_camera(measured.point),
         covariance=pose.rotation.T @ measured.covariance @ pose.rotation
         + np.diag([*panel.centre_sigma**2, 0.0]),
@@ -134,7 +135,7 @@ def build_landmark(
         station_m=offset.station,
         best_frame=frame.frame.index,
         best_time_ns=frame.frame.time_ns,
-        best_box=observation(fit, window, best).box,
+        best_box=views[best].box,
         best_pose=pose,
         width_m=float(panel.size[0]),
         height_m=float(panel.size[1]),

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Regions
 from wayside.schemas.settings import AssociationSettings, PredictionSettings
+from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import distort_points, ideal_of_rays
-from wayside.stages.mapping.classifiers import ViewClassifier
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
 
@@ -40,7 +40,7 @@ class _View(NamedTuple):
 def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
-    classifiers: Mapping[bool, ViewClassifier | None],
+    classifiers: Mapping[bool, BoxClassifier | None],
     settings: PredictionSettings,
     association: AssociationSettings,
 ) -> list[LandmarkFit]:
@@ -137,9 +137,7 @@ def _regions(
     )
 
 
-def _scores(
-    frame: WindowFrame, regions: Regions, classifier: ViewClassifier
-) -> NDArray[np.float32]:
+def _scores(frame: WindowFrame, regions: Regions, classifier: BoxClassifier) -> NDArray[np.float32]:
     camera, levels = frame.frame.camera, frame.image_pyramid()
     if camera is None or levels is None:
         return np.full(len(regions), -np.inf, np.float32)

@@ -27,15 +27,6 @@ class Gradients(NamedTuple):
         return Gradients(self.right[:count], self.down[:count])
 
 
-class _Trials(NamedTuple):
-    """Coordinate ascent of a box, as of `PanelOutlineSettings`."""
-
-    offset_step: float
-    step: float
-    sweeps: int
-    range: float
-
-
 def gradients_of(views: NDArray[np.float32]) -> Gradients:
     """Gradients of views (n, rows, columns, 3), grey levels a sample; raises ValueError for other arrays."""
     require_array(views, "views", np.float32, (None, None, None, 3))
@@ -100,9 +91,9 @@ def strongest_box(
     Coordinate ascent: the whole box grows first, then each of the `directions` (d, 4) is changed alone.
     """
     s, change = settings, np.zeros(4)
-    trials = _Trials(s.offset_step, s.trial_step, s.trial_sweeps, s.trial_range)
+    trials = s.offset_step, s.trial_step, s.trial_sweeps, s.trial_range
     sides = np.ascontiguousarray(jacobian[:, :4])
-    best = _ascend(profiles, sides, low, directions, limit, trials, change)
+    best = _ascend(profiles, sides, low, directions, limit, *trials, change)
     return change, float(best)
 
 
@@ -199,11 +190,13 @@ def _ascend(
     low: float,
     directions: Array,
     limit: float,
-    trials: _Trials,
+    offset_step: float,
+    step: float,
+    sweeps: int,
+    fine: float,
     change: Array,
 ) -> float:
-    step, fine = trials.step, trials.range
-    high = low + trials.offset_step * (profiles.shape[1] - 1)
+    high = low + offset_step * (profiles.shape[1] - 1)
     trial = np.zeros(4)
     best = -1.0
     steps = int((high - low) / step) + 1
@@ -211,11 +204,11 @@ def _ascend(
         size = low + step * s
         for c in range(4):
             trial[c] = -size if c < 2 else size
-        strength = _strength(profiles, jacobian, low, trials.offset_step, trial)
+        strength = _strength(profiles, jacobian, low, offset_step, trial)
         if strength > best:
             best = strength
             change[:] = trial
-    for sweep in range(trials.sweeps):
+    for sweep in range(sweeps):
         for d in range(directions.shape[0]):
             start = change.copy()
             count = steps if sweep == 0 else int(2 * fine / step) + 1
@@ -227,7 +220,7 @@ def _ascend(
                     inside = inside and abs(trial[c]) <= limit
                 if not inside:
                     continue
-                strength = _strength(profiles, jacobian, low, trials.offset_step, trial)
+                strength = _strength(profiles, jacobian, low, offset_step, trial)
                 if strength > best + 1e-9:
                     best = strength
                     change[:] = trial
