@@ -21,7 +21,6 @@ from wayside.stages.panel.outline_shapes import (
     segments_of,
 )
 
-_TRIANGLES = ("triangle", "triangle_up", "pennant")
 _DIRECTIONS = {
     False: np.eye(4),
     True: np.array(
@@ -50,20 +49,10 @@ def strongest_outlines(
     gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
-    starts = [(shape, start) for shape in OUTLINE_SHAPES for start in _starts(shape, box, settings)]
-    found = [
-        _strongest(gradients, shape, start, settings.inward, settings.outward, settings)
-        for shape, start in starts
-    ]
-    # segments rotate as the proportions change: once more, near by
-    found = [
-        _strongest(gradients, o.shape, o.box, 0.0, 0.0, settings)
-        for o in _by_strength(found)[: settings.most_tried]
-    ]
-    best = {outline.shape: outline for outline in reversed(_by_strength(found))}
+    found = [_strongest(gradients, shape, box, settings) for shape in OUTLINE_SHAPES]
     refined = [
         refine_outline(gradients, o, settings.free_search, None, settings)
-        for o in _by_strength(list(best.values()))[: settings.most_refined]
+        for o in _by_strength(found)[: settings.most_refined]
     ]
     return [
         align_sides(gradients, o, settings) for o in _by_strength(refined)[: settings.most_inner]
@@ -74,30 +63,17 @@ def _by_strength(outlines: list[Outline]) -> list[Outline]:
     return sorted(outlines, key=lambda outline: -outline.strength)
 
 
-def _starts(shape: str, box: Array, settings: PanelOutlineSettings) -> list[Array]:
-    """Boxes of the shape's own proportion about the box, and it itself."""
-    if shape not in ASPECT:
-        return [box]
-    centre, size = (box[:2] + box[2:]) / 2, box_size(box)
-    tall = np.sqrt(size.prod() / ASPECT[shape])
-    half = np.array([ASPECT[shape] * tall, tall]) / 2
-    scales = (1.0, settings.triangle_scale)
-    own = [np.concatenate([centre - half * k, centre + half * k]) for k in scales]
-    return [*own, box] if shape in _TRIANGLES else own[:1]
-
-
 def _strongest(
-    gradients: Gradients,
-    shape: str,
-    box: Array,
-    inward: float,
-    outward: float,
-    settings: PanelOutlineSettings,
+    gradients: Gradients, shape: str, box: Array, settings: PanelOutlineSettings
 ) -> Outline:
-    """The strongest outline of a shape within fractions of a box's smaller side."""
+    """The strongest outline of a shape near a box, or near that of the shape's own proportion about it."""
+    if shape in ASPECT:
+        centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
+        half = np.array([ASPECT[shape] * tall, tall]) / 2
+        box = np.concatenate([centre - half, centre + half])
     side, step = float(box_size(box).min()), settings.offset_step
-    low = -step * np.ceil(max(inward * side + 1, settings.search) / step)
-    high = step * np.ceil(max(outward * side + 1, settings.search) / step)
+    low = -step * np.ceil(max(settings.inward * side + 1, settings.search) / step)
+    high = step * np.ceil(max(settings.outward * side + 1, settings.search) / step)
     segments = segments_of(shape, box)
     profiles = edge_profiles(gradients, segments, low, high, settings)
     change, strength = strongest_box(
