@@ -123,7 +123,7 @@ def fit_face_outline(
     probability /= probability.sum()
     chosen = candidates[best].outline
     sharp = gradients.nearest(settings.refine_views)
-    fine = refine_outline(sharp, chosen, settings.refine_search, settings.side_sigma, settings)
+    fine = refine_outline(sharp, chosen, settings.refine_search, settings, held=True)
     fine = fine._replace(box=fine.box + rim_correction(sharp, fine, settings))
     rivals = np.array([candidate.outline.box for candidate in candidates]) - chosen.box
     covariance = (rivals.T * probability) @ rivals

@@ -51,7 +51,7 @@ def strongest_outlines(
     """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
     found = [_strongest(gradients, shape, box, settings) for shape in OUTLINE_SHAPES]
     refined = [
-        refine_outline(gradients, o, settings.free_search, None, settings)
+        refine_outline(gradients, o, settings.free_search, settings, held=False)
         for o in _by_strength(found)[: settings.most_refined]
     ]
     return [
@@ -100,7 +100,7 @@ def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSe
         correlation = (windows @ mean) / norm - settings.side_penalty * np.abs(shift)
         best = correlation.argmax(axis=1)
         weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
-        normal, right = _priors(outline.shape, x, x, None, settings)
+        normal, right = _priors(outline.shape, x, x, settings)
         x = x + _least_squares(segments, shift[best], weight, normal, right, settings)
     return outline._replace(box=x[:4], rotation=float(x[4]))
 
@@ -109,8 +109,9 @@ def refine_outline(
     gradients: Gradients,
     outline: Outline,
     search: float,
-    side_sigma: float | None,
     settings: PanelOutlineSettings,
+    *,
+    held: bool,
 ) -> Outline:
     """Least squares (Cauchy weights) of the box's sides and rotation on the nearest edge of each segment.
 
@@ -122,10 +123,10 @@ def refine_outline(
         Where to begin.
     search
         Range of the edges, samples.
-    side_sigma
-        Scatter of the sides about where they begin, samples; None: they and the rotation are free.
     settings
-        Scatter of edges, rotation and proportions.
+        Scatter of edges, sides, rotation and proportions.
+    held
+        Whether sides and rotation scatter about where they begin; else about where the step before left them.
     """
     shape = outline.shape
     start = np.array([*outline.box, outline.rotation])
@@ -135,7 +136,7 @@ def refine_outline(
         profiles = edge_profiles(gradients, segments, -search, search, settings)
         strength = float(profiles[:, profiles.shape[1] // 2].mean())
         offset, weight = nearest_edges(profiles, search, settings)
-        normal, right = _priors(shape, x, start, side_sigma, settings)
+        normal, right = _priors(shape, x, start if held else x, settings)
         change = _least_squares(segments, offset, weight, normal, right, settings)
         x += np.clip(change, -settings.refine_step, settings.refine_step)
         if np.abs(change).max() < settings.refine_converged:
@@ -199,14 +200,12 @@ def nearest_edges(
 
 
 def _priors(
-    shape: str, x: Array, start: Array, side_sigma: float | None, settings: PanelOutlineSettings
+    shape: str, x: Array, about: Array, settings: PanelOutlineSettings
 ) -> tuple[Array, Array]:
     """Normal matrix (5, 5) and right side (5,) of the priors of a box, in units of the scatter of an edge."""
-    sides = 1 / (side_sigma or settings.side_sigma) ** 2
-    rotation = 1 / float(np.radians(settings.rotation_sigma_deg)) ** 2
-    hold = np.array([sides] * 4 + [rotation]) * settings.edge_sigma**2
-    normal = np.diag(hold)
-    right = np.zeros(5) if side_sigma is None else -hold * (x - start)
+    sigma = np.array([settings.side_sigma] * 4 + [np.radians(settings.rotation_sigma_deg)])
+    hold = (settings.edge_sigma / sigma) ** 2
+    normal, right = np.diag(hold), -hold * (x - about)
     if shape in ASPECT:
         by = np.array([-1, ASPECT[shape], 1, -ASPECT[shape], 0])
         weight = (settings.edge_sigma / (settings.aspect_sigma * (x[2] - x[0]))) ** 2
