@@ -169,9 +169,8 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
 def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> StepTies:
     """Ties of all steps of a window that agree with their motion and slide less than `sliding_px`."""
     return StepTies.joined(
-        ties_of_step(k, now.motion, before.frame.camera, now.frame.camera, sliding_px, inliers=True)
+        ties_of_step(k, now.motion, before.camera, now.camera, sliding_px, inliers=True)
         for k, (before, now) in enumerate(pairwise(window))
-        if before.frame.camera is not None and now.frame.camera is not None
     )
 
 

@@ -89,9 +89,9 @@ def measure_panel(
     """The panel of a landmark from its registered views; without views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
     images = [
-        PosedImage(k, h.motion.pose, h.frame.camera, h.rgb)
+        PosedImage(k, h.motion.pose, h.camera, h.rgb)
         for k, h in enumerate(held)
-        if h.rgb is not None and h.frame.camera is not None
+        if h.rgb is not None
     ]
     usable = usable_views(plane, fit.metric, images, method.panel)
     if not usable:

@@ -180,7 +180,7 @@ class _Tracker:
                 else settings.acceptance.fewest_found,
             )
             fits += [replace(f, back=back) for f in found if last or self._passed(f)]
-        views = {back: side.view for back, side in self._sides.items()}
+        views = {back: side.view for back, side in self._sides.items() if side.view is not None}
         return add_predicted_views(fits, window, views, settings.prediction, settings.association)
 
     def _passed(self, fit: LandmarkFit) -> bool:
