@@ -69,9 +69,6 @@ class PanelSettings:
     farthest_off: float = _expert(
         0.1, "", "and far off: as a fraction of the depth of the nearest view", low=0
     )
-    largest_change: float = _expert(
-        2.5, "", "a panel larger or smaller than its boxes by this factor is refused", low=1
-    )
 
 
 @dataclass(frozen=True, slots=True)

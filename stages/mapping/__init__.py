@@ -11,7 +11,7 @@ from wayside.stages.mapping.landmark_evidence import (
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import SideClassifiers, track
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, VerdictRevision
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -27,7 +27,6 @@ __all__ = [
     "LandmarkFit",
     "SideClassifiers",
     "TravelledPath",
-    "VerdictRevision",
     "WindowFrame",
     "assemble",
     "build_landmark",

@@ -174,10 +174,7 @@ def solve_panel(
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
     residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
-    change = size / fit.metric
     if not off < max(settings.farthest_off_m, settings.farthest_off * depth.min()):
-        return None
-    if change.max() > settings.largest_change or change.min() < 1 / settings.largest_change:
         return None
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
     stretch_sigma = np.hypot(settings.stretch_sigma, settings.blur_sigma * (depth / depth[0] - 1))

@@ -93,11 +93,11 @@ def predicted_box(
     if frame.rgb is None or z < nearest_m:
         return None
     tall_px = 2 * tall / z * frame.focal
+    if tall_px < settings.smallest_px:
+        return None
     project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
     covariance = project @ fit.covariance @ project.T
     sigma_px = frame.focal * float(np.sqrt(np.linalg.norm(covariance, 2)))
-    if tall_px < settings.smallest_px:
-        return None
     if sigma_px > max(settings.sigma_share * tall_px, settings.sigma_px):
         return None
     corners = np.array(

@@ -8,15 +8,12 @@ Verdicts of single candidates in one image are the detection's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import verdict_code
 from wayside.schemas.frame import Pose
-from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
 from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas
@@ -103,25 +100,3 @@ def unassigned_verdicts(paired: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """
     codes = [verdict_code(v) for v in ("unmatched", "few_views", "moving")]
     return np.asarray(np.take(codes, paired.sum(axis=1)), np.uint8)
-
-
-class VerdictRevision:
-    """Verdicts of later stages, by track: its candidates follow, in this frame and those still to come."""
-
-    def __init__(self) -> None:
-        self._changed: dict[int, tuple[str, int]] = {}
-
-    def apply(self, frame: TrackedFrame, landmarks: Sequence[Landmark]) -> TrackedFrame:
-        """The frame with those landmarks instead of its own, its candidates after them."""
-        for landmark in landmarks:
-            if landmark.verdict != "sign":
-                last = max(view.frame for view in landmark.views)
-                self._changed[landmark.track_id] = (landmark.verdict, last)
-        verdict = frame.candidates.verdict.copy()
-        for track, (name, last) in list(self._changed.items()):
-            own = (frame.track_id == track) & (verdict == verdict_code("sign"))
-            verdict[own] = verdict_code(name)
-            if last <= frame.frame.index:
-                del self._changed[track]
-        table = replace(frame.candidates, verdict=verdict)
-        return replace(frame, candidates=table, landmarks=tuple(landmarks))
