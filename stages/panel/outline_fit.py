@@ -48,19 +48,14 @@ class Outline(NamedTuple):
 def strongest_outlines(
     gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[Outline]:
-    """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
+    """Outlines of the best shapes near a box, the strongest one of each."""
     found = [_strongest(gradients, shape, box, settings) for shape in OUTLINE_SHAPES]
+    found.sort(key=lambda outline: -outline.strength)
     refined = [
-        refine_outline(gradients, o, settings.free_search, settings, held=False)
-        for o in _by_strength(found)[: settings.most_refined]
+        refine_outline(gradients, outline, settings.free_search, settings, held=False)
+        for outline in found[: settings.most_inner]
     ]
-    return [
-        align_sides(gradients, o, settings) for o in _by_strength(refined)[: settings.most_inner]
-    ]
-
-
-def _by_strength(outlines: list[Outline]) -> list[Outline]:
-    return sorted(outlines, key=lambda outline: -outline.strength)
+    return [align_sides(gradients, outline, settings) for outline in refined]
 
 
 def _strongest(
