@@ -177,14 +177,11 @@ class PanelOutlineSettings:
     most_inner: int = _expert(
         2, "shapes", "shapes round whose strongest outline candidates are sought", low=1
     )
-    candidates_inward: float = _expert(
-        3.0, "samples", "candidates lie within the strongest outline by this at most", low=1
+    smallest_inward: float = _expert(
+        1.5, "samples", "candidates lie within the strongest outline by this at most", low=0
     )
     candidates_outward: float = _expert(
         0.3, "", "and outside it by this fraction of the smaller side", low=0
-    )
-    smallest_inward: float = _expert(
-        1.5, "samples", "candidates farther within are left out", low=0
     )
     weaker_part: float = _expert(
         0.75,

@@ -166,7 +166,7 @@ class _Tracker:
         candidates = candidates_of(window)
         free = ~np.concatenate([f.assigned for f in window])
         fits: list[LandmarkFit] = []
-        for back, side in self._sides.items():
+        for back in self._sides:
             found = accept_greedily(
                 candidates,
                 hypotheses.select(hypotheses.back == back),
@@ -175,9 +175,7 @@ class _Tracker:
                 settings.acceptance,
                 settings.landmark,
                 settings.adjustment,
-                fewest=settings.track.fewest_views
-                if side.view is None
-                else settings.acceptance.fewest_found,
+                fewest=settings.track.fewest_views,
             )
             fits += [replace(f, back=back) for f in found if last or self._passed(f)]
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}

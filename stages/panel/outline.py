@@ -137,7 +137,7 @@ def outline_candidates(
     """Outlines parallel to the strongest of the best shapes, with their features."""
     candidates, step = [], settings.offset_step
     for inner in strongest_outlines(gradients, box, settings):
-        low = -settings.candidates_inward
+        low = -(settings.smallest_inward + settings.strip)
         side = float(box_size(inner.box).min())
         high = step * np.ceil((settings.candidates_outward * side + 1) / step)
         segments = segments_of(inner.shape, inner.box, inner.rotation)
