@@ -49,7 +49,13 @@ def strongest_outlines(
     gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found = [_strongest(gradients, shape, box, settings) for shape in OUTLINE_SHAPES]
+    reach = settings.inward, settings.outward
+    found = [
+        _strongest(gradients, shape, _in_proportion(shape, box), *reach, settings)
+        for shape in OUTLINE_SHAPES
+    ]
+    # segments rotate as the proportions change: once more, near by
+    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, settings) for o in found]
     found.sort(key=lambda outline: -outline.strength)
     refined = [
         refine_outline(gradients, outline, settings.free_search, settings, held=False)
@@ -58,17 +64,27 @@ def strongest_outlines(
     return [align_sides(gradients, outline, settings) for outline in refined]
 
 
+def _in_proportion(shape: str, box: Array) -> Array:
+    """The box of the shape's own proportion about a box, or that itself where it has none."""
+    if shape not in ASPECT:
+        return box
+    centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
+    half = np.array([ASPECT[shape] * tall, tall]) / 2
+    return np.concatenate([centre - half, centre + half])
+
+
 def _strongest(
-    gradients: Gradients, shape: str, box: Array, settings: PanelOutlineSettings
+    gradients: Gradients,
+    shape: str,
+    box: Array,
+    inward: float,
+    outward: float,
+    settings: PanelOutlineSettings,
 ) -> Outline:
-    """The strongest outline of a shape near a box, or near that of the shape's own proportion about it."""
-    if shape in ASPECT:
-        centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
-        half = np.array([ASPECT[shape] * tall, tall]) / 2
-        box = np.concatenate([centre - half, centre + half])
+    """The strongest outline of a shape within fractions of a box's smaller side."""
     side, step = float(box_size(box).min()), settings.offset_step
-    low = -step * np.ceil(max(settings.inward * side + 1, settings.search) / step)
-    high = step * np.ceil(max(settings.outward * side + 1, settings.search) / step)
+    low = -step * np.ceil(max(inward * side + 1, settings.search) / step)
+    high = step * np.ceil(max(outward * side + 1, settings.search) / step)
     segments = segments_of(shape, box)
     profiles = edge_profiles(gradients, segments, low, high, settings)
     change, strength = strongest_box(
