@@ -127,6 +127,12 @@ def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     return np.array([held[frame].ray[row] for row, frame in used])
 
 
+def projected(point: Array, fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
+    """Rays (v, 2) of a point of the world in the frames that a landmark was fitted to."""
+    poses = [held[frame].motion.pose for frame in fit.frames[fit.used]]
+    return _rays(poses, np.broadcast_to(point, (len(poses), 3)))
+
+
 def solve_panel(
     fit: LandmarkFit,
     registered: RegisteredViews,
@@ -160,10 +166,12 @@ def solve_panel(
         rotations = np.stack([pose.rotation for pose in poses])
         point, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
-    else:  # one view does not place it
-        point, used = fit.point, fit.used
-        boxes = box_rays(fit, held)
-        centre_views = (fit.frames[used], boxes, fit.weight_sigma[used], fit.ray_sigma[used])
+    else:  # the depth is that of the boxes
+        point, used = points[0], fit.used
+        shifted = (
+            box_rays(fit, held) + projected(point, fit, held) - projected(fit.point, fit, held)
+        )
+        centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
     residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
     if not off < max(settings.farthest_off_m, settings.farthest_off * depth.min()):
