@@ -174,6 +174,7 @@ class PanelOutlineSettings:
     )
     outward: float = _expert(0.28, "", "and outside it by this fraction at most", low=0)
     search: float = _expert(3.0, "samples", "and by this either way at least", low=1)
+    most_refined: int = _expert(3, "shapes", "shapes that are refined", low=1)
     most_inner: int = _expert(
         2, "shapes", "shapes round whose strongest outline candidates are sought", low=1
     )

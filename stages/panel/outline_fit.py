@@ -56,12 +56,17 @@ def strongest_outlines(
     ]
     # segments rotate as the proportions change: once more, near by
     found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, settings) for o in found]
-    found.sort(key=lambda outline: -outline.strength)
     refined = [
-        refine_outline(gradients, outline, settings.free_search, settings, held=False)
-        for outline in found[: settings.most_inner]
+        refine_outline(gradients, o, settings.free_search, settings, held=False)
+        for o in _by_strength(found)[: settings.most_refined]
     ]
-    return [align_sides(gradients, outline, settings) for outline in refined]
+    return [
+        align_sides(gradients, o, settings) for o in _by_strength(refined)[: settings.most_inner]
+    ]
+
+
+def _by_strength(outlines: list[Outline]) -> list[Outline]:
+    return sorted(outlines, key=lambda outline: -outline.strength)
 
 
 def _in_proportion(shape: str, box: Array) -> Array:
