@@ -93,14 +93,6 @@ class LandmarkSettings:
         expert=True,
         high=0,
     )
-    unsure_weight: float = setting(
-        0.1,
-        "",
-        "added to a view's probability of being a face in votes by nearest class",
-        origin=SET,
-        expert=True,
-        low=0,
-    )
 
     @property
     def step_sigma(self) -> tuple[float, ...]:

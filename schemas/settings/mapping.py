@@ -154,14 +154,6 @@ class AcceptanceSettings:
         origin=SET,
         expert=True,
     )
-    fewest_found: int = setting(
-        2,
-        "views",
-        "views that a hypothesis needs where the missing ones are predicted",
-        origin="two rays place a landmark",
-        expert=True,
-        low=2,
-    )
     rounds: int = setting(
         3, "", "fits of a hypothesis to its views at most", origin=SET, expert=True, low=1
     )

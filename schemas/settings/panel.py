@@ -69,9 +69,6 @@ class PanelSettings:
     farthest_off: float = _expert(
         0.1, "", "and far off: as a fraction of the depth of the nearest view", low=0
     )
-    largest_change: float = _expert(
-        2.5, "", "a panel larger or smaller than its boxes by this factor is refused", low=1
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,24 +174,15 @@ class PanelOutlineSettings:
     )
     outward: float = _expert(0.28, "", "and outside it by this fraction at most", low=0)
     search: float = _expert(3.0, "samples", "and by this either way at least", low=1)
-    triangle_scale: float = _expert(
-        1.25, "", "triangles are also started from the box times this", low=1
-    )
-    most_tried: int = _expert(
-        6, "outlines", "outlines searched again, of all shapes and proportions", low=1
-    )
     most_refined: int = _expert(3, "shapes", "shapes that are refined", low=1)
     most_inner: int = _expert(
         2, "shapes", "shapes round whose strongest outline candidates are sought", low=1
     )
-    candidates_inward: float = _expert(
-        3.0, "samples", "candidates lie within the strongest outline by this at most", low=1
+    smallest_inward: float = _expert(
+        1.5, "samples", "candidates lie within the strongest outline by this at most", low=0
     )
     candidates_outward: float = _expert(
         0.3, "", "and outside it by this fraction of the smaller side", low=0
-    )
-    smallest_inward: float = _expert(
-        1.5, "samples", "candidates farther within are left out", low=0
     )
     weaker_part: float = _expert(
         0.75,

@@ -2,7 +2,6 @@
 
 from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.association import AssociationGates
-from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
@@ -11,8 +10,8 @@ from wayside.stages.mapping.landmark_evidence import (
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
-from wayside.stages.mapping.tracker import track
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, VerdictRevision
+from wayside.stages.mapping.tracker import SideClassifiers, track
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -28,7 +27,6 @@ __all__ = [
     "LandmarkFit",
     "SideClassifiers",
     "TravelledPath",
-    "VerdictRevision",
     "WindowFrame",
     "assemble",
     "build_landmark",

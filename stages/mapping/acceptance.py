@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
-from wayside.stages.geometry import covered_fractions, iou_matrix
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates, associate
 from wayside.stages.mapping.hypotheses import Hypotheses
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_hypothesis
@@ -85,10 +84,14 @@ def same_face_rows(
     free: NDArray[np.bool_],
     settings: AcceptanceSettings,
 ) -> NDArray[np.int64]:
-    """Free candidates that overlap one of the views (rows and frames, (v,)) or lie within it."""
-    c = candidates
-    boxes = np.concatenate([c.ray - c.size / 2, c.ray + c.size / 2], axis=1)
-    same_frame = c.by_frame(np.arange(len(boxes)))[:, 0] == frames[:, None]
-    covered = covered_fractions(boxes, boxes[rows]).T > settings.same_face_cover
-    covered |= iou_matrix(boxes[rows], boxes) > settings.same_face_iou
-    return np.flatnonzero(free & (same_frame & covered).any(axis=0))
+    """Free candidates that overlap the view (rows and frames, (v,), ascending) of their frame, or lie within it."""
+    c, first = candidates, candidates.first
+    beside = [first[f] + np.flatnonzero(free[first[f] : first[f + 1]]) for f in frames]
+    pairs = np.concatenate(beside), np.repeat(rows, [len(near) for near in beside])
+    low = np.maximum(*(c.ray[side] - c.size[side] / 2 for side in pairs))
+    high = np.minimum(*(c.ray[side] + c.size[side] / 2 for side in pairs))
+    shared = np.maximum(high - low, 0).prod(axis=1)
+    area, view = (c.size[side].prod(axis=1) for side in pairs)
+    same = shared > settings.same_face_cover * area
+    same |= shared > settings.same_face_iou * (area + view - shared)
+    return np.asarray(pairs[0][same])

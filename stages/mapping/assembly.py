@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from wayside.schemas.detections import verdict_code
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.settings import AssemblySettings
-from wayside.stages.mapping.verdicts import VerdictRevision, same_panel, same_station
+from wayside.stages.mapping.verdicts import same_panel, same_station
 
 
 def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Iterator[TrackedFrame]:
     """Refuse later landmarks of one panel (`duplicate`) and number the supports from 0, in order of appearance.
+
+    Candidates of landmarks that were refused since they were tracked get the verdict of their landmark.
 
     Parameters
     ----------
@@ -20,7 +23,7 @@ def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Ite
     settings
         Distances between panels of one support.
     """
-    revision = VerdictRevision()
+    refused: dict[int, tuple[str, int]] = {}
     recent: list[Landmark] = []
     count = 0
     for frame in tracked:
@@ -35,10 +38,28 @@ def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Ite
                     count += one.assembly == count
                     recent.append(one)
             landmarks.append(one)
-        yield revision.apply(frame, landmarks)
+        yield _revised(frame, landmarks, refused)
         if frame.motion is not None:
             passed_m = frame.motion.station_m - settings.remember_m
             recent = [p for p in recent if p.station_m > passed_m]
+
+
+def _revised(
+    frame: TrackedFrame, landmarks: Sequence[Landmark], refused: dict[int, tuple[str, int]]
+) -> TrackedFrame:
+    """The frame with these landmarks, its candidates after those refused: verdict and last frame of each by track."""
+    for landmark in landmarks:
+        if landmark.verdict != "sign":
+            last = max(view.frame for view in landmark.views)
+            refused[landmark.track_id] = (landmark.verdict, last)
+    verdict = frame.candidates.verdict.copy()
+    for track, (name, last) in list(refused.items()):
+        own = (frame.track_id == track) & (verdict == verdict_code("sign"))
+        verdict[own] = verdict_code(name)
+        if last <= frame.frame.index:
+            del refused[track]
+    table = replace(frame.candidates, verdict=verdict)
+    return replace(frame, candidates=table, landmarks=tuple(landmarks))
 
 
 def same_support(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:

@@ -6,7 +6,7 @@ frames of a window share one world: that of the chained motion.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,30 +19,11 @@ NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
 """State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
 
 
-class AssociationGates(NamedTuple):
-    """`AssociationSettings` and `track.gap_px`, as the kernels take them."""
+@dataclass(frozen=True, slots=True)
+class AssociationGates(AssociationSettings):
+    """`AssociationSettings` with `track.gap_px`."""
 
-    gap_px: float
-    pair_reach: int
-    gap_share: float
-    taller: float
-    wider: float
-    nearest_m: float
-    farthest_m: float
-    aside_m: float
-    above_m: float
-    below_m: float
-    horizon_slope: float
-    narrowest_m: float
-    lowest_m: float
-    widest_m: float
-    tallest_m: float
-    value_shift: float
-    value_least: float
-    value_most: float
-    gap_cost: float
-    miss_cost: float
-    expected_px: float
+    gap_px: float = field(kw_only=True)
 
     @staticmethod
     def of(track: TrackSettings, association: AssociationSettings) -> AssociationGates:
@@ -141,10 +122,12 @@ def associate(
         )
     row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
     value = np.zeros(m)
-    c = candidates
+    c, g = candidates, gates
     _associate(
-        c.rotation, c.centre, c.focal, c.bounds, c.first, c.ray, c.size, c.score, points, sizes,
-        usable, gates, row, state, value,
+        c.rotation, c.centre, c.focal, c.bounds, c.first, c.ray, c.size, c.score, points, sizes, usable,
+        (g.gap_px, g.gap_share, g.taller, g.wider, g.nearest_m, g.farthest_m),
+        (g.value_shift, g.value_least, g.value_most, g.gap_cost, g.miss_cost, g.expected_px),
+        row, state, value,
     )  # fmt: skip
     return Association(row, state, value)
 
@@ -162,12 +145,14 @@ def _associate(
     point: Array,
     metric: Array,
     free: NDArray[np.bool_],
-    gates: AssociationGates,
+    gates: tuple[float, ...],
+    values: tuple[float, ...],
     row: NDArray[np.int32],
     state: NDArray[np.uint8],
     total: Array,
 ) -> None:
-    taller, wider = gates.taller, gates.wider
+    gap_px, gap_share, taller, wider, nearest_m, farthest_m = gates
+    shift, least, most, gap_cost, miss_cost, expected_px = values
     for m in range(point.shape[0]):
         wide, tall = metric[m, 0], metric[m, 1]
         for n in range(rotation.shape[0]):
@@ -176,7 +161,7 @@ def _associate(
             c = point[m, 2] - centre[n, 2]
             r = rotation[n]
             z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
-            if not gates.nearest_m < z < gates.farthest_m:
+            if not nearest_m < z < farthest_m:
                 continue
             x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
             y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
@@ -184,7 +169,7 @@ def _associate(
                 continue
             f = focal[n]
             half_wide, half_tall = wide / z / 2, tall / z / 2
-            gate = gates.gap_px / f + 2 * gates.gap_share * half_tall
+            gate = gap_px / f + 2 * gap_share * half_tall
             best, value = -1, -1e9
             for k in range(first[n], first[n + 1]):
                 du = abs(ray[k, 0] - x)
@@ -200,20 +185,20 @@ def _associate(
                 other = size[k, 0] * z / wide
                 if other > wider or other * wider < 1:
                     continue
-                this = min(gates.value_most, max(gates.value_least, score[k] + gates.value_shift))
+                this = min(most, max(least, score[k] + shift))
                 off = gap2 / (gate * gate) + np.log(ratio) ** 2 / np.log(taller) ** 2
-                this -= gates.gap_cost * off
+                this -= gap_cost * off
                 if this > value:
                     best, value = k, this
             if best >= 0:
                 row[m, n], state[m, n] = best, SEEN
                 total[m] += value
             elif (
-                2 * half_tall * f >= gates.expected_px
+                2 * half_tall * f >= expected_px
                 and x - half_wide > bounds[n, 0]
                 and x + half_wide < bounds[n, 2]
                 and y - half_tall > bounds[n, 1]
                 and y + half_tall < bounds[n, 3]
             ):
                 state[m, n] = MISSED
-                total[m] -= gates.miss_cost
+                total[m] -= miss_cost

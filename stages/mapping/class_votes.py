@@ -21,10 +21,6 @@ class VotedClass(NamedTuple):
     log_probability: tuple[float, ...] = ()
 
 
-Votes = tuple[dict[int, float], dict[int, float]]
-"""Weight of each class, and the least distance of a view to it."""
-
-
 def voted_class(
     fit: LandmarkFit,
     window: Sequence[WindowFrame],
@@ -35,7 +31,8 @@ def voted_class(
     """The class of most weight.
 
     Where a network classified the views (`color_log_probability`, `shape_log_probability`), the weight is the mean log
-    probability, and there is no distance. Else the nearest classes of the views vote (report chapters 3.2 and 4).
+    probability, and there is no distance. Else the nearest classes of the views vote, each with the area of its box
+    (report chapters 3.2 and 4).
 
     Parameters
     ----------
@@ -52,7 +49,15 @@ def voted_class(
     means = mean_log_probabilities(own, what, settings)
     if means is not None:
         return VotedClass(names[int(means.argmax())], float("nan"), tuple(means.tolist()))
-    weights, distances = nearest_class_votes(own, what, settings)
+    weights: dict[int, float] = {}
+    distances: dict[int, float] = {}
+    for frame, row in own:
+        candidate = frame.followed[row]
+        kind = int(getattr(frame.candidates, what)[candidate])
+        if kind >= 0:
+            distance = float(getattr(frame.candidates, f"{what}_distance")[candidate])
+            weights[kind] = weights.get(kind, 0.0) + float(frame.size[row].prod())
+            distances[kind] = float(np.fmin(distances.get(kind, np.nan), distance))
     if not weights:
         return VotedClass(None, float("nan"))
     kind = max(sorted(weights), key=lambda k: weights[k])
@@ -81,21 +86,3 @@ def mean_log_probabilities(
         )
         weights += weight
     return np.asarray(total / weights) if weights else None
-
-
-def nearest_class_votes(
-    views: Iterable[tuple[WindowFrame, int]], what: str, settings: LandmarkSettings
-) -> Votes:
-    """Votes by the nearest class of each view; large and sure views weigh more."""
-    weights: dict[int, float] = {}
-    distances: dict[int, float] = {}
-    for frame, row in views:
-        own = frame.followed[row]
-        kind = int(getattr(frame.candidates, what)[own])
-        distance = float(getattr(frame.candidates, f"{what}_distance")[own])
-        if kind < 0:
-            continue
-        sure = settings.unsure_weight + 1 / (1 + np.exp(-frame.score[row]))
-        weights[kind] = weights.get(kind, 0.0) + float(frame.size[row].prod() * sure)
-        distances[kind] = float(np.fmin(distances.get(kind, np.nan), distance))
-    return weights, distances

@@ -12,9 +12,8 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings, MappingSettings
-from wayside.stages.geometry import FrenetOffset
+from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.class_votes import VotedClass, voted_class
-from wayside.stages.mapping.covariance import point_covariance
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
@@ -77,6 +76,61 @@ def measure_landmark(
     return LandmarkMeasurement(panel.point, covariance, panel)
 
 
+def point_covariance(
+    rotations: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    point: NDArray[np.float64],
+    views: NDArray[np.int64],
+    weight_sigma: NDArray[np.float64],
+    ray_sigma: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    best: int,
+) -> NDArray[np.float64]:
+    """Covariance (3, 3) of a point relative to the camera of frame `best`, in world axes, square metres.
+
+    First-order propagation (report chapter 8's projection, eq. 7.6): the estimate moves by the gain
+    (J' W J)^-1 J' W times the error of the rays; an error of the step between two frames moves all views on the far
+    side of it, seen from `best`, together.
+
+    Parameters
+    ----------
+    rotations, centres
+        World from camera (n, 3, 3) and camera centres (n, 3) of consecutive frames.
+    point
+        (3,) in the world.
+    views
+        Frames (v,) that the point was fitted to.
+    weight_sigma, ray_sigma
+        Standard deviation (v,) the views were weighted by, and that of the measured rays alone.
+    steps
+        Covariance (n, 6, 6) of the step from the frame before (rotation vector, rad, then translation, m, in the
+        earlier camera's frame); row 0 is not used.
+    best
+        The frame the point is reported in.
+    """
+    local = np.einsum("ni,nij->nj", point - centres[views], rotations[views])
+    depth = local[:, 2]
+    project = np.zeros((len(views), 2, 3))
+    project[:, 0, 0] = project[:, 1, 1] = 1 / depth
+    project[:, :, 2] = -local[:, :2] / depth[:, None] ** 2
+    jacobian = project @ rotations[views].transpose(0, 2, 1)
+    weight = 1 / weight_sigma**2
+    information = np.einsum("v,vki,vkj->ij", weight, jacobian, jacobian)
+    gain = np.linalg.inv(information) @ (weight[:, None, None] * jacobian.transpose(0, 2, 1))
+    covariance: NDArray[np.float64] = np.einsum("v,vik,vjk->ij", ray_sigma**2, gain, gain)
+    low, high = min(int(views.min()), best), max(int(views.max()), best)
+    for step in range(low + 1, high + 1):
+        beyond = views < step if step <= best else views >= step
+        if not beyond.any():
+            continue
+        before = rotations[step - 1]
+        lever_arm = (point - centres[step]) @ before
+        by_step = before @ np.concatenate([-cross_matrices(lever_arm), np.eye(3)], axis=1)
+        effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ by_step
+        covariance += effect @ steps[step] @ effect.T
+    return (covariance + covariance.T) / 2
+
+
 def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame], settings: LandmarkSettings) -> Panel:
     """The panel that the boxes of a landmark show: they follow its inner field, and nothing shows its facing."""
     used = fit.used
@@ -114,6 +168,7 @@ def build_landmark(
     A back bears no colour of a sign, and its shape is that of the outline of its panel, where one is known.
     """
     best, panel = best_view(fit, window), measured.panel
+    views = tuple(observation(fit, window, i) for i in range(len(fit.rows)))
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
     color = VotedClass(None, float("nan"))
@@ -125,7 +180,7 @@ def build_landmark(
     return Landmark(
         back=fit.back,
         track_id=track_id,
-        views=tuple(observation(fit, window, i) for i in range(len(fit.rows))),
+        views=views,
         position=pose.to_camera(measured.point),
         covariance=pose.rotation.T @ measured.covariance @ pose.rotation
         + np.diag([*panel.centre_sigma**2, 0.0]),
@@ -134,7 +189,7 @@ def build_landmark(
         station_m=offset.station,
         best_frame=frame.frame.index,
         best_time_ns=frame.frame.time_ns,
-        best_box=observation(fit, window, best).box,
+        best_box=views[best].box,
         best_pose=pose,
         width_m=float(panel.size[0]),
         height_m=float(panel.size[1]),

@@ -82,33 +82,21 @@ def fit_hypothesis(
     rounds
         Fits before the last one at most.
     """
-    for _ in range(rounds):
-        fit = _fit_row(candidates, row, settings, solver, fewest)
+    while True:
+        frames = np.flatnonzero(row >= 0)
+        if len(frames) < fewest:
+            return None
+        fit = fit_views(candidates, row[frames].astype(np.int64), frames, settings, solver)
         if fit is None:
             return None
+        if rounds == 0:
+            break
         found = associate(candidates, fit.point[None], fit.metric[None], free, gates)
         if np.array_equal(found.row[0], row):
             break
-        row = found.row[0]
-    else:
-        fit = _fit_row(candidates, row, settings, solver, fewest)
-        if fit is None:
-            return None
+        row, rounds = found.row[0], rounds - 1
     missed = int((found.state[0] == MISSED).sum())
     return replace(fit, missed=missed, value=float(found.value[0]))
-
-
-def _fit_row(
-    candidates: WindowCandidates,
-    row: NDArray[np.int32],
-    settings: LandmarkSettings,
-    solver: AdjustmentSettings,
-    fewest: int,
-) -> LandmarkFit | None:
-    frames = np.flatnonzero(row >= 0)
-    if len(frames) < max(fewest, 2):
-        return None
-    return fit_views(candidates, row[frames].astype(np.int64), frames, settings, solver)
 
 
 def fit_views(
@@ -137,7 +125,7 @@ def fit_views(
     used[np.argsort(-frames, kind="stable")[: settings.fitted_views]] = True
     own = (settings.centre_sigma_px + settings.centre_sigma_share * tall_px) / c.focal[frames]
     sigma = np.hypot(own, settings.drift_rad * np.sqrt(frames.max() - frames))
-    point, covariance, _ = triangulate_views(
+    point, covariance = triangulate_views(
         c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used], solver
     )
     if not np.isfinite(point).all() or not np.isfinite(covariance).all():

@@ -100,7 +100,8 @@ def adjust_jointly(
     start, anchors = track_starts(ties, track, settings)
     count, seen = len(anchors), int(inside.sum())
     sigma = ties.scatter * np.hypot(
-        registered_sigma_px(ties, registration.sigma_px),
+        # noise of both images, that of the earlier one magnified
+        registration.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
         settings.displacement_sigma * ties.displacement_px,
     )
     rows = ResidualBlocks.joined(
@@ -119,7 +120,15 @@ def adjust_jointly(
                 np.full(count, settings.anchor_sigma_px / focal),
                 QUADRATIC,
             ),
-            tie_rows(ties, track + 1, sigma / focal, settings.tie_scale),
+            ResidualBlocks(
+                np.column_stack([ties.step, ties.step + 1]),
+                track + 1,
+                ties.source,
+                ties.target,
+                ties.warp,
+                sigma / focal,
+                np.full(len(track), settings.tie_scale),
+            ),
         ]
     )
     x, y, z = home.to_camera(point)
@@ -160,9 +169,8 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
 def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> StepTies:
     """Ties of all steps of a window that agree with their motion and slide less than `sliding_px`."""
     return StepTies.joined(
-        ties_of_step(k, now.motion, before.frame.camera, now.frame.camera, sliding_px, inliers=True)
+        ties_of_step(k, now.motion, before.camera, now.camera, sliding_px, inliers=True)
         for k, (before, now) in enumerate(pairwise(window))
-        if before.frame.camera is not None and now.frame.camera is not None
     )
 
 
@@ -183,27 +191,6 @@ def track_starts(
     depth = np.nan_to_num(ties.place[first, 2], nan=settings.farthest_m)
     inverse = 1 / np.clip(depth, settings.nearest_m, settings.farthest_m)
     return np.column_stack([ties.source[first], inverse]), ties.step[first]
-
-
-def registered_sigma_px(ties: StepTies, sigma_px: float) -> Array:
-    """Scatter (n,) of the registered pixel by the noise of both images, that of the earlier one magnified."""
-    growth = (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2
-    return np.asarray(sigma_px * np.sqrt(1 + growth))
-
-
-def tie_rows(
-    ties: StepTies, point: NDArray[np.int64], sigma: Array, scale: float
-) -> ResidualBlocks:
-    """Residuals of ties of these points with these sigmas, and the scale of their robust cost."""
-    return ResidualBlocks(
-        np.column_stack([ties.step, ties.step + 1]),
-        point,
-        ties.source,
-        ties.target,
-        ties.warp,
-        sigma,
-        np.full(len(point), scale),
-    )
 
 
 def shared_errors(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import LocateSettings
-from wayside.stages.mapping.verdicts import VerdictRevision, location_verdict
+from wayside.stages.mapping.verdicts import location_verdict
 
 
 def classify_location(
@@ -35,14 +35,11 @@ def classify_location(
     """
     if model is not None and model.space != "right_up_m":
         raise ValueError(f"wanted a location model of space right_up_m, found {model.space}")
-    revision = VerdictRevision()
     for frame in tracked:
-        yield revision.apply(
-            frame,
-            [
-                replace(one, verdict=location_verdict(one, model, settings))
-                if one.verdict == "sign"
-                else one
-                for one in frame.landmarks
-            ],
+        landmarks = (
+            replace(one, verdict=location_verdict(one, model, settings))
+            if one.verdict == "sign"
+            else one
+            for one in frame.landmarks
         )
+        yield replace(frame, landmarks=tuple(landmarks))

@@ -89,9 +89,9 @@ def measure_panel(
     """The panel of a landmark from its registered views; without views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
     images = [
-        PosedImage(k, h.motion.pose, h.frame.camera, h.rgb)
+        PosedImage(k, h.motion.pose, h.camera, h.rgb)
         for k, h in enumerate(held)
-        if h.rgb is not None and h.frame.camera is not None
+        if h.rgb is not None
     ]
     usable = usable_views(plane, fit.metric, images, method.panel)
     if not usable:
@@ -164,7 +164,7 @@ def solve_panel(
     weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
-        point, _, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
+        point, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
@@ -174,10 +174,7 @@ def solve_panel(
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
     residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
-    change = size / fit.metric
     if not off < max(settings.farthest_off_m, settings.farthest_off * depth.min()):
-        return None
-    if change.max() > settings.largest_change or change.min() < 1 / settings.largest_change:
         return None
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
     stretch_sigma = np.hypot(settings.stretch_sigma, settings.blur_sigma * (depth / depth[0] - 1))

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Regions
 from wayside.schemas.settings import AssociationSettings, PredictionSettings
+from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import distort_points, ideal_of_rays
-from wayside.stages.mapping.classifiers import ViewClassifier
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
 
@@ -40,7 +40,7 @@ class _View(NamedTuple):
 def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
-    classifiers: Mapping[bool, ViewClassifier | None],
+    classifiers: Mapping[bool, BoxClassifier],
     settings: PredictionSettings,
     association: AssociationSettings,
 ) -> list[LandmarkFit]:
@@ -54,13 +54,13 @@ def add_predicted_views(
     fits, window
         Landmarks and the frames that they refer to, which get the new candidates.
     classifiers
-        Classifier of one view, of faces (False) and of backs (True); None: none is predicted.
+        Classifier of one view, of faces (False) and of backs (True); without one none is predicted.
     settings, association
         Limits of predicted boxes; depth and height from which a view is expected.
     """
     wanted: dict[tuple[int, bool], list[_PredictedBox]] = {}
     for number, fit in enumerate(fits):
-        if classifiers[fit.back] is None:
+        if fit.back not in classifiers:
             continue
         for frame in sorted(set(range(len(window))) - set(fit.frames.tolist())):
             found = predicted_box(fit, window[frame], settings, association.nearest_m)
@@ -68,10 +68,7 @@ def add_predicted_views(
                 wanted.setdefault((frame, fit.back), []).append(_PredictedBox(number, *found))
     views: list[list[_View]] = [[] for _ in fits]
     for (frame, back), boxes in sorted(wanted.items()):
-        classifier = classifiers[back]
-        if classifier is None:
-            continue
-        regions = _regions(boxes, fits, window)
+        classifier, regions = classifiers[back], _regions(boxes, fits, window)
         scores = _scores(window[frame], regions, classifier)
         for k, (one, score) in enumerate(zip(boxes, scores.tolist(), strict=True)):
             if score >= classifier.threshold:
@@ -90,17 +87,17 @@ def predicted_box(
 
     None where it is cut, too near or too small, or its scatter there is too large.
     """
-    camera, pose = frame.frame.camera, frame.motion.pose
+    camera, pose = frame.camera, frame.motion.pose
     x, y, z = pose.to_camera(fit.point)
     wide, tall = fit.metric / 2
-    if camera is None or frame.rgb is None or z < nearest_m:
+    if frame.rgb is None or z < nearest_m:
         return None
     tall_px = 2 * tall / z * frame.focal
+    if tall_px < settings.smallest_px:
+        return None
     project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
     covariance = project @ fit.covariance @ project.T
     sigma_px = frame.focal * float(np.sqrt(np.linalg.norm(covariance, 2)))
-    if tall_px < settings.smallest_px:
-        return None
     if sigma_px > max(settings.sigma_share * tall_px, settings.sigma_px):
         return None
     corners = np.array(
@@ -137,15 +134,13 @@ def _regions(
     )
 
 
-def _scores(
-    frame: WindowFrame, regions: Regions, classifier: ViewClassifier
-) -> NDArray[np.float32]:
-    camera, levels = frame.frame.camera, frame.image_pyramid()
-    if camera is None or levels is None:
+def _scores(frame: WindowFrame, regions: Regions, classifier: BoxClassifier) -> NDArray[np.float32]:
+    levels = frame.image_pyramid()
+    if levels is None:
         return np.full(len(regions), -np.inf, np.float32)
     # The classifier learned from regions of source `level`, so it gets these as such.
     shown = replace(regions, source=np.full(len(regions), SOURCES.index("level"), np.uint8))
-    return classifier.scores(levels, shown, camera)
+    return classifier.scores(levels, shown, frame.camera)
 
 
 def _extended(

@@ -8,7 +8,7 @@ greedily, best first. A landmark is finished when the vehicle has passed it (rep
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,13 +19,17 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
+from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.association import AssociationGates
-from wayside.stages.mapping.classifiers import SideClassifiers
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_evidence import LandmarkEvidence, registration_agreement
+from wayside.stages.mapping.landmark_evidence import (
+    LandmarkClassifier,
+    LandmarkEvidence,
+    registration_agreement,
+)
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
@@ -37,6 +41,14 @@ from wayside.stages.mapping.window import (
     through_window,
 )
 from wayside.stages.panel import PanelMethod
+
+
+@dataclass(frozen=True, slots=True)
+class SideClassifiers:
+    """Classifiers of panels seen from one side: of a `view` in one image (None: none is predicted), of a `landmark`."""
+
+    view: BoxClassifier | None = None
+    landmark: LandmarkClassifier = field(default_factory=LandmarkClassifier)
 
 
 def track(
@@ -154,7 +166,7 @@ class _Tracker:
         candidates = candidates_of(window)
         free = ~np.concatenate([f.assigned for f in window])
         fits: list[LandmarkFit] = []
-        for back, side in self._sides.items():
+        for back in self._sides:
             found = accept_greedily(
                 candidates,
                 hypotheses.select(hypotheses.back == back),
@@ -163,12 +175,10 @@ class _Tracker:
                 settings.acceptance,
                 settings.landmark,
                 settings.adjustment,
-                fewest=settings.track.fewest_views
-                if side.view is None
-                else settings.acceptance.fewest_found,
+                fewest=settings.track.fewest_views,
             )
             fits += [replace(f, back=back) for f in found if last or self._passed(f)]
-        views = {back: side.view for back, side in self._sides.items()}
+        views = {back: side.view for back, side in self._sides.items() if side.view is not None}
         return add_predicted_views(fits, window, views, settings.prediction, settings.association)
 
     def _passed(self, fit: LandmarkFit) -> bool:

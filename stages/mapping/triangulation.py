@@ -13,7 +13,10 @@ from wayside.stages.kernels import Array, compiled, shaped
 
 
 class _Problem(NamedTuple):
-    """Views of a point, their sigmas (n,), and normal equations (3, 3); cauchy: sigmas where the cost flattens."""
+    """Views of a point, their sigmas (n,), and normal equations (3, 3); cauchy: sigmas where the cost flattens.
+
+    fit (2,): weighted chi square and the sum of the weights.
+    """
 
     rotations: Array
     centres: Array
@@ -24,6 +27,7 @@ class _Problem(NamedTuple):
     damped: Array
     right: Array
     step: Array
+    fit: Array
 
 
 class _Estimate(NamedTuple):
@@ -39,7 +43,7 @@ def triangulate_views(
     rays: NDArray[np.floating[Any]],
     sigma: NDArray[np.floating[Any]],
     settings: AdjustmentSettings,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 
     The start is the midpoint of that pair of views which has the lowest cost over all of them; then
@@ -64,9 +68,6 @@ def triangulate_views(
         (3,) in the world; nan where there are fewer than two views, or all rays are parallel.
     covariance
         (3, 3), square metres; scaled up where the residuals are larger than the sigmas, never down.
-    residuals
-        (n,) distance between ray and projection in each image, unit of the rays; inf where the point lies behind the
-        camera.
 
     Raises
     ------
@@ -82,51 +83,34 @@ def triangulate_views(
         )
     if not (spread > 0).all():
         raise ValueError(f"wanted positive sigmas, found {spread.min()}")
-    point, covariance, residuals = np.empty(3), np.empty((3, 3)), np.empty(len(turns))
+    point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     schedule = Schedule(settings.point_iterations, settings.point_gain, damping=1e-4, offset=1.0)
-    _triangulate(
-        turns, origins, seen, spread, settings.cauchy_sigmas, schedule, point, covariance, residuals
-    )
-    return point, covariance, residuals
+    _triangulate(turns, origins, seen, spread, settings.cauchy_sigmas, schedule, point, covariance)
+    return point, covariance
 
 
 @compiled
-def _residuals(
-    rotations: Array, centres: Array, rays: Array, point: Array, residuals: Array
-) -> None:
-    # (n, 2): projection less ray; inf where the point lies behind the camera.
-    for k in range(rotations.shape[0]):
-        r = rotations[k]
-        a, b, c = point[0] - centres[k, 0], point[1] - centres[k, 1], point[2] - centres[k, 2]
+def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+    # Residuals are projection less ray; inf where the point lies behind the camera, which adds a large constant.
+    point, residuals, total = estimate.point, estimate.residuals, 0.0
+    for k in range(residuals.shape[0]):
+        r, centre, ray = problem.rotations[k], problem.centres[k], problem.rays[k]
+        a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
         z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
         if z > 1e-6:
-            residuals[k, 0] = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z - rays[k, 0]
-            residuals[k, 1] = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z - rays[k, 1]
+            residuals[k, 0] = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z - ray[0]
+            residuals[k, 1] = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z - ray[1]
         else:
             residuals[k] = np.inf
-
-
-@compiled
-def _robust_cost(residuals: Array, sigma: Array, cauchy: float) -> float:
-    total = 0.0
-    for k in range(residuals.shape[0]):
-        square = (residuals[k, 0] ** 2 + residuals[k, 1] ** 2) / (sigma[k] * cauchy) ** 2
-        # A view that has the point behind it adds a large constant.
-        total += np.log1p(min(square, 1e12))
+        square = residuals[k, 0] ** 2 + residuals[k, 1] ** 2
+        total += np.log1p(min(square / (problem.sigma[k] * problem.cauchy) ** 2, 1e12))
     return total
 
 
 @compiled
-def _start(
-    rotations: Array,
-    centres: Array,
-    rays: Array,
-    sigma: Array,
-    cauchy: float,
-    residuals: Array,
-    best: Array,
-) -> bool:
+def _start(problem: _Problem, estimate: _Estimate, best: Array) -> bool:
     # The midpoint of the pair of views that has the lowest cost over all views; False where no pair meets.
+    rotations, rays, centres = problem.rotations, problem.rays, problem.centres
     n = rotations.shape[0]
     directions = np.empty((n, 3))
     for k in range(n):
@@ -137,19 +121,12 @@ def _start(
     lowest, found = np.inf, False
     for i in range(n):
         for j in range(i + 1, n):
-            meet_rays(
-                centres[i],
-                centres[j],
-                directions[i : i + 1],
-                directions[j : j + 1],
-                point,
-                gap,
-                along,
-            )
+            first, second = directions[i : i + 1], directions[j : j + 1]
+            meet_rays(centres[i], centres[j], first, second, point, gap, along)
             if not np.isfinite(gap[0]):
                 continue
-            _residuals(rotations, centres, rays, point[0], residuals)
-            cost = _robust_cost(residuals, sigma, cauchy)
+            estimate.point[:] = point[0]
+            cost = _evaluate(problem, estimate)
             if cost < lowest:
                 lowest, found = cost, True
                 best[:] = point[0]
@@ -157,19 +134,13 @@ def _start(
 
 
 @compiled
-def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
-    _residuals(problem.rotations, problem.centres, problem.rays, estimate.point, estimate.residuals)
-    return _robust_cost(estimate.residuals, problem.sigma, problem.cauchy)
-
-
-@compiled
-def _normal_equations(problem: _Problem, estimate: _Estimate) -> tuple[float, float]:
-    # Weighted J'J and -J'r; returns weighted chi square and the sum of weights.
+def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
+    # Weighted J'J and -J'r, weighted chi square and the sum of weights.
     point, residuals, sigma = estimate.point, estimate.residuals, problem.sigma
     centres, matrix, right = problem.centres, problem.matrix, problem.right
     matrix[:] = 0.0
     right[:] = 0.0
-    chi, weights = 0.0, 0.0
+    problem.fit[:] = 0.0
     row = np.empty((2, 3))
     for k in range(residuals.shape[0]):
         if not np.isfinite(residuals[k, 0]):
@@ -184,19 +155,13 @@ def _normal_equations(problem: _Problem, estimate: _Estimate) -> tuple[float, fl
             row[1, i] = (r[i, 1] - v * r[i, 2]) / z
         square = (residuals[k, 0] ** 2 + residuals[k, 1] ** 2) / sigma[k] ** 2
         robust = 1.0 / (1.0 + square / problem.cauchy**2)
-        chi += robust * square
-        weights += robust
+        problem.fit[0] += robust * square
+        problem.fit[1] += robust
         weight = robust / sigma[k] ** 2
         for i in range(3):
             right[i] -= weight * (row[0, i] * residuals[k, 0] + row[1, i] * residuals[k, 1])
             for j in range(3):
                 matrix[i, j] += weight * (row[0, i] * row[0, j] + row[1, i] * row[1, j])
-    return chi, weights
-
-
-@compiled
-def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    _normal_equations(problem, estimate)
 
 
 @compiled
@@ -223,25 +188,21 @@ def _triangulate(
     schedule: Schedule,
     point: Array,
     covariance: Array,
-    residuals: Array,
 ) -> None:
     n = rotations.shape[0]
     start = _Estimate(np.empty(3), np.empty((n, 2)))
     trial = _Estimate(np.empty(3), np.empty((n, 2)))
-    if n < 2 or not _start(rotations, centres, rays, sigma, cauchy, start.residuals, start.point):
-        point[:] = np.nan
-        covariance[:] = np.nan
-        residuals[:] = np.nan
-        return
     problem = _Problem(
         rotations, centres, rays, sigma, cauchy,
-        np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3),
+        np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(2),
     )  # fmt: skip
+    if not _start(problem, trial, start.point):
+        return
     best, _, _ = _minimise(problem, start, trial, schedule)
-    chi, weights = _normal_equations(problem, best)
+    _linearise(problem, best, 0)
     # 2 n measurements less 3 unknowns, each view counted by its weight
-    freedom = 2.0 * weights - 3.0
-    inflation = max(1.0, chi / freedom) if freedom > 0 else 1.0
+    freedom = 2.0 * problem.fit[1] - 3.0
+    inflation = max(1.0, problem.fit[0] / freedom) if freedom > 0 else 1.0
     point[:] = best.point
     for i in range(3):
         problem.damped[:] = problem.matrix
@@ -249,7 +210,3 @@ def _triangulate(
         problem.step[i] = 1.0
         if cholesky_solve(problem.damped, problem.step):
             covariance[i] = problem.step * inflation
-        else:
-            covariance[i] = np.nan
-    for k in range(n):
-        residuals[k] = np.sqrt(best.residuals[k, 0] ** 2 + best.residuals[k, 1] ** 2)

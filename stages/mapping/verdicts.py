@@ -8,15 +8,12 @@ Verdicts of single candidates in one image are the detection's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import verdict_code
 from wayside.schemas.frame import Pose
-from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
 from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas
@@ -48,30 +45,20 @@ def same_face(
 
     A depth of large scatter (a few far views) is like any depth within its error.
     """
-    axis = camera.rotation[:, 2]
-    near, far = sorted(float((f.point - camera.centre) @ axis) for f in (one, other))
+    local, metric = camera.to_camera(np.array([one.point, other.point])), (one.metric, other.metric)
+    axis, depth = camera.rotation[:, 2], local[:, 2:]
+    near, far = float(depth.min()), float(depth.max())
     tolerance = max(
         settings.same_depth_share * near,
         settings.same_depth_m,
         settings.same_depth_sigmas * float(np.sqrt(axis @ one.covariance @ axis)),
     )
-    if near <= 0 or far - near > tolerance:
+    if near < settings.nearest_m or far - near > tolerance:
         return False
-    return max(mutual_cover(one, other, camera, settings)) > settings.same_cover
-
-
-def mutual_cover(
-    one: LandmarkFit, other: LandmarkFit, camera: Pose, settings: VerdictSettings
-) -> tuple[float, float]:
-    """Share of each landmark's box that the other's covers in an image, (of one, of other)."""
-    local = camera.to_camera(np.array([one.point, other.point]))
-    depth = local[:, 2:]
-    if depth.min() < settings.nearest_m:
-        return 0.0, 0.0
-    centre, half = local[:, :2] / depth, np.array([one.metric, other.metric]) / depth / 2
+    centre, half = local[:, :2] / depth, np.array(metric) / depth / 2
     box = np.concatenate([centre - half, centre + half], axis=1)
-    of_one, of_other = intersection_areas(box[:1], box[1:])[0, 0] / box_areas(box)
-    return float(of_one), float(of_other)
+    shared = intersection_areas(box[:1], box[1:])[0, 0]
+    return bool(shared > settings.same_cover * box_areas(box).min())
 
 
 def location_verdict(
@@ -113,25 +100,3 @@ def unassigned_verdicts(paired: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """
     codes = [verdict_code(v) for v in ("unmatched", "few_views", "moving")]
     return np.asarray(np.take(codes, paired.sum(axis=1)), np.uint8)
-
-
-class VerdictRevision:
-    """Verdicts of later stages, by track: its candidates follow, in this frame and those still to come."""
-
-    def __init__(self) -> None:
-        self._changed: dict[int, tuple[str, int]] = {}
-
-    def apply(self, frame: TrackedFrame, landmarks: Sequence[Landmark]) -> TrackedFrame:
-        """The frame with those landmarks instead of its own, its candidates after them."""
-        for landmark in landmarks:
-            if landmark.verdict != "sign":
-                last = max(view.frame for view in landmark.views)
-                self._changed[landmark.track_id] = (landmark.verdict, last)
-        verdict = frame.candidates.verdict.copy()
-        for track, (name, last) in list(self._changed.items()):
-            own = (frame.track_id == track) & (verdict == verdict_code("sign"))
-            verdict[own] = verdict_code(name)
-            if last <= frame.frame.index:
-                del self._changed[track]
-        table = replace(frame.candidates, verdict=verdict)
-        return replace(frame, candidates=table, landmarks=tuple(landmarks))

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates, Dropped, Features, Regions, verdict_code
+from wayside.schemas.detections import Candidates, Features, Regions, verdict_code
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
@@ -34,19 +34,20 @@ NO_TRACK = -1
 class WindowFrame:
     """A frame in the window; its candidates and what is known of them change until it leaves.
 
-    followed (k,): candidate rows that are followed; back (k,): as the back of a panel (a row may be followed as a
-    face, too); seeds (k,): those that may form hypotheses; ray, size (k, 2): ideal image coordinates of centre and
-    extent; score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge of the image;
-    assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate of an earlier, of a later frame;
-    bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks: those first
-    seen here; measurements: what theirs rest on; matches: see `TrackedFrame`; rgb: the image, None where it is gone.
+    plain: it as it came; followed (k,): candidate rows that are followed; back (k,): as the back of a panel (a row may
+    be followed as a face, too); seeds (k,): those that may form hypotheses; ray, size (k, 2): ideal image coordinates
+    of centre and extent; score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge
+    of the image; assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate of an earlier, of a
+    later frame; bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks:
+    those first seen here; measurements: what theirs rest on; matches: see `TrackedFrame`; rgb: the image, None where
+    there is none.
     """
 
+    plain: TrackedFrame
     frame: Frame
+    camera: Camera
     motion: Motion
     candidates: Candidates
-    region_count: int
-    dropped: Dropped
     followed: NDArray[np.int64]
     back: NDArray[np.bool_]
     seeds: NDArray[np.bool_]
@@ -86,11 +87,11 @@ class WindowFrame:
             box[:, 3] > camera.height - settings.edge_px
         )
         return cls(
+            plain=untracked(posed),
             frame=detections.frame,
+            camera=camera,
             motion=motion,
             candidates=table,
-            region_count=detections.segmentation.region_count,
-            dropped=detections.segmentation.dropped,
             followed=rows,
             back=back,
             seeds=back | (table.verdict[rows] != verdict_code("score")),
@@ -111,19 +112,14 @@ class WindowFrame:
         )
 
     def image_pyramid(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """The image at full, half and quarter size, made when first asked for; None where it is gone."""
+        """The image at full, half and quarter size, made when first asked for; None where there is none."""
         if self._pyramid is None and self.rgb is not None:
             self._pyramid = pyramid(self.rgb)
         return self._pyramid
 
     def add(self, region: Regions, score: float, *, back: bool = False) -> int:
         """Take one more candidate, as if it had been followed from the start; its number among the followed ones."""
-        camera = self.frame.camera
-        if camera is None:
-            raise ValueError(
-                "wanted a frame with calibration, found none; such frames are not used"
-            )
-        one = Candidates.of(region)
+        camera, one = self.camera, Candidates.of(region)
         known = np.array([score], np.float32)
         one = replace(one, ideal=ideal_points(camera, one.center))
         one = replace(one, back_score=known) if back else replace(one, score=known)
@@ -155,17 +151,14 @@ class WindowFrame:
         rest = ~self.back & (self.track_id[self.followed] == NO_TRACK)
         rest &= self.candidates.verdict[self.followed] == verdict_code("open")
         self.verdict[self.followed[rest]] = unassigned_verdicts(self.paired[rest])
-        return TrackedFrame(
-            self.frame,
-            self.motion,
-            replace(self.candidates, verdict=self.verdict),
-            self.track_id,
-            self.residual_px,
-            self.region_count,
-            tuple(self.landmarks),
-            self.dropped,
-            tuple(self.measurements),
-            self.matches,
+        return replace(
+            self.plain,
+            candidates=replace(self.candidates, verdict=self.verdict),
+            track_id=self.track_id,
+            residual_px=self.residual_px,
+            landmarks=tuple(self.landmarks),
+            measurements=tuple(self.measurements),
+            matches=self.matches,
         )
 
 

@@ -39,39 +39,33 @@ def align(
     require_array(template, "template", np.float64, (None, None))
     require_array(weight, "weight", np.float64, shape)
     require_array(patch, "patch", np.float64, shape)
-    if weight.sum() <= 0:
-        return None
-    try:
-        return _gauss_newton(template, weight, patch, start, settings)
-    except np.linalg.LinAlgError:
-        return None
-
-
-def _gauss_newton(
-    template: Array, weight: Array, patch: Array, start: Array, settings: RegistrationSettings
-) -> Alignment | None:
     total = float(weight.sum())
+    if total <= 0:
+        return None
     mean = float((weight * template).sum()) / total
     spread = float((weight * (template - mean) ** 2).sum())
     x = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0])
     normal, right = np.zeros((6, 6)), np.zeros(6)
     prior = np.zeros(6)
-    for _ in range(settings.iterations):
+    try:
+        for _ in range(settings.iterations):
+            inside, squares = _normal_equations(template, weight, patch, x, normal, right)
+            if inside < settings.inside * total:
+                return None
+            prior[2:4] = _variance(squares, inside, settings) / settings.stretch_sigma**2
+            step = np.linalg.solve(normal + np.diag(prior), right - prior * (x - 1.0))
+            x += step
+            far = np.abs(x[:2] - start).max() > settings.largest_shift
+            if far or np.abs(x[2:4] - 1).max() > settings.largest_stretch:
+                return None
+            if np.abs(step[:2]).max() < settings.converged:
+                break
         inside, squares = _normal_equations(template, weight, patch, x, normal, right)
-        if inside < settings.inside * total:
-            return None
-        prior[2:4] = _variance(squares, inside, settings) / settings.stretch_sigma**2
-        step = np.linalg.solve(normal + np.diag(prior), right - prior * (x - 1.0))
-        x += step
-        far = np.abs(x[:2] - start).max() > settings.largest_shift
-        if far or np.abs(x[2:4] - 1).max() > settings.largest_stretch:
-            return None
-        if np.abs(step[:2]).max() < settings.converged:
-            break
-    inside, squares = _normal_equations(template, weight, patch, x, normal, right)
+        covariance = np.asarray(np.linalg.inv(normal))
+    except np.linalg.LinAlgError:
+        return None
     if x[4] <= 0 or inside < settings.inside * total or spread <= 0:
         return None
-    covariance = np.asarray(np.linalg.inv(normal))
     return Alignment(
         x[:2].copy(),
         x[2:4].copy(),

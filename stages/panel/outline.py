@@ -123,7 +123,7 @@ def fit_face_outline(
     probability /= probability.sum()
     chosen = candidates[best].outline
     sharp = gradients.nearest(settings.refine_views)
-    fine = refine_outline(sharp, chosen, settings.refine_search, settings.side_sigma, settings)
+    fine = refine_outline(sharp, chosen, settings.refine_search, settings, held=True)
     fine = fine._replace(box=fine.box + rim_correction(sharp, fine, settings))
     rivals = np.array([candidate.outline.box for candidate in candidates]) - chosen.box
     covariance = (rivals.T * probability) @ rivals
@@ -137,7 +137,7 @@ def outline_candidates(
     """Outlines parallel to the strongest of the best shapes, with their features."""
     candidates, step = [], settings.offset_step
     for inner in strongest_outlines(gradients, box, settings):
-        low = -settings.candidates_inward
+        low = -(settings.smallest_inward + settings.strip)
         side = float(box_size(inner.box).min())
         high = step * np.ceil((settings.candidates_outward * side + 1) / step)
         segments = segments_of(inner.shape, inner.box, inner.rotation)

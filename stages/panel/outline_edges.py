@@ -27,15 +27,6 @@ class Gradients(NamedTuple):
         return Gradients(self.right[:count], self.down[:count])
 
 
-class _Trials(NamedTuple):
-    """Coordinate ascent of a box, as of `PanelOutlineSettings`."""
-
-    offset_step: float
-    step: float
-    sweeps: int
-    range: float
-
-
 def gradients_of(views: NDArray[np.float32]) -> Gradients:
     """Gradients of views (n, rows, columns, 3), grey levels a sample; raises ValueError for other arrays."""
     require_array(views, "views", np.float32, (None, None, None, 3))
@@ -80,19 +71,11 @@ def strip_colors(
 ) -> NDArray[np.float32]:
     """Mean colour along each segment at offsets low, low + `offset_step`, ...: (k, views, m, 3)."""
     require_array(views, "views", np.float32, (None, None, None, 3))
-    rows, columns = views.shape[1:3]
     step, samples = settings.offset_step, settings.strip_samples
-    offset = low + step * np.arange(round((high - low) / step) + 1)[:, None, None]
-    fraction = (np.arange(samples)[:, None] + 0.5) / samples
-    begin, end, normal = (ends[:, None, None] for ends in segments[:3])
-    at = begin + fraction * (end - begin) + offset * normal  # segment, offset, sample
-    at = np.clip(at, 0.0, (columns - 1.001, rows - 1.001))
-    x, y = np.moveaxis(at.astype(np.int64), -1, 0)
-    a, b = np.moveaxis(at - np.floor(at), -1, 0)[..., None]
-    above = (1 - a) * views[:, y, x] + a * views[:, y, x + 1]
-    below = (1 - a) * views[:, y + 1, x] + a * views[:, y + 1, x + 1]
-    mean = ((1 - b) * above + b * below).mean(axis=3)
-    return np.asarray(mean.swapaxes(0, 1), np.float32)
+    ends = (segments.begin, segments.end, segments.normal)
+    colors = np.zeros((len(segments.begin), len(views), round((high - low) / step) + 1, 3))
+    _strips(views, *ends, low, step, samples, colors)
+    return (colors / samples).astype(np.float32)
 
 
 def strongest_box(
@@ -108,9 +91,9 @@ def strongest_box(
     Coordinate ascent: the whole box grows first, then each of the `directions` (d, 4) is changed alone.
     """
     s, change = settings, np.zeros(4)
-    trials = _Trials(s.offset_step, s.trial_step, s.trial_sweeps, s.trial_range)
+    trials = s.offset_step, s.trial_step, s.trial_sweeps, s.trial_range
     sides = np.ascontiguousarray(jacobian[:, :4])
-    best = _ascend(profiles, sides, low, directions, limit, trials, change)
+    best = _ascend(profiles, sides, low, directions, limit, *trials, change)
     return change, float(best)
 
 
@@ -157,6 +140,36 @@ def _profiles(
 
 
 @compiled
+def _strips(
+    views: NDArray[np.float32],
+    begin: Array,
+    end: Array,
+    normal: Array,
+    low: float,
+    step: float,
+    samples: int,
+    colors: Array,
+) -> None:
+    count, rows, columns, _ = views.shape
+    for k in range(begin.shape[0]):
+        du, dv = end[k, 0] - begin[k, 0], end[k, 1] - begin[k, 1]
+        for m in range(colors.shape[2]):
+            offset = low + m * step
+            for n in range(samples):
+                fraction = (n + 0.5) / samples
+                u = begin[k, 0] + fraction * du + offset * normal[k, 0]
+                v = begin[k, 1] + fraction * dv + offset * normal[k, 1]
+                u, v = min(max(u, 0.0), columns - 1.001), min(max(v, 0.0), rows - 1.001)
+                x, y = int(u), int(v)
+                a, b = u - x, v - y
+                for q in range(count):
+                    for c in range(3):
+                        above = (1 - a) * views[q, y, x, c] + a * views[q, y, x + 1, c]
+                        below = (1 - a) * views[q, y + 1, x, c] + a * views[q, y + 1, x + 1, c]
+                        colors[k, q, m, c] += (1 - b) * above + b * below
+
+
+@compiled
 def _strength(profiles: Array, jacobian: Array, low: float, step: float, change: Array) -> float:
     total = 0.0
     last = profiles.shape[1] - 1.001
@@ -177,11 +190,13 @@ def _ascend(
     low: float,
     directions: Array,
     limit: float,
-    trials: _Trials,
+    offset_step: float,
+    step: float,
+    sweeps: int,
+    fine: float,
     change: Array,
 ) -> float:
-    step, fine = trials.step, trials.range
-    high = low + trials.offset_step * (profiles.shape[1] - 1)
+    high = low + offset_step * (profiles.shape[1] - 1)
     trial = np.zeros(4)
     best = -1.0
     steps = int((high - low) / step) + 1
@@ -189,11 +204,11 @@ def _ascend(
         size = low + step * s
         for c in range(4):
             trial[c] = -size if c < 2 else size
-        strength = _strength(profiles, jacobian, low, trials.offset_step, trial)
+        strength = _strength(profiles, jacobian, low, offset_step, trial)
         if strength > best:
             best = strength
             change[:] = trial
-    for sweep in range(trials.sweeps):
+    for sweep in range(sweeps):
         for d in range(directions.shape[0]):
             start = change.copy()
             count = steps if sweep == 0 else int(2 * fine / step) + 1
@@ -205,7 +220,7 @@ def _ascend(
                     inside = inside and abs(trial[c]) <= limit
                 if not inside:
                     continue
-                strength = _strength(profiles, jacobian, low, trials.offset_step, trial)
+                strength = _strength(profiles, jacobian, low, offset_step, trial)
                 if strength > best + 1e-9:
                     best = strength
                     change[:] = trial

@@ -21,7 +21,6 @@ from wayside.stages.panel.outline_shapes import (
     segments_of,
 )
 
-_TRIANGLES = ("triangle", "triangle_up", "pennant")
 _DIRECTIONS = {
     False: np.eye(4),
     True: np.array(
@@ -49,21 +48,17 @@ class Outline(NamedTuple):
 def strongest_outlines(
     gradients: Gradients, box: Array, settings: PanelOutlineSettings
 ) -> list[Outline]:
-    """Outlines of the best shapes near a box, the strongest one of each, strongest first."""
-    starts = [(shape, start) for shape in OUTLINE_SHAPES for start in _starts(shape, box, settings)]
+    """Outlines of the best shapes near a box, the strongest one of each."""
+    reach = settings.inward, settings.outward
     found = [
-        _strongest(gradients, shape, start, settings.inward, settings.outward, settings)
-        for shape, start in starts
+        _strongest(gradients, shape, _in_proportion(shape, box), *reach, settings)
+        for shape in OUTLINE_SHAPES
     ]
     # segments rotate as the proportions change: once more, near by
-    found = [
-        _strongest(gradients, o.shape, o.box, 0.0, 0.0, settings)
-        for o in _by_strength(found)[: settings.most_tried]
-    ]
-    best = {outline.shape: outline for outline in reversed(_by_strength(found))}
+    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, settings) for o in found]
     refined = [
-        refine_outline(gradients, o, settings.free_search, None, settings)
-        for o in _by_strength(list(best.values()))[: settings.most_refined]
+        refine_outline(gradients, o, settings.free_search, settings, held=False)
+        for o in _by_strength(found)[: settings.most_refined]
     ]
     return [
         align_sides(gradients, o, settings) for o in _by_strength(refined)[: settings.most_inner]
@@ -74,16 +69,13 @@ def _by_strength(outlines: list[Outline]) -> list[Outline]:
     return sorted(outlines, key=lambda outline: -outline.strength)
 
 
-def _starts(shape: str, box: Array, settings: PanelOutlineSettings) -> list[Array]:
-    """Boxes of the shape's own proportion about the box, and it itself."""
+def _in_proportion(shape: str, box: Array) -> Array:
+    """The box of the shape's own proportion about a box, or that itself where it has none."""
     if shape not in ASPECT:
-        return [box]
-    centre, size = (box[:2] + box[2:]) / 2, box_size(box)
-    tall = np.sqrt(size.prod() / ASPECT[shape])
+        return box
+    centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
     half = np.array([ASPECT[shape] * tall, tall]) / 2
-    scales = (1.0, settings.triangle_scale)
-    own = [np.concatenate([centre - half * k, centre + half * k]) for k in scales]
-    return [*own, box] if shape in _TRIANGLES else own[:1]
+    return np.concatenate([centre - half, centre + half])
 
 
 def _strongest(
@@ -124,7 +116,7 @@ def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSe
         correlation = (windows @ mean) / norm - settings.side_penalty * np.abs(shift)
         best = correlation.argmax(axis=1)
         weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
-        normal, right = _priors(outline.shape, x, x, None, settings)
+        normal, right = _priors(outline.shape, x, x, settings)
         x = x + _least_squares(segments, shift[best], weight, normal, right, settings)
     return outline._replace(box=x[:4], rotation=float(x[4]))
 
@@ -133,8 +125,9 @@ def refine_outline(
     gradients: Gradients,
     outline: Outline,
     search: float,
-    side_sigma: float | None,
     settings: PanelOutlineSettings,
+    *,
+    held: bool,
 ) -> Outline:
     """Least squares (Cauchy weights) of the box's sides and rotation on the nearest edge of each segment.
 
@@ -146,10 +139,10 @@ def refine_outline(
         Where to begin.
     search
         Range of the edges, samples.
-    side_sigma
-        Scatter of the sides about where they begin, samples; None: they and the rotation are free.
     settings
-        Scatter of edges, rotation and proportions.
+        Scatter of edges, sides, rotation and proportions.
+    held
+        Whether sides and rotation scatter about where they begin; else about where the step before left them.
     """
     shape = outline.shape
     start = np.array([*outline.box, outline.rotation])
@@ -159,7 +152,7 @@ def refine_outline(
         profiles = edge_profiles(gradients, segments, -search, search, settings)
         strength = float(profiles[:, profiles.shape[1] // 2].mean())
         offset, weight = nearest_edges(profiles, search, settings)
-        normal, right = _priors(shape, x, start, side_sigma, settings)
+        normal, right = _priors(shape, x, start if held else x, settings)
         change = _least_squares(segments, offset, weight, normal, right, settings)
         x += np.clip(change, -settings.refine_step, settings.refine_step)
         if np.abs(change).max() < settings.refine_converged:
@@ -223,14 +216,12 @@ def nearest_edges(
 
 
 def _priors(
-    shape: str, x: Array, start: Array, side_sigma: float | None, settings: PanelOutlineSettings
+    shape: str, x: Array, about: Array, settings: PanelOutlineSettings
 ) -> tuple[Array, Array]:
     """Normal matrix (5, 5) and right side (5,) of the priors of a box, in units of the scatter of an edge."""
-    sides = 1 / (side_sigma or settings.side_sigma) ** 2
-    rotation = 1 / float(np.radians(settings.rotation_sigma_deg)) ** 2
-    hold = np.array([sides] * 4 + [rotation]) * settings.edge_sigma**2
-    normal = np.diag(hold)
-    right = np.zeros(5) if side_sigma is None else -hold * (x - start)
+    sigma = np.array([settings.side_sigma] * 4 + [np.radians(settings.rotation_sigma_deg)])
+    hold = (settings.edge_sigma / sigma) ** 2
+    normal, right = np.diag(hold), -hold * (x - about)
     if shape in ASPECT:
         by = np.array([-1, ASPECT[shape], 1, -ASPECT[shape], 0])
         weight = (settings.edge_sigma / (settings.aspect_sigma * (x[2] - x[0]))) ** 2

@@ -88,25 +88,17 @@ def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     begin, end = _TEMPLATES[shape]
     centre, half = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 2
     along = (end - begin) * half
-    normal = np.column_stack([along[:, 1], -along[:, 0]])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    normal /= np.sqrt((along**2).sum(axis=1))[:, None]
     unit = (begin + end) / 2
     radius = unit * half
-    jacobian = np.column_stack(
-        [
-            normal * (0.5 - unit / 2),
-            normal * (0.5 + unit / 2),
-            normal[:, 1] * radius[:, 0] - normal[:, 0] * radius[:, 1],
-        ]
-    )
+    jacobian = np.empty((len(unit), 5))
+    jacobian[:, :2], jacobian[:, 2:4] = normal * (0.5 - unit / 2), normal * (0.5 + unit / 2)
+    jacobian[:, 4] = normal[:, 1] * radius[:, 0] - normal[:, 0] * radius[:, 1]
     c, s = np.cos(rotation), np.sin(rotation)
     rotate = np.array([[c, s], [-s, c]])  # for rows
-    return Segments(
-        np.ascontiguousarray(begin * half @ rotate + centre),
-        np.ascontiguousarray(end * half @ rotate + centre),
-        np.ascontiguousarray(normal @ rotate),
-        jacobian,
-    )
+    begin, end = begin * half @ rotate + centre, end * half @ rotate + centre
+    return Segments(begin, end, normal @ rotate, jacobian)
 
 
 def box_size(box: Array) -> Array:

@@ -1,10 +1,13 @@
 """What only the report's own chains need: colour, shape and trajectory gates, SIFT matching (chapters 3 to 5)."""
 
-from wayside.stages.report.color import classify_color
-from wayside.stages.report.color_space import COLOR_SPACES, color_features
-from wayside.stages.report.fourier import TERMS, fourier_descriptors
+from wayside.stages.report.color import COLOR_SPACES, classify_color, color_features
 from wayside.stages.report.match import match_by_descriptors
-from wayside.stages.report.outline import SAMPLES, traced_sequences
+from wayside.stages.report.outline import (
+    SAMPLES,
+    TERMS,
+    fourier_descriptors,
+    traced_sequences,
+)
 from wayside.stages.report.shape import classify_shape, outlines_of, region_descriptors
 from wayside.stages.report.sift import extract_sift
 from wayside.stages.report.trajectory import (

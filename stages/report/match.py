@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
@@ -22,7 +23,6 @@ from wayside.stages.mapping import (
     measure_landmark,
     through_window,
 )
-from wayside.stages.report.sift_matching import match_points, vote_regions
 from wayside.stages.report.trajectory import trajectory_of
 
 
@@ -46,11 +46,8 @@ def match_by_descriptors(
     yield from through_window(posed, _Matcher(settings, sift), settings.track)
 
 
-@dataclass(frozen=True, slots=True)
-class _Chain:
-    """Views so far: (frame, followed candidate), oldest first."""
-
-    views: tuple[tuple[WindowFrame, int], ...]
+_Chain = tuple[tuple[WindowFrame, int], ...]
+"""Views so far: (frame, followed candidate), oldest first."""
 
 
 class _Matcher:
@@ -88,9 +85,9 @@ class _Matcher:
                 old, new = local_before.get(int(a)), local_now.get(int(b))
                 if old is None or new is None:
                     continue
-                chain = self._chains.pop(old, _Chain(((before, old),)))
+                chain = self._chains.pop(old, ((before, old),))
                 before.paired[old, 1] = frame.paired[new, 0] = True
-                going[new] = _Chain((*chain.views, (frame, new))[-self._settings.longest :])
+                going[new] = (*chain, (frame, new))[-self._settings.longest :]
         ended = list(self._chains.values())
         self._window.append(frame)
         self._path.append(frame.motion)
@@ -105,7 +102,7 @@ class _Matcher:
         self._window = []
 
     def _let_go(self) -> None:
-        wanted = {id(f) for chain in self._chains.values() for f, _ in chain.views}
+        wanted = {id(f) for chain in self._chains.values() for f, _ in chain}
         wanted.add(id(self._window[-1]))
         while id(self._window[0]) not in wanted:
             del self._window[0]
@@ -116,10 +113,10 @@ class _Matcher:
         candidates = candidates_of(self._window)
         at = {id(f): i for i, f in enumerate(self._window)}
         for chain in chains:
-            if len(chain.views) < self._settings.fewest_views:
+            if len(chain) < self._settings.fewest_views:
                 continue
-            frames = np.array([at[id(f)] for f, _ in chain.views])
-            rows = candidates.first[frames] + np.array([row for _, row in chain.views])
+            frames = np.array([at[id(f)] for f, _ in chain])
+            rows = candidates.first[frames] + np.array([row for _, row in chain])
             fit = fit_views(
                 candidates, rows, frames, self._mapping.landmark, self._mapping.adjustment
             )
@@ -162,3 +159,55 @@ class _Matcher:
 def _faces(frame: WindowFrame) -> dict[int, int]:
     """Number among the followed ones of each row that is followed as a face."""
     return {int(row): i for i, row in enumerate(frame.followed) if not frame.back[i]}
+
+
+def match_points(
+    first: NDArray[np.float32], second: NDArray[np.float32], ratio: float
+) -> NDArray[np.int64]:
+    """Pairs (k, 2) of descriptors that are each other's nearest and clearly nearer than the second (Lowe's ratio test).
+
+    Parameters
+    ----------
+    first, second
+        Descriptors (n, d) and (m, d).
+    ratio
+        Largest distance to the nearest over that to the second nearest.
+    """
+    if len(first) < 1 or len(second) < 2:
+        return np.zeros((0, 2), np.int64)
+    squares = (first**2).sum(axis=1)[:, None] + (second**2).sum(axis=1)[None]
+    distance = np.maximum(squares - 2 * first @ second.T, 0)
+    nearest = distance.argmin(axis=1)
+    rows = np.arange(len(first))
+    least = distance[rows, nearest]
+    back = distance.argmin(axis=0)
+    distance[rows, nearest] = np.inf
+    clear = least < ratio**2 * distance.min(axis=1)
+    good = clear & (back[nearest] == rows)
+    return np.stack([rows[good], nearest[good]], axis=1)
+
+
+def vote_regions(
+    pairs: NDArray[np.int64], first_region: NDArray[np.int32], second_region: NDArray[np.int32]
+) -> NDArray[np.int64]:
+    """Pairs of regions (k, 2) for which most of both regions' matched points vote, by second region ascending.
+
+    Parameters
+    ----------
+    pairs
+        Matched points (n, 2).
+    first_region, second_region
+        Region of each point of either image.
+    """
+    if len(pairs) == 0:
+        return np.zeros((0, 2), np.int64)
+    a, b = first_region[pairs[:, 0]], second_region[pairs[:, 1]]
+    voted, votes = np.unique(np.stack([a, b], axis=1), axis=0, return_counts=True)
+    chosen = []
+    for region in np.unique(voted[:, 1]):
+        mine = np.flatnonzero(voted[:, 1] == region)
+        best = mine[np.argmax(votes[mine])]
+        rival = np.flatnonzero(voted[:, 0] == voted[best, 0])
+        if rival[np.argmax(votes[rival])] == best:
+            chosen.append(voted[best])
+    return np.array(chosen, np.int64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Outlines of regions, traced along the edges of pixels (report chapter 4).
+"""Outlines of regions, traced along the edges of pixels, and their Fourier descriptors (report chapter 4).
 
 An outline is the closed polygon through the middles of the pixel edges between a region and the rest, in order,
 clockwise as seen. Along rows, columns and diagonals it is straight, and it encloses the pixels, not their centres.
@@ -16,6 +16,12 @@ from wayside.stages.kernels import Array, require_array
 
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
+TERMS = (-1, 2, -2, 3, -3, -4)
+"""Terms behind the six descriptors. The report says "magnitude of upper terms / first term" and gives no list.
+
+These are the six lowest at which the outlines of signs differ: a regular n-gon has term 1-n as its first upper one
+(triangle -2, square -3, pentagon -4), an elongated outline has -1, one without symmetry has 2 and 3.
+"""
 
 
 def traced_sequences(labels: NDArray[np.uint8], boxes: NDArray[Any]) -> NDArray[np.complex128]:
@@ -73,3 +79,14 @@ def resample_outline(outline: Array, samples: int = SAMPLES) -> NDArray[np.compl
     at = np.arange(samples) * passed[-1] / samples
     u, v = (np.interp(at, passed, column) for column in closed.T)
     return np.asarray(u + 1j * v, np.complex128)
+
+
+def fourier_descriptors(sequences: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Six descriptors |Z_k| / |Z_1| of each sequence, k in `TERMS`: (n, samples) to (n, 6).
+
+    A shift changes only Z_0, a scale multiplies all terms alike, a rotation or another start point changes phases only,
+    so none of them changes a descriptor (report chapter 4). Degenerate outlines give rows that are not finite.
+    """
+    magnitude = np.abs(np.fft.fft(sequences, axis=-1) / sequences.shape[-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(magnitude[:, TERMS] / magnitude[:, 1:2])

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
-from wayside.stages.report.fourier import TERMS, fourier_descriptors
-from wayside.stages.report.outline import SAMPLES, traced_sequences
+from wayside.stages.report.outline import SAMPLES, TERMS, fourier_descriptors, traced_sequences
 
 _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 

@@ -13,7 +13,6 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.motion import Motion
 from wayside.stages.geometry import rotation_from_vector, vector_from_rotation
-from wayside.stages.mapping import VerdictRevision
 
 TRAJECTORY_FORMS = ("image", "compensated")
 """Order of the second axis of a trajectory, and spaces of its models."""
@@ -91,15 +90,12 @@ def classify_trajectory(
             f"trajectory model: wanted 4 numbers in a space among {', '.join(TRAJECTORY_FORMS)}, found "
             f"{model.mean.shape[1]} in {model.space!r}; learn it again"
         )
-    revision = VerdictRevision()
     for frame in tracked:
-        yield revision.apply(
-            frame,
-            [
-                replace(one, verdict="trajectory")
-                if one.verdict == "sign"
-                and not mean_log_density(one.trajectory, model) >= model.threshold
-                else one
-                for one in frame.landmarks
-            ],
+        landmarks = (
+            replace(one, verdict="trajectory")
+            if one.verdict == "sign"
+            and not mean_log_density(one.trajectory, model) >= model.threshold
+            else one
+            for one in frame.landmarks
         )
+        yield replace(frame, landmarks=tuple(landmarks))

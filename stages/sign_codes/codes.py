@@ -9,8 +9,9 @@ with its legend, else the code, else the series, else nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,20 +31,68 @@ from wayside.schemas.sign_catalogue import (
 from wayside.schemas.signs import Sign, SignCode
 from wayside.stages.sign_codes.face_patches import OTHER_FACE
 
+Floats = NDArray[np.float64]
 
-@dataclass(frozen=True, slots=True)
-class _Leaf:
-    """One legend of a catalogue sign.
 
-    face: its class of the face classifier; nodes: what may be stated of it, from the widest to the narrowest; extents
-    (k, 2): of its standard sizes, or of its limits, metres; share: of the signs of its system.
+class _Leaf(NamedTuple):
+    """One legend of a catalogue sign, by its number in `_SIGNS`.
+
+    face: its class of the face classifier; nodes: what may be stated of it, from the widest to the narrowest; share: of
+    the signs of its system.
     """
 
-    sign: CatalogueSign
+    sign: int
+    system: str
     face: str
     nodes: tuple[str, ...]
-    extents: NDArray[np.float64]
     share: float
+
+
+def extent_m(sign: CatalogueSign, size: Size, system: str) -> tuple[float, float]:
+    """Width and height of the face of a sign of a nominal size, metres."""
+    width, height = (side * UNIT_M[system] for side in size)
+    if sign.shapes == ("diamond",):
+        return width * math.sqrt(2), height * math.sqrt(2)
+    if sign.shapes == ("triangle",):
+        return width, height * math.sqrt(3) / 2
+    if sign.shapes == ("pennant",):
+        return math.sqrt(width**2 - (height / 2) ** 2), height
+    if sign.shapes == ("crossbuck",):
+        return ((width + height) / math.sqrt(2),) * 2
+    return width, height
+
+
+def _leaves() -> Iterator[_Leaf]:
+    for number, (system, sign) in enumerate(_SIGNS):
+        faces = sign.faces or (OTHER_FACE,)
+        share = sign.weight / sum(one.weight for one in CATALOGUE[system]) / len(faces)
+        group = SERIES[system][sign.series][1]
+        wider = [*([] if group is None else [group]), sign.series]
+        for face in faces:
+            _, _, legend = face.partition(" ")
+            named = [] if sign.code == sign.series else [sign.code, f"{sign.code} {legend}"]
+            nodes = (*wider, *(named if legend else named[:1]))
+            yield _Leaf(number, system, face, nodes, share)
+
+
+_SIGNS = tuple((system, sign) for system in SYSTEMS for sign in CATALOGUE[system])
+_LEAVES = tuple(_leaves())
+_SIZES = tuple((k, size) for k, (_, sign) in enumerate(_SIGNS) for size in sign.sizes)
+"""Standard sizes, each with the number of its sign."""
+_SIGN_OF_LEAF = np.array([leaf.sign for leaf in _LEAVES])
+_SIGN_OF_SIZE = np.array([k for k, _ in _SIZES])
+_EXTENTS = np.array([extent_m(_SIGNS[k][1], size, _SIGNS[k][0]) for k, size in _SIZES])
+_LIMITS = {
+    k: np.array([extent_m(sign, size, system) for size in sign.limits])
+    for k, (system, sign) in enumerate(_SIGNS)
+    if sign.limits is not None
+}
+_COLOR_SHARES = np.array([[(c in s.colors) / len(s.colors) for c in COLORS] for _, s in _SIGNS])
+_SHAPE_SHARES = np.array([[(c in s.shapes) / len(s.shapes) for c in SHAPES] for _, s in _SIGNS])
+_LEAF_SHARES = {
+    system: np.array([leaf.share * (leaf.system == system) for leaf in _LEAVES])
+    for system in SYSTEMS
+}
 
 
 def assign_codes(
@@ -65,85 +114,38 @@ def assign_codes(
     The signs, in order, after the last one came.
     """
     listed = list(signs)
-    leaves = {system: _leaves(system) for system in SYSTEMS}
-    likelihoods = {
-        system: [_likelihoods(sign, leaves[system], settings, classes) for sign in listed]
-        for system in SYSTEMS
-    }
-    prior = system_probabilities(likelihoods, leaves, settings)
-    for k, sign in enumerate(listed):
-        yield replace(
-            sign,
-            code=_settled(sign, {s: likelihoods[s][k] for s in SYSTEMS}, leaves, prior, settings),
-            us_probability=prior[SYSTEMS[0]],
-        )
+    likelihoods = [_likelihoods(sign, settings, classes) for sign in listed]
+    prior = system_probabilities(likelihoods, settings)
+    for sign, likelihood in zip(listed, likelihoods, strict=True):
+        code = _settled(sign, likelihood, prior, settings)
+        yield replace(sign, code=code, us_probability=prior[SYSTEMS[0]])
 
 
-def system_probabilities(
-    likelihoods: Mapping[str, Sequence[NDArray[np.float64]]],
-    leaves: Mapping[str, Sequence[_Leaf]],
-    settings: CodeSettings,
-) -> dict[str, float]:
+def system_probabilities(likelihoods: Sequence[Floats], settings: CodeSettings) -> dict[str, float]:
     """Probability of each system by all signs of a drive together; both alike where there is none."""
     if settings.system != "auto":
         return {system: float(system == settings.system) for system in SYSTEMS}
     odds = np.zeros(len(SYSTEMS))
-    for k, system in enumerate(SYSTEMS):
-        share = np.array([leaf.share for leaf in leaves[system]])
-        for likelihood in likelihoods[system]:
-            odds[k] += np.log((1 - settings.unlike) * (share @ likelihood) + settings.unlike)
+    for likelihood in likelihoods:
+        fits = np.array([share @ likelihood for share in _LEAF_SHARES.values()])
+        odds += np.log((1 - settings.unlike) * fits + settings.unlike)
     odds = np.exp(odds - odds.max())
     return dict(zip(SYSTEMS, (odds / odds.sum()).tolist(), strict=True))
 
 
-def _leaves(system: str) -> tuple[_Leaf, ...]:
-    total = sum(sign.weight for sign in CATALOGUE[system])
-    found = []
-    for sign in CATALOGUE[system]:
-        faces = sign.faces or (OTHER_FACE,)
-        extents = np.array([extent_m(sign, size, system) for size in sign.limits or sign.sizes])
-        group = SERIES[system][sign.series][1]
-        wider = [*([] if group is None else [group]), sign.series]
-        for face in faces:
-            _, _, legend = face.partition(" ")
-            named = [] if sign.code == sign.series else [sign.code, f"{sign.code} {legend}"]
-            nodes = (*wider, *(named if legend else named[:1]))
-            found.append(_Leaf(sign, face, nodes, extents, sign.weight / total / len(faces)))
-    return tuple(found)
-
-
-def extent_m(sign: CatalogueSign, size: Size, system: str) -> tuple[float, float]:
-    """Width and height of the face of a sign of a nominal size, metres."""
-    width, height = (side * UNIT_M[system] for side in size)
-    if sign.shapes == ("diamond",):
-        return width * math.sqrt(2), height * math.sqrt(2)
-    if sign.shapes == ("triangle",):
-        return width, height * math.sqrt(3) / 2
-    if sign.shapes == ("pennant",):
-        return math.sqrt(width**2 - (height / 2) ** 2), height
-    if sign.shapes == ("crossbuck",):
-        return ((width + height) / math.sqrt(2),) * 2
-    return width, height
-
-
-def _likelihoods(
-    sign: Sign, leaves: Sequence[_Leaf], settings: CodeSettings, classes: tuple[str, ...]
-) -> NDArray[np.float64]:
+def _likelihoods(sign: Sign, settings: CodeSettings, classes: tuple[str, ...]) -> Floats:
     """Likelihood (leaves,) of what was measured of a sign, over that of a sign like nothing in the catalogue."""
     landmark = sign.landmark
     color = _ratios(landmark.color, landmark.color_log_probability, COLORS, settings)
     shape = _ratios(landmark.shape, landmark.shape_log_probability, SHAPES, settings)
-    faces = _face_ratios(landmark, classes, settings)
-    other, odd = faces.get(OTHER_FACE, 1.0), settings.odd_size
-    return np.array(
-        [
-            np.mean([color[name] for name in leaf.sign.colors])
-            * np.mean([shape[name] for name in leaf.sign.shapes])
-            * ((1 - odd) * _size_ratio(sign, leaf, settings) + odd)
-            * faces.get(leaf.face, other)
-            for leaf in leaves
-        ]
+    faces, odd = _face_ratios(landmark, classes, settings), settings.odd_size
+    fits = (
+        (_COLOR_SHARES @ color)
+        * (_SHAPE_SHARES @ shape)
+        * ((1 - odd) * _size_ratios(sign, settings) + odd)
     )
+    other = faces.get(OTHER_FACE, 1.0)
+    return np.asarray(fits[_SIGN_OF_LEAF] * [faces.get(leaf.face, other) for leaf in _LEAVES])
 
 
 def _ratios(
@@ -151,15 +153,16 @@ def _ratios(
     log_probability: tuple[float, ...],
     names: tuple[str, ...],
     settings: CodeSettings,
-) -> dict[str, float]:
-    """Likelihood of what was seen by class, over that of all classes alike; 1 where nothing was."""
+) -> Floats:
+    """Likelihood (classes,) of what was seen, over that of all classes alike; 1 where nothing was."""
     if log_probability:
-        probability = np.exp(np.array(log_probability) - np.logaddexp.reduce(log_probability))
-        return dict(zip(names, (len(names) * probability).tolist(), strict=True))
+        scaled = np.array(log_probability) - np.logaddexp.reduce(log_probability)
+        return np.asarray(len(names) * np.exp(scaled), np.float64)
     if named is None:
-        return dict.fromkeys(names, 1.0)
-    wrong = (1 - settings.named_right) / (len(names) - 1)
-    return {name: len(names) * (settings.named_right if name == named else wrong) for name in names}
+        return np.ones(len(names))
+    right = settings.named_right
+    wrong = (1 - right) / (len(names) - 1)
+    return len(names) * np.where(np.array(names) == named, right, wrong)
 
 
 def _face_ratios(
@@ -177,86 +180,70 @@ def _face_ratios(
     }  # fmt: skip
 
 
-def _size_ratio(sign: Sign, leaf: _Leaf, settings: CodeSettings) -> float:
-    """Density of the measured size, over that of a panel of any size."""
+def _size_ratios(sign: Sign, settings: CodeSettings) -> Floats:
+    """Density (signs of the catalogue,) of the measured size, over that of a panel of any size."""
     size = np.array([sign.width_m, sign.height_m])
     if not (np.isfinite(size).all() and (size > 0).all()):
-        return 1.0
+        return np.ones(len(_SIGNS))
     broad = 1 / np.log(settings.largest_side_m / settings.smallest_side_m) ** 2
-    if leaf.sign.limits is not None:
-        low, high = leaf.extents
+    _, density = _off_standard(sign, settings)
+    counts = np.maximum(np.bincount(_SIGN_OF_SIZE, minlength=len(_SIGNS)), 1)
+    mean = np.bincount(_SIGN_OF_SIZE, density, minlength=len(_SIGNS)) / counts
+    ratio = mean / (2 * np.pi) * size.prod() / broad
+    for k, (low, high) in _LIMITS.items():
         inside = ((size >= low) & (size <= high)).all()
-        return float(inside / np.log(high / low).prod() / broad)
-    deviation, sigma = _off_standard(sign, leaf.extents, settings)
-    density = np.exp(-(deviation**2).sum(axis=1) / 2) / (2 * np.pi * sigma.prod(axis=1))
-    return float(density.mean() * size.prod() / broad)
+        ratio[k] = inside / np.log(high / low).prod() / broad
+    return np.asarray(ratio)
 
 
-def _off_standard(
-    sign: Sign, extents: NDArray[np.float64], settings: CodeSettings
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far the measured size is from standard ones (k, 2), in standard deviations, and these, metres."""
+def _off_standard(sign: Sign, settings: CodeSettings) -> tuple[Floats, Floats]:
+    """How far the measured size is from the standard ones, in standard deviations (k, 2), and its density (k,)."""
     measured = np.nan_to_num([sign.sigma_width_m, sign.sigma_height_m], nan=0.0)
-    sigma = np.hypot(measured, settings.size_tolerance * extents)
-    return (np.array([sign.width_m, sign.height_m]) - extents) / sigma, sigma
+    sigma = np.hypot(measured, settings.size_tolerance * _EXTENTS)
+    off = (np.array([sign.width_m, sign.height_m]) - _EXTENTS) / sigma
+    return off, np.exp(-(off**2).sum(axis=1) / 2) / sigma.prod(axis=1)
 
 
 def _settled(
-    sign: Sign,
-    likelihoods: Mapping[str, NDArray[np.float64]],
-    leaves: Mapping[str, Sequence[_Leaf]],
-    prior: Mapping[str, float],
-    settings: CodeSettings,
+    sign: Sign, likelihood: Floats, prior: dict[str, float], settings: CodeSettings
 ) -> SignCode | None:
     """The narrowest statement whose probability is large enough; None where there is none."""
     foreign = settings.foreign if settings.system == "auto" else 0.0
     # what each leaf of both systems explains, and what nothing in the catalogue does
-    explained: list[tuple[str, _Leaf, float]] = []
-    for system in SYSTEMS:
-        own = foreign + (1 - 2 * foreign) * prior[system]
-        weights = own * (1 - settings.unlike) * likelihoods[system]
-        explained += [
-            (system, leaf, leaf.share * weight)
-            for leaf, weight in zip(leaves[system], weights.tolist(), strict=True)
-        ]
-    total = settings.unlike + sum(weight for _, _, weight in explained)
+    shares = sum((foreign + (1 - 2 * foreign) * prior[s]) * _LEAF_SHARES[s] for s in SYSTEMS)
+    explained = shares * (1 - settings.unlike) * likelihood
+    explained /= settings.unlike + explained.sum()
     nodes: dict[tuple[int, str, str], float] = {}
-    for system, leaf, weight in explained:
+    for leaf, probability in zip(_LEAVES, explained.tolist(), strict=True):
         for depth, node in enumerate(leaf.nodes):
-            key = (depth, system, node)
-            nodes[key] = nodes.get(key, 0.0) + weight / total
+            key = (depth, leaf.system, node)
+            nodes[key] = nodes.get(key, 0.0) + probability
     settled = [key for key, probability in nodes.items() if probability >= settings.settled]
     if not settled:
         return None
     depth, system, narrowest = max(settled)
     code, _, legend = narrowest.partition(" ")
-    may_be = [
-        (leaf, weight / total)
-        for of, leaf, weight in explained
-        if of == system and narrowest in leaf.nodes
-    ]
+    may_be = [leaf.system == system and narrowest in leaf.nodes for leaf in _LEAVES]
     probability = nodes[depth - 1 if legend else depth, system, code]
-    nominal = nominal_size_in(sign, may_be, system, settings)
+    nominal = nominal_size_in(sign, np.where(may_be, explained, 0.0), system, settings)
     return SignCode(system, code, legend or None, probability, nominal)
 
 
 def nominal_size_in(
-    sign: Sign, leaves: Sequence[tuple[_Leaf, float]], system: str, settings: CodeSettings
+    sign: Sign, probability: Floats, system: str, settings: CodeSettings
 ) -> Size | None:
     """The standard size, inches, that the measured one can be; None where none or several can.
 
-    leaves: what the sign may be, with the probability of each.
+    probability (leaves,): that the sign is each of them, 0 of another system.
     """
+    off, density = _off_standard(sign, settings)
+    density = np.where((np.abs(off) <= settings.size_sigmas).all(axis=1), density, 0.0)
+    total = np.bincount(_SIGN_OF_SIZE, density, minlength=len(_SIGNS))
+    by_sign = np.bincount(_SIGN_OF_LEAF, probability, minlength=len(_SIGNS))
     likely: dict[Size, float] = {}
-    for leaf, probability in leaves:
-        if leaf.sign.limits is not None:
-            continue
-        off, sigma = _off_standard(sign, leaf.extents, settings)
-        density = np.exp(-(off**2).sum(axis=1) / 2) / sigma.prod(axis=1)
-        density = np.where((np.abs(off) <= settings.size_sigmas).all(axis=1), density, 0.0)
-        if density.any():
-            for size, share in zip(leaf.sign.sizes, density / density.sum(), strict=True):
-                likely[size] = likely.get(size, 0.0) + probability * float(share)
+    for (k, size), value in zip(_SIZES, density.tolist(), strict=True):
+        if value > 0 and by_sign[k] > 0:
+            likely[size] = likely.get(size, 0.0) + float(by_sign[k] * value / total[k])
     best = max(likely, key=lambda size: likely[size], default=None)
     if best is None or likely[best] < settings.settled * sum(likely.values()):
         return None

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
 from wayside.stages.geometry import tangent_basis
-from wayside.stages.mapping.covariance import point_covariance
+from wayside.stages.mapping.landmark import point_covariance
 from wayside.stages.odometry import sampson_px
 
 POINT = np.array([3.12, -0.6, 52.0])

@@ -13,17 +13,10 @@ from scipy import stats
 
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
-from wayside.stages.inventory import (
-    combine,
-    face_runs,
-    join_groups,
-    match_moved,
-    merge_sightings,
-    miss_log_ratio,
-    place_log_ratio,
-    relative_variance,
-    solve_offsets,
-)
+from wayside.stages.inventory import match_moved, merge_sightings
+from wayside.stages.inventory.association import miss_log_ratio, place_log_ratio
+from wayside.stages.inventory.grouping import combine, face_runs, join_groups
+from wayside.stages.inventory.offsets import relative_variance, solve_offsets
 
 SETTINGS = MergeSettings()
 DAY_NS = 86_400 * 10**9

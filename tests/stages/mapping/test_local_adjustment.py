@@ -87,8 +87,8 @@ def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
                 np.eye(3), np.inf, AHEAD, np.array([0.01, 0.01]), True, float(length), 0.02
             )
             motion = replace(motion, pose=chained, step=measured, ties=ties, prior=prior)
-        frame = SimpleNamespace(camera=CAMERA, index=len(held))
-        held.append(SimpleNamespace(frame=frame, motion=motion, focal=CAMERA.fx))
+        frame = SimpleNamespace(index=len(held))
+        held.append(SimpleNamespace(frame=frame, camera=CAMERA, motion=motion, focal=CAMERA.fx))
     return held, true
 
 
@@ -103,7 +103,7 @@ def observed_by(true, seed=0):
 
 def chained_place(held, observed):
     poses = [h.motion.pose for h in held]
-    point, _, _ = triangulate_views(
+    point, _ = triangulate_views(
         np.stack([p.rotation for p in poses]),
         np.stack([p.centre for p in poses]),
         observed.rays,

@@ -5,7 +5,8 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.settings import LocateSettings, MappingSettings
+from wayside.schemas.settings import AssemblySettings, LocateSettings, MappingSettings
+from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import track
 
@@ -47,8 +48,12 @@ def test_without_a_model_signs_stand_anywhere(panel, drive):
 
 
 def test_a_refused_places_candidates_follow_in_every_frame(panel, drive):
-    tracked = located(drive([panel(-4.0, 1.0, 130.0)], 20), (3.1, 0.6))
-    verdicts = [VERDICTS[v] for item in tracked for v in item.candidates.verdict]
+    tracked = iter(located(drive([panel(-4.0, 1.0, 130.0)], 20), (3.1, 0.6)))
+    verdicts = [
+        VERDICTS[v]
+        for item in assemble(tracked, AssemblySettings())
+        for v in item.candidates.verdict
+    ]
     assert set(verdicts) == {"location"}
 
 

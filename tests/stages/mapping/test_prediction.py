@@ -79,7 +79,7 @@ def predicted(fit, frame):
 
 
 def with_predicted_views(fit, held, model):
-    classifiers = {False: BoxClassifier(model), True: None}
+    classifiers = {False: BoxClassifier(model)}
     (found,) = add_predicted_views(
         [fit], held, classifiers, SETTINGS.prediction, SETTINGS.association
     )

@@ -10,7 +10,6 @@ from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import (
     in_swept_volume,
-    mutual_cover,
     same_face,
     unassigned_verdicts,
 )
@@ -44,9 +43,9 @@ def test_a_landmark_of_unsure_depth_is_the_face_that_hides_it(fit_at, sigma_ahea
 
 def test_a_landmark_covers_itself_and_nothing_from_behind(fit_at):
     fit = fit_at(60.0)
-    assert mutual_cover(fit, fit, NEWEST, SETTINGS) == (1.0, 1.0)
+    assert same_face(fit, fit, NEWEST, SETTINGS)
     beyond = Pose(np.eye(3), np.array([0.0, 0.0, 70.0]))
-    assert mutual_cover(fit, fit, beyond, SETTINGS) == (0.0, 0.0)
+    assert not same_face(fit, fit, beyond, SETTINGS)
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.stages.report.fourier import TERMS, fourier_descriptors
-from wayside.stages.report.outline import resample_outline
+from wayside.stages.report.outline import TERMS, fourier_descriptors, resample_outline
 
 
 def shape_features(outline):

@@ -11,8 +11,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.report.fourier import TERMS, fourier_descriptors
-from wayside.stages.report.outline import resample_outline
+from wayside.stages.report.outline import TERMS, fourier_descriptors, resample_outline
 from wayside.stages.report.shape import classify_shape
 from wayside.stages.segmentation.two_pass import segment
 

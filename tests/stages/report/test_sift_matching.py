@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 
-from wayside.stages.report.sift_matching import match_points, vote_regions
+from wayside.stages.report.match import match_points, vote_regions
 
 
 def test_matches_are_those_of_a_brute_force_matcher_with_ratio_test():
