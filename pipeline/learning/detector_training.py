@@ -2,8 +2,9 @@
 
     python -m wayside.pipeline.learn --drives FOLDER --real FOLDER -o FOLDER --network-steps N
 
-Crops are made in a second process. The folder holds `checkpoint.pt`, from which the same command goes on, and
-`curve.csv` (step; losses of heat, box, colour, shape; seconds a step; of these, waiting for crops; learning rate).
+Weights start at random, or with `--network-from NETWORK.onnx` where those of an earlier network ended. Crops are made
+in a second process. The folder holds `checkpoint.pt`, from which the same command goes on, and `curve.csv` (step;
+losses of heat, box, colour, shape; seconds a step; of these, waiting for crops; learning rate).
 Every checkpoint has averaged weights, so that it can be used whenever the training is ended.
 """
 
@@ -22,19 +23,18 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from wayside.pipeline.learning.detector_crops import Crop, Noise, make_crop, make_noise
-from wayside.pipeline.learning.detector_images import (
-    LabelledImage,
-    real_drive_images,
-    rendered_images,
-    scene_set_images,
-)
+from wayside.pipeline.learning.detector_images import LabelledImage, rendered_images
 from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, export, losses
+from wayside.pipeline.learning.detector_weights import load_weights
 from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
 from wayside.pipeline.learning.quantization import quantize
+from wayside.pipeline.learning.scenes import real_sources
+from wayside.pipeline.provenance import onnx_metadata
 
-BATCH, LEARNING_RATE, WEIGHT_DECAY, WARM_UP, DECAY_FROM = 16, 2e-3, 0.02, 500, 0.65
+BATCH, LEARNING_RATE, WEIGHT_DECAY, WARM_UP, DECAY_FROM = 16, 1.5e-3, 0.02, 500, 0.3
 """Crops of a batch; largest learning rate; weight decay; steps of rising rate; fraction of steps before it falls."""
 
 SURE_FROM = 1000
@@ -53,24 +53,28 @@ REUSED_AFTER = 48
 MOST_WAIT_S = 300.0
 """A batch that takes longer will never come: the second process has died."""
 
+NORMALISED = 4
+"""Batches that tell the mean and the deviation of each layer of a network that the training starts from."""
+
 RANGED = 100
 """Images, about, that tell the range of values of the network in 8-bit integers."""
 
-EVERY = 2
-"""Every n-th image of rendered drives: neighbours are much alike."""
-
 WEIGHTS = {
-    "rendered": 0.42,
-    "us": 0.12,
-    "scenes": 0.13,
-    "scenes_speed_us": 0.15,
-    "scenes_mixed": 0.19,
+    "rendered": 0.38,
+    "us_freeway_challenge": 0.04,
+    "us_freeway_white_right": 0.04,
+    "ca_city_garmin": 0.14,
+    "scenes": 0.14,
+    "scenes_speed_us": 0.12,
+    "scenes_mixed": 0.14,
 }
 """How often an image of a kind of source is drawn; within a kind, sources are alike."""
 
 LICENCES = {
     "rendered": "own",
-    "us": "MIT (upstream)",
+    "us_freeway_challenge": "MIT (upstream)",
+    "us_freeway_white_right": "MIT (upstream)",
+    "ca_city_garmin": "MIT",
     "scenes": "MIT (named by the source)",
     "scenes_speed_us": "GPL-3.0 (file of the source)",
     "scenes_mixed": "CC0 1.0 (as published elsewhere), pictures 0-156 left out",
@@ -82,7 +86,7 @@ BATCH_FIELDS = ("rgb", "heat", "doubt", "cell", "box", "weight", "color", "shape
 
 def source_kind(source: str) -> str:
     """The kind of a source, a key of `WEIGHTS`."""
-    return "us" if source.startswith("us_freeway") else source.split("/")[0]
+    return source.split("/")[0]
 
 
 def drawing_probability(images: Sequence[LabelledImage]) -> NDArray[np.float64]:
@@ -99,15 +103,10 @@ def drawing_probability(images: Sequence[LabelledImage]) -> NDArray[np.float64]:
 def training_images(drives: Path | None, real: Path | None) -> list[LabelledImage]:
     """All images that are learned from."""
     images: list[LabelledImage] = []
-    for log in sorted(drives.glob("*.mcap")) if drives else []:
-        if log.stem.startswith(("learn_", "tune_")):
-            images += rendered_images(log, EVERY)
-    if real:
-        for name in ("us_freeway_challenge", "us_freeway_white_right"):
-            images += real_drive_images(real / f"{name}.mcap", complete=True)
-        images += scene_set_images(real / "scenes", ("mi_",))
-        images += scene_set_images(real / "scenes_speed_us")
-        images += scene_set_images(real / "scenes_mixed")
+    for log in sorted(drives.glob("learn_*.mcap")) if drives else []:
+        images += rendered_images(log)
+    for read in real_sources(real).values() if real else []:
+        images += read()
     return images
 
 
@@ -199,6 +198,11 @@ class Training:
         self._add_to_average()
         return {name: float(value.detach()) for name, value in parts.items()}
 
+    def start_from(self, path: Path, images: Tensor) -> None:
+        """Begin with the weights of a network in a file, not at random; images: what it sees."""
+        load_weights(self.network, path, images)
+        self.average.load_state_dict(self.network.state_dict())
+
     @torch.no_grad()  # type: ignore[untyped-decorator]
     def _add_to_average(self) -> None:
         past = min(AVERAGED, (1 + self.step) / (10 + self.step))
@@ -229,8 +233,15 @@ class Training:
         self.step = state["step"]
 
 
-def train(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) -> Training:
-    """Train up to `steps`, from the checkpoint in the folder if there is one."""
+def train(
+    drives: Path | None,
+    real: Path,
+    folder: Path,
+    steps: int,
+    seed: int,
+    start: Path | None = None,
+) -> Training:
+    """Train up to `steps`, from the checkpoint in the folder if there is one, else from the network of `start`."""
     torch.set_num_threads(1)
     folder.mkdir(parents=True, exist_ok=True)
     training = Training(seed)
@@ -244,6 +255,9 @@ def train(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) 
     )
     process.start()
     try:
+        if start is not None and training.step == 0:
+            first = [as_tensors(queue.get(timeout=MOST_WAIT_S)) for _ in range(NORMALISED)]
+            training.start_from(start, torch.cat([batch.rgb for batch in first]))
         _run(training, queue, folder, steps)
     finally:
         process.terminate()
@@ -302,15 +316,25 @@ def provenance(
     }
 
 
-def learn_network(drives: Path | None, real: Path, folder: Path, steps: int, seed: int) -> None:
+def learn_network(
+    drives: Path | None,
+    real: Path,
+    folder: Path,
+    steps: int,
+    seed: int,
+    start: Path | None = None,
+) -> None:
     """Train up to `steps` and write the averaged network with what it was learned from.
 
     `float.onnx` is the network as it was learned, `network.onnx` the same in 8-bit integers. A checkpoint of so many
     steps is written as it is.
     """
-    training = train(drives, real, folder, steps, seed)
+    training = train(drives, real, folder, steps, seed, start)
     images, library = training_images(drives, real), read_face_library(real)
     seen = provenance(images, library, seed, training.step)
+    if start is not None:
+        earlier = onnx_metadata(start.read_bytes())
+        seen["begun from"] = "; ".join(f"{key}: {earlier[key]}" for key in sorted(earlier))
     export(training.average, folder / "float.onnx", seen)
     some = (image.rgb for image in images[:: max(1, len(images) // RANGED)])
     quantize(folder / "float.onnx", folder / "network.onnx", some)

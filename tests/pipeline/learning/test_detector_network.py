@@ -10,6 +10,7 @@ import pytest
 
 from wayside.pipeline.learning.detector_crops import CELLS, CROP_PX, STRIDE
 from wayside.schemas.detections import NONE
+from wayside.schemas.errors import InputError
 from wayside.stages.detection import MAPS
 
 SIDE = CROP_PX // STRIDE
@@ -116,14 +117,43 @@ def test_training_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(
 
 
 def test_the_learning_rate_rises_stays_and_falls(training):
-    rates = [training.learning_rate(step, 10000) for step in (0, 250, 2000, 6000, 8000, 9999)]
+    rates = [training.learning_rate(step, 10000) for step in (0, 250, 600, 2900, 8000, 9999)]
     assert rates[0] < rates[1] < rates[2] == rates[3] > rates[4] > rates[5] > 0
 
 
 def test_drives_and_sets_are_kinds_of_their_own(training):
-    assert training.source_kind("us_freeway_challenge") == "us"
+    assert training.source_kind("ca_city_garmin") == "ca_city_garmin"
     assert training.source_kind("rendered/tune_alley") == "rendered"
     assert training.source_kind("scenes_mixed/ro") == "scenes_mixed"
+
+
+def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp_path: Path):
+    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    from wayside.pipeline.learning.detector_weights import load_weights
+
+    torch.manual_seed(3)
+    earlier, begun = network.DetectionNetwork(), network.DetectionNetwork()
+    images = torch.rand(2, 3, 64, 128)
+    earlier(images)  # statistics of the normalisations
+    earlier.eval()
+    with pytest.warns():
+        network.export(earlier, tmp_path / "earlier.onnx", {})
+    load_weights(begun, tmp_path / "earlier.onnx", images)
+    with torch.no_grad():
+        torch.testing.assert_close(begun(images), earlier(images), rtol=1e-3, atol=1e-3)
+        begun.train()
+        torch.testing.assert_close(begun(images), earlier(images), rtol=1e-2, atol=1e-2)
+
+
+def test_a_file_of_other_layers_is_refused_to_begin_from(torch, network, tmp_path: Path):
+    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    from wayside.pipeline.learning.detector_weights import load_weights
+
+    other = torch.nn.Conv2d(3, 5, 3)
+    with pytest.warns():
+        torch.onnx.export(other, (torch.zeros(1, 3, 8, 8),), tmp_path / "other.onnx", dynamo=False)
+    with pytest.raises(InputError, match=r"other\.onnx"):
+        load_weights(network.DetectionNetwork(), tmp_path / "other.onnx", torch.zeros(1, 3, 64, 64))
 
 
 def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path: Path):

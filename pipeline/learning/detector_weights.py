@@ -1,0 +1,92 @@
+"""The weights of a detection network from its ONNX file, in floating point or in 8-bit integers.
+
+A file for running has no batch normalisation any more: its factors are part of the convolutions. To learn on, each
+normalisation gets the mean and the deviation that its layer has on some images, and the factors that undo them, so that
+the network says what the file says.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from wayside.schemas.errors import InputError
+
+
+def read_convolutions(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Weights (outputs, inputs, k, k) and biases (outputs,) of all convolutions of an ONNX file, in its order."""
+    import onnx
+    from onnx import numpy_helper
+
+    graph = onnx.load(str(path)).graph
+    stored = {one.name: numpy_helper.to_array(one) for one in graph.initializer}
+    scaled = {
+        node.output[0]: [stored[name] for name in node.input]
+        for node in graph.node
+        if node.op_type == "DequantizeLinear" and node.input[0] in stored
+    }
+
+    def values(name: str) -> NDArray[np.float32]:
+        if name not in scaled:
+            return np.array(stored[name], np.float32)
+        number, scale, zero = scaled[name]
+        axes = (-1,) + (1,) * (number.ndim - 1)
+        centred = number.astype(np.float32) - zero.astype(np.float32).reshape(axes)
+        return np.asarray(centred * scale.astype(np.float32).reshape(axes), np.float32)
+
+    return [
+        (values(node.input[1]), values(node.input[2]))
+        for node in graph.node
+        if node.op_type == "Conv"
+    ]
+
+
+def load_weights(network: nn.Module, path: Path, images: Tensor) -> None:
+    """Give a network the weights of an ONNX file of the same layers, in place.
+
+    images: (n, 3, height, width), 0 to 1, by which the normalisations are set. The layers are taken in the order in
+    which an image passes them.
+
+    Raises
+    ------
+    InputError
+        Where the file has other layers.
+    """
+    stored = read_convolutions(path)
+    taken = 0
+    bias: Tensor | None = None
+
+    def before(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        nonlocal taken, bias
+        if taken >= len(stored) or stored[taken][0].shape != tuple(module.weight.shape):
+            raise InputError(f"{path}: wanted the layers of this network, found others")
+        module.weight.copy_(torch.from_numpy(stored[taken][0]))
+        bias = torch.from_numpy(stored[taken][1])
+        if module.bias is not None:
+            module.bias.copy_(bias)
+        taken += 1
+
+    def normalise(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        mean = inputs[0].mean((0, 2, 3))
+        variance = inputs[0].var((0, 2, 3), correction=0)
+        module.running_mean.copy_(mean)
+        module.running_var.copy_(variance)
+        module.weight.copy_((variance + module.eps).sqrt())
+        module.bias.copy_(mean + bias)
+
+    hooks = [
+        module.register_forward_pre_hook(before if isinstance(module, nn.Conv2d) else normalise)
+        for module in network.modules()
+        if isinstance(module, nn.Conv2d | nn.BatchNorm2d)
+    ]
+    with torch.no_grad():
+        network.eval()
+        network(images)
+    for hook in hooks:
+        hook.remove()
+    if taken != len(stored):
+        raise InputError(f"{path}: wanted {taken} convolutions, found {len(stored)}")
