@@ -244,7 +244,7 @@ def _journals(folder: Path) -> Attempt:
     out, key = folder / "out", {"log": "x"}
     line = ["run", str(ROOT / "recordings" / "demo.mcap"), "-o", str(out), "--until", "0.6s"]
     removed, run.remove_journal = run.remove_journal, lambda folder: None
-    app([*line, "--set", "models.network=", "--resume", "--workers", "1"], standalone_mode=False)
+    app([*line, "--resume", "--workers", "1"], standalone_mode=False)
     run.remove_journal = removed
     content = (out / JOURNAL).read_bytes().partition(b"\n")[2]
 

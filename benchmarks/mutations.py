@@ -332,7 +332,7 @@ def _some(column: pa.Field) -> Any:
 
 
 def _mutated_models(_: Path) -> Attempt:
-    names = ("place.json", "location.json", "outline.json", "color_rgb.json", "ranking.json")
+    names = ("place.json", "location.json", "outline.json", "color_rgb.json", "back.json")
     models = [json.loads((shipped_models() / name).read_text()) for name in names]
     network = json.loads((shipped_models() / "judge.json").read_text())["network"]
     if network is not None:

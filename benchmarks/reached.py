@@ -16,11 +16,11 @@ ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""
 
 NOWHERE, CANDIDATE, CLASSIFIED, PASSED, KEPT, SIGN = range(6)
-"""No box on the face; a box; above the pre-filter's threshold; the classifier's; not suppressed; part of a sign."""
+"""No box on the face; a box; one that is classified; the classifier's; not suppressed; part of a sign."""
 
 STOPPED = (
     "no candidate",
-    "rejected by the pre-filter",
+    "where the network sees no face",
     "rejected by the box classifier",
     "suppressed by another box",
     "not part of a reported sign",

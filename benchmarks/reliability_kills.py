@@ -35,8 +35,8 @@ from wayside.pipeline import run
 from wayside.pipeline.cli import app
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
-OLD = ("--until", "0.9s", "--set", "models.network=")
-NEW = ("--set", "models.network=", "--view", "file")
+OLD = ("--until", "0.9s")
+NEW = ("--view", "file")
 LONGEST_DELAY_S = 0.03
 AFTER_LAST = ("georeference", "focal length", "signs", "route", "codes")
 """Stages after the last frame, which a run that goes on does for the first time."""

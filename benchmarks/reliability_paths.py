@@ -40,7 +40,7 @@ HEAVY = ("evaluate", "evidence.write", "exporting.export", "fitting.command",
          "report_figures.command", "roc.command", "route_file", "run")  # fmt: skip
 PATH = "PATH"
 DEMO = "recordings/demo.mcap"
-SHORT = ["--until", "0.9s", "--set", "models.network=", "--workers", "1"]
+SHORT = ["--until", "0.9s", "--workers", "1"]
 BOARD = ["--board", "9x6", "-o", "{scratch}/new.yaml"]
 
 INPUTS: dict[str, list[str]] = {

@@ -155,7 +155,7 @@ def run(
         Listed,
         typer.Option(
             rich_help_panel=DETECT,
-            help="Regions to list: those that pass the pre-filter, or all that pass the size gate.",
+            help="Regions to list: those that are classified, or all that pass the size gate.",
         ),
     ] = Listed.passed,
     view: viewer.ViewOption = viewer.ViewMode.none,

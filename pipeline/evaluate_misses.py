@@ -19,7 +19,7 @@ from wayside.schemas.tables import VERDICT_WORDS
 
 STEPS = {
     "unused": "no image of it was used",
-    "no_candidate": "no candidate on it past the pre-filter",
+    "no_candidate": "no candidate on it that is classified",
     "gate": "outside a gate",
     "rejected": "below the threshold of the box classifier",
     "suppressed": "suppressed by another box",

@@ -172,14 +172,13 @@ class Flow:
         return self.stage("shape", classify_shape(colored, model=m.shape_classes))
 
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
-        """More regions, and a learned classifier on each."""
+        """Boxes of the detection network beside the segments, and a learned classifier on each."""
         stage, s, m = self.stage, self.settings, self.models
         proposed = stage(
             "propose",
             propose(
                 segmented,
                 settings=s.candidates,
-                ranking=m.region_ranking,
                 network=m.detection_network,
             ),
         )

@@ -30,7 +30,6 @@ from wayside.pipeline.learning.face_naming import learn_name_network
 from wayside.pipeline.learning.faces import FaceSample
 from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
 from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
-from wayside.pipeline.learning.prefilter import learn_ranking
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
     CandidateSamples,
@@ -107,11 +106,14 @@ def gather(
 ) -> TrainingData:
     """Go through all drives and real images; raises InputError where one cannot be used."""
     reread: dict[str, Callable[[], Iterator[Image]]] = {}
+    network = load_models(settings).detection_network
 
     def rendered(log: Path) -> TrainingDrive:
         truth = read_truth(log.with_suffix(".truth.json"))
         again = reread[truth["name"]] = partial(_shown, log, seed)
-        drive = read_drive(images(log), again(), truth, log.with_suffix(".masks"), settings)
+        drive = read_drive(
+            images(log), again(), truth, log.with_suffix(".masks"), settings, network
+        )
         notify(
             f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces, "
             f"{len(drive.candidates.frame)} candidates"
@@ -121,7 +123,7 @@ def gather(
     def recorded(source: tuple[str, list[LabelledImage]]) -> TrainingDrive:
         name, labelled = source
         again = reread[name] = partial(_shown_scenes, labelled, seed)
-        drive = scene_drive(again(), name, labelled, settings)
+        drive = scene_drive(again(), name, labelled, settings, network)
         notify(f"{name}: {drive.frames} images, {len(drive.signs)} faces")
         return drive
 
@@ -176,9 +178,6 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     )
     notify(detector.classifier.provenance)
     models |= {"judge.json": detector.classifier, "face_box.json": detector.regressor}
-    models["ranking.json"] = learn_ranking(
-        samples.drives, samples.scenes, seed, origin, candidates.most
-    )
     try:
         backs = learn_back_classifier(detector.passed, seed, origin, candidates.same_face_iou)
     except InputError as error:
@@ -302,6 +301,12 @@ def main(arguments: list[str] | None = None) -> int:
         help="train the detection network up to so many steps instead (hours; can be interrupted and goes on "
         "from its checkpoint in the folder), and write network.onnx",
     )
+    parser.add_argument(
+        "--network-from",
+        type=Path,
+        metavar="NETWORK.onnx",
+        help="begin that training with the weights of this network, not at random",
+    )
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     if given.network_steps is not None:
@@ -310,7 +315,14 @@ def main(arguments: list[str] | None = None) -> int:
 
         if given.real is None:
             parser.error("--network-steps wants --real")
-        learn_network(given.drives, given.real, given.out, given.network_steps, given.seed)
+        learn_network(
+            given.drives,
+            given.real,
+            given.out,
+            given.network_steps,
+            given.seed,
+            given.network_from,
+        )
         return 0
     try:
         learn(given.drives, given.real, given.out, given.seed, lambda text: print(text, flush=True))

@@ -36,11 +36,9 @@ from wayside.schemas.models import (
 )
 from wayside.schemas.settings import Settings
 from wayside.stages.detection import (
-    REGION_FEATURES,
     SIDES,
     DetectionNetwork,
     box_feature_names,
-    prefilter_feature_names,
 )
 from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
@@ -77,7 +75,7 @@ class Models:
     in the image; these are None where a preset does not ask for them. box_classifier: of boxes in one image;
     location_classes: where signs stand; landmark_classifier: of a landmark by all its observations; color_network,
     shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
-    back_landmark_classifier: of panels seen from behind; region_ranking: which regions are the most probable faces;
+    back_landmark_classifier: of panels seen from behind;
     outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the network
     whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes, that
     takes the place of wayside's own; None: there is none; face_classes: what sign a face shows.
@@ -94,7 +92,6 @@ class Models:
     box_regressor: NetworkModel | None = None
     back_classifier: TreeModel | None = None
     back_landmark_classifier: EvidenceModel | None = None
-    region_ranking: TreeModel | None = None
     detection_network: OnnxFile | None = None
     external: DetectorFile | BoxFile | None = None
     trajectory_density: MixtureModel | None = None
@@ -140,7 +137,6 @@ class Models:
             "face_box": self.box_regressor,
             "back": self.back_classifier,
             "back_place": self.back_landmark_classifier,
-            "ranking": self.region_ranking,
             "trajectory": self.trajectory_density,
             "face_code": self.face_classes,
         }
@@ -176,7 +172,6 @@ def load_models(settings: Settings) -> Models:
         optional(_network, "face_box.json"),
         optional(_trees, "back.json"),
         optional(_evidence, "back_place.json"),
-        optional(_trees, "ranking.json"),
         None if by_report or external else _detection_network(folder, settings.models.network),
         external,
         None
@@ -193,10 +188,7 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
     judge, back = models.box_classifier, models.back_classifier
     for name, model, features in (
         ("judge.json", judge, box_feature_names()),
-        ("judge.json", judge.prefilter, prefilter_feature_names()),
         ("back.json", back, box_feature_names()),
-        ("back.json", None if back is None else back.prefilter, prefilter_feature_names()),
-        ("ranking.json", models.region_ranking, REGION_FEATURES),
         ("outline.json", models.outline_weights, OUTLINE_FEATURES),
     ):
         if model is not None and model.features != features:

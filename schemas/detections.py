@@ -47,9 +47,9 @@ SHAPES = (
     "other",
 )
 SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network", "external")
-"""Where a region comes from: K-means pass one or two, a level of a contrast map, two of these one above the other, a
-landmark of other frames projected into this one, any of these with its box moved by box regression, a box of the
-detection network, or a box of a detector that is not wayside's (or of a file of boxes)."""
+"""Where a region comes from: K-means pass one or two, in results of earlier versions a level of a contrast map or two
+of these one above the other, a landmark of other frames projected into this one, any of these with its box moved by box
+regression, a box of the detection network, or a box of a detector that is not wayside's (or of a file of boxes)."""
 
 VERDICTS = (
     "open",
@@ -70,8 +70,8 @@ VERDICTS = (
     "duplicate",
     "trajectory",
 )
-"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance` is the older name
-of the pre-filter, `place_score` that of the landmark classifier."""
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance` is a
+segment where the detection network sees no face, `place_score` that of the landmark classifier."""
 NONE = -1
 
 
@@ -230,7 +230,7 @@ class NetworkBoxes:
     """Boxes found in one image, n rows, best first.
 
     box (n, 4) float32 pixels; score (n,) float32 log odds; is_back (n,) bool; color (n, colours) and shape (n, shapes)
-    float32 log probabilities.
+    float32 log probabilities; left_out: how many further ones there are, of lower scores.
     """
 
     box: NDArray[np.float32]
@@ -238,13 +238,14 @@ class NetworkBoxes:
     is_back: NDArray[np.bool_]
     color: NDArray[np.float32]
     shape: NDArray[np.float32]
+    left_out: int = 0
 
 
 class Dropped(NamedTuple):
     """How many regions of an image have no row in its table, by reason.
 
     size: too few or too many pixels, or no height or aspect of a face; merged: nearly the same as one that stays;
-    left_out: others are likelier.
+    left_out: boxes of the detection network, which takes others for likelier faces.
     """
 
     size: int = 0

@@ -1,7 +1,7 @@
 """Model files: readable, versioned JSON, never pickled.
 
 Some keys of the files bear older names than the attributes here: `accept` is `TreeModel.threshold` and a tree's
-`threshold` its `split`, `gate` is `prefilter`, `closer` is `patch_cnn`; of a convolution `near` is `tree_threshold`,
+`threshold` its `split`, `closer` is `patch_cnn`; of a convolution `near` is `tree_threshold`,
 `trees_part` is `tree_weight`, `halved` is `pooled`, `farthest` is `feature_limit`, as in a network.
 """
 
@@ -94,7 +94,7 @@ def model_to_json(model: Model) -> str:
             body["decision"] = model.decision
         body |= _rule(model) | _curve(model.curve)
     else:
-        parts = {"gate": model.prefilter, "network": model.network, "closer": model.patch_cnn}
+        parts = {"network": model.network, "closer": model.patch_cnn}
         body = {
             name: None if part is None else json.loads(model_to_json(part))
             for name, part in parts.items()
@@ -271,7 +271,6 @@ def _trees_of(data: dict[str, Any], name: str) -> TreeModel:
         value,
         _finite(data["accept"], "accept"),
         str(data["provenance"]),
-        _part_of(TreeModel, data.get("gate"), name),
         _part_of(NetworkModel, data.get("network"), name),
         _part_of(ConvolutionModel, data.get("closer"), name),
         _network_sum_of(data["with_network"]) if data.get("with_network") else None,

@@ -196,8 +196,7 @@ class TreeModel(ModelText):
 
     feature, left, right (trees, nodes) int32; split, value (trees, nodes) float32. A node with left < 0 is a leaf. A
     value goes left where it is at most the split, and also where it is nan. threshold: log odds from which a row is
-    accepted. prefilter: a smaller model over cheaper features, evaluated first; what it refuses is not evaluated
-    further. network: one over the same features whose only output is added to the sum. patch_cnn: one on the pixels of
+    accepted. network: one over the same features whose only output is added to the sum. patch_cnn: one on the pixels of
     boxes whose log odds are high enough for it, to be added to them. with_network: how the sum of all these is joined
     with the score of a detection network, where a run has one. threshold_rule, threshold_interval: how the threshold
     was chosen, and its 95 % interval, "" and None: unknown.
@@ -213,7 +212,6 @@ class TreeModel(ModelText):
     value: NDArray[np.float32]
     threshold: float
     provenance: str
-    prefilter: TreeModel | None = None
     network: NetworkModel | None = None
     patch_cnn: ConvolutionModel | None = None
     with_network: NetworkSum | None = None

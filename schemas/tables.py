@@ -39,7 +39,7 @@ VERDICT_WORDS = {
     "size": "too few or too many pixels, or no height or aspect of a face: counted, without a row",
     "color": "mean colour too far from every sign colour",
     "shape": "outline too far from every sign shape",
-    "glance": "rejected by the pre-filter: size, position and mean colour",
+    "glance": "a segment in whose middle the detection network sees no face",
     "score": "rejected by the classifier of boxes in one image",
     "overlap": "covered by a candidate of higher score on the same face",
     "unmatched": "no candidate of another frame matches",
@@ -219,7 +219,7 @@ SIGNS = Table(
 
 OBSERVATIONS = Table(
     "observations",
-    "One row per candidate past the colour gate or the pre-filter, with its verdict. In order of frame, then row.",
+    "One row per candidate past the colour gate or the network, with its verdict. In order of frame, then row.",
     (
         Column("frame", _WHOLE, "", "index of the frame in the log", _SURE),
         Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
@@ -227,7 +227,7 @@ OBSERVATIONS = Table(
             "source",
             _CHOICE,
             "",
-            "pass1, pass2: colour clusters; level: stable region of a contrast map; stack: two regions joined; "
+            "pass1, pass2: colour clusters; level, stack: of earlier versions; "
             "predicted: reprojected from other frames; moved: one of these after box regression; network: box of the "
             "detection network; external: box of another detector or of a file",
             _SURE,
@@ -328,7 +328,7 @@ FRAMES = Table(
             "left_out",
             _WHOLE,
             "",
-            "regions not classified, because others are more probable by size, position and colour; null where the "
+            "boxes of the detection network not classified, because it takes others for likelier faces; null where the "
             "frame is not used",
         ),
         Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),

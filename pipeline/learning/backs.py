@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from wayside.pipeline.learning.cross_validation import out_of_fold_models
-from wayside.pipeline.learning.detector import PrefilteredDrive, detection_rates, fit_box_classifier
+from wayside.pipeline.learning.detector import FeaturedDrive, detection_rates, fit_box_classifier
 from wayside.pipeline.learning.samples import ON, labelled
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import TreeModel
@@ -20,9 +20,9 @@ FEWEST = 5
 
 
 def learn_back_classifier(
-    passed: Sequence[PrefilteredDrive], seed: int, provenance: str, max_iou: float
+    passed: Sequence[FeaturedDrive], seed: int, provenance: str, max_iou: float
 ) -> TreeModel:
-    """Learn from the candidates of rendered drives that pass the pre-filter: backs of real images have no boxes.
+    """Learn from the candidates of rendered drives: backs of real images have no boxes.
 
     `max_iou` is the overlap above which the lower of two boxes is suppressed.
 
@@ -60,14 +60,12 @@ def learn_back_classifier(
     )
 
 
-def of_backs(one: PrefilteredDrive) -> PrefilteredDrive:
+def of_backs(one: FeaturedDrive) -> FeaturedDrive:
     """The same candidates, labelled by the backs that the images show instead of the faces."""
     backs, candidates = one.drive.backs, one.candidates
     drive = replace(one.drive, true_faces=backs, wanted=backs.is_example)
     return replace(
         one,
         drive=drive,
-        candidates=labelled(
-            candidates.regions, candidates.prefilter_values, candidates.frame, backs
-        ),
+        candidates=labelled(candidates.regions, candidates.passed, candidates.frame, backs),
     )

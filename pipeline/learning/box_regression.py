@@ -82,8 +82,8 @@ def jittered_boxes(drive: TrainingDrive, seed: int, shortest_px: float) -> Candi
         np.full((n, 3), 128, np.float32),
         np.full(n, SOURCES.index("moved"), np.uint8),
     )
-    frame, none = drive.true_faces.frame[face[tall]], np.zeros((n, 0), np.float32)
-    found = labelled(regions, none, frame, drive.true_faces)
+    frame = drive.true_faces.frame[face[tall]]
+    found = labelled(regions, np.ones(n, np.bool_), frame, drive.true_faces)
     return replace(found, face=np.asarray(face[tall], np.int32))
 
 

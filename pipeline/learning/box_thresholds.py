@@ -2,7 +2,7 @@
 
     python -m wayside.pipeline.learning.box_thresholds --drives FOLDER -o MODELS
 
-A logistic regression on the boxes that pass the pre-filter, on rendered drives that no model of one image has learned
+A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned
 from, joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on
 these drives. The sum is shifted so that its threshold is that of the classifier; the threshold of backs is replaced.
 `judge.json` and `back.json` of the folder are written anew.
@@ -136,7 +136,7 @@ def false_scores(
 
 
 def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[ScoredBoxes]]:
-    """The boxes of a rendered drive that pass the pre-filter, scored by the models of a folder: as faces, as backs.
+    """The boxes of a rendered drive that are classified, scored by the models of a folder: as faces, as backs.
 
     As backs those that look more like one than like a face.
     """
@@ -173,9 +173,8 @@ def _scored(
 ) -> ScoredBoxes:
     """Some candidates of an image with their scores (rows, k), labelled by the panels that it shows."""
     regions = candidates.regions.select(rows)
-    nothing = np.zeros((len(rows), 0), np.float32)
     panels = TrueFaces.of([views], [True])
-    known = labelled(regions, nothing, np.zeros(len(rows), np.int32), panels)
+    known = labelled(regions, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.int32), panels)
     return ScoredBoxes(regions.box, score, known.label, known.overlap)
 
 

@@ -1,4 +1,4 @@
-"""Learning of the detector: pre-filter, box regression, box classifier and patch CNN.
+"""Learning of the detector: box regression, box classifier and patch CNN.
 
 All figures are out of fold: drives are in two folds, and each is evaluated with models learned from the other.
 """
@@ -21,7 +21,6 @@ from wayside.pipeline.learning.patch_cnn import (
     cnn_log_odds,
     fit_patch_cnn,
 )
-from wayside.pipeline.learning.prefilter import learn_prefilter
 from wayside.pipeline.learning.samples import (
     NEAR_FACE,
     NEITHER,
@@ -74,8 +73,8 @@ PatchesOf = Callable[[TrainingDrive, CandidateSamples], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True, slots=True)
-class PrefilteredDrive:
-    """Candidates of one drive that pass the pre-filter, with their box features (n, features)."""
+class FeaturedDrive:
+    """Candidates of one drive that are classified, with their box features (n, features)."""
 
     drive: TrainingDrive
     candidates: CandidateSamples
@@ -109,14 +108,14 @@ class DetectionRates:
 
 @dataclass(frozen=True, slots=True)
 class TrainedDetector:
-    """Box classifier, with its pre-filter, and box regression.
+    """Box classifier and box regression.
 
-    passed: the candidates of each drive that pass the pre-filter, at their own and at their regressed boxes.
+    passed: the candidates of each drive that are classified, at their own and at their regressed boxes.
     """
 
     classifier: TreeModel
     regressor: NetworkModel
-    passed: tuple[PrefilteredDrive, ...]
+    passed: tuple[FeaturedDrive, ...]
 
 
 def learn_detector(
@@ -133,7 +132,8 @@ def learn_detector(
     `settings` are those of the runs that will use it. `scenes` are real images, a source each: they are learned from,
     too, but the threshold is that of the drives.
     """
-    prefilter, passed, real = _through_prefilter(drives, scenes, features_of, seed, provenance)
+    passed = for_each(lambda drive: with_features(drive, features_of), drives)
+    real = for_each(lambda source: with_features(source, features_of, real=True), scenes)
     names = [one.drive.name for one in (*passed, *real)]
     examples = for_each(
         lambda one: regression_samples(
@@ -164,7 +164,7 @@ def learn_detector(
     rates = detection_rates(
         passed, [odds[one.drive.name] for one in passed], FALSE_OF_TREES, max_iou
     )
-    words = [provenance, f"{sum(len(p.values) for p in passed)} candidates past the pre-filter"]
+    words = [provenance, f"{sum(len(p.values) for p in passed)} candidates"]
     words += [
         f"{sum(int((p.candidates.label == ON).sum()) for p in passed)} on faces",
         rates.words(),
@@ -193,14 +193,13 @@ def learn_detector(
         threshold_rule=rates.rule,
         threshold_interval=rates.interval,
         provenance="; ".join(words),
-        prefilter=prefilter,
         patch_cnn=patch_cnn,
     )
     return TrainedDetector(completed, regressor, (*passed, *real))
 
 
 def patch_samples(
-    one: PrefilteredDrive, odds: NDArray[np.float32], near: float, patches_of: PatchesOf
+    one: FeaturedDrive, odds: NDArray[np.float32], near: float, patches_of: PatchesOf
 ) -> PatchSamples:
     """The patches of candidates whose log odds (n,) by the trees are at least `near`."""
     rows = np.flatnonzero(odds >= near)
@@ -243,7 +242,7 @@ def _patch_cnns(
 
 
 def detection_rates(
-    passed: Sequence[PrefilteredDrive],
+    passed: Sequence[FeaturedDrive],
     scores: Sequence[NDArray[np.float32]],
     accepted: float,
     max_iou: float,
@@ -292,7 +291,7 @@ def false_boxes_rule(accepted: float) -> str:
 
 
 def _decisions(
-    one: PrefilteredDrive, score: NDArray[np.float32], rows: NDArray[np.int64], max_iou: float
+    one: FeaturedDrive, score: NDArray[np.float32], rows: NDArray[np.int64], max_iou: float
 ) -> list[tuple[float, bool]]:
     """Score of each surviving box of an image and whether it is on a wanted face; what is neither is left out."""
     rows = rows[np.argsort(-score[rows], kind="stable")]
@@ -311,7 +310,7 @@ def _decisions(
 
 
 def faces_found(
-    one: PrefilteredDrive, score: NDArray[np.float32], threshold: float
+    one: FeaturedDrive, score: NDArray[np.float32], threshold: float
 ) -> tuple[int, int]:
     """How many wanted faces have a box on them that is accepted, and how many are wanted."""
     on = (one.candidates.overlap >= ON_FACE) & (score >= threshold)
@@ -319,42 +318,26 @@ def faces_found(
     return int(one.drive.wanted[found].sum()), int(one.drive.wanted.sum())
 
 
-def _through_prefilter(
-    drives: Sequence[TrainingDrive],
-    scenes: Sequence[TrainingDrive],
-    features_of: FeaturesOf,
-    seed: int,
-    provenance: str,
-) -> tuple[TreeModel, list[PrefilteredDrive], list[PrefilteredDrive]]:
-    """The pre-filter of a run, and the candidates of drives and scenes that pass that of the learning."""
-    training, prefilter = learn_prefilter([*drives, *scenes], seed, provenance)
-    passed = for_each(lambda drive: _through(drive, training, features_of), drives)
-    real = for_each(lambda source: _through(source, training, features_of, real=True), scenes)
-    return prefilter, passed, real
-
-
-def _through(
-    drive: TrainingDrive, prefilter: TreeModel, features_of: FeaturesOf, *, real: bool = False
-) -> PrefilteredDrive:
-    rows = np.flatnonzero(
-        log_odds(prefilter, drive.candidates.prefilter_values) >= prefilter.threshold
-    )
-    candidates = drive.candidates.select(rows)
-    return PrefilteredDrive(drive, candidates, features_of(drive, candidates), real)
+def with_features(
+    drive: TrainingDrive, features_of: FeaturesOf, *, real: bool = False
+) -> FeaturedDrive:
+    """The candidates of a drive that the detection network lets pass, with their box features."""
+    candidates = drive.candidates.select(drive.candidates.passed)
+    return FeaturedDrive(drive, candidates, features_of(drive, candidates), real)
 
 
 def _with_regressed(
-    one: PrefilteredDrive,
+    one: FeaturedDrive,
     regressor: NetworkModel,
     features_of: FeaturesOf,
     settings: CandidateSettings,
-) -> PrefilteredDrive:
+) -> FeaturedDrive:
     """The candidates, and after them those whose box regression changes, at the regressed box."""
     moved = regressed_regions(regressor, one.values, one.candidates.regions, settings)
     new = np.flatnonzero((moved.box != one.candidates.regions.box).any(axis=1))
     candidates = labelled(
         moved.select(new),
-        one.candidates.prefilter_values[new],
+        one.candidates.passed[new],
         one.candidates.frame[new],
         one.drive.true_faces,
     )
@@ -365,7 +348,7 @@ def _with_regressed(
     )
 
 
-def fit_box_classifier(passed: Sequence[PrefilteredDrive], seed: int) -> TreeModel:
+def fit_box_classifier(passed: Sequence[FeaturedDrive], seed: int) -> TreeModel:
     """Trees, and the network added to them, that separate boxes on a face from boxes off all of them."""
     rng = np.random.default_rng(seed)
     values, positive, weight = [], [], []

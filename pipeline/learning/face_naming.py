@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector import PrefilteredDrive
+from wayside.pipeline.learning.detector import FeaturedDrive
 from wayside.pipeline.learning.networks import NetworkTraining, fit_network
 from wayside.pipeline.learning.samples import ON, face_weights
 from wayside.schemas.detections import COLORS, SHAPES
@@ -28,7 +28,7 @@ FEWEST_VIEWS = 3
 
 
 def learn_name_network(
-    passed: Sequence[PrefilteredDrive], what: str, seed: int, provenance: str, floor: float
+    passed: Sequence[FeaturedDrive], what: str, seed: int, provenance: str, floor: float
 ) -> NetworkModel:
     """The network for the `what` ("color" or "shape") of a face, from all candidates on faces.
 
@@ -54,7 +54,7 @@ def learn_name_network(
 
 
 def fit_names(
-    passed: Sequence[PrefilteredDrive], what: str, seed: int, provenance: str
+    passed: Sequence[FeaturedDrive], what: str, seed: int, provenance: str
 ) -> NetworkModel:
     """Fit the network to samples drawn by weight, so that rare names and small faces are seen as well."""
     features = tuple(name for name in box_feature_names() if name not in PLACE_FEATURES)
@@ -83,7 +83,7 @@ def fit_names(
 
 
 def named_right(
-    network: NetworkModel, one: PrefilteredDrive, what: str, floor: float
+    network: NetworkModel, one: FeaturedDrive, what: str, floor: float
 ) -> tuple[int, int]:
     """Signs of a drive that the views together name right, and how many there are; a view by its best box."""
     rows = np.flatnonzero(one.candidates.label == ON)
@@ -104,7 +104,7 @@ def named_right(
     return right, total
 
 
-def true_names(one: PrefilteredDrive, what: str) -> NDArray[np.str_]:
+def true_names(one: FeaturedDrive, what: str) -> NDArray[np.str_]:
     """The name that the face under each candidate should get, (n,); empty where there is no face."""
     own = np.array([*(getattr(sign, what) for sign in one.drive.signs), ""])
     return np.asarray(own[one.candidates.face])

@@ -18,13 +18,14 @@ from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, 
 from wayside.schemas.detections import Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Image
+from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.detection import (
     SIDE,
     box_feature_names,
     box_features,
     drawn_patches,
-    prefilter_features,
+    passes_network,
     propose,
 )
 from wayside.stages.geometry import intersection_areas, iou_matrix
@@ -67,15 +68,16 @@ INVENTED = "invented"
 
 @dataclass(frozen=True, slots=True)
 class CandidateSamples:
-    """Candidates of one drive, n rows, with the features of the pre-filter.
+    """Candidates of one drive, n rows.
 
-    regions; prefilter_values (n, features) float32; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
+    regions; passed (n,) bool: whether the detection network sees a face there, so that it is classified; frame (n,)
+    int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
     overlap (n,) float32 with the nearest face; face (n,) int32 row of that face among all views of the drive (-1:
     none).
     """
 
     regions: Regions
-    prefilter_values: NDArray[np.float32]
+    passed: NDArray[np.bool_]
     frame: NDArray[np.int32]
     label: NDArray[np.int8]
     overlap: NDArray[np.float32]
@@ -83,7 +85,7 @@ class CandidateSamples:
 
     def select(self, rows: NDArray[Any]) -> CandidateSamples:
         """Those rows, in that order."""
-        rest = (self.prefilter_values, self.frame, self.label, self.overlap, self.face)
+        rest = (self.passed, self.frame, self.label, self.overlap, self.face)
         return CandidateSamples(self.regions.select(rows), *(column[rows] for column in rest))
 
     def joined(self, others: CandidateSamples) -> CandidateSamples:
@@ -188,11 +190,12 @@ def read_drive(
     truth: dict[str, Any],
     masks: Path,
     settings: Settings,
+    network: OnnxFile | None = None,
 ) -> TrainingDrive:
     """Go through images of a drive: clear faces from `images`, candidates from the same as `altered` for the detector.
 
-    Both in order; `masks` is the folder of FRAME.png with sign ids. Clear faces are for the classes of the report,
-    which were those of a catalogue: invented faces are no samples.
+    Both in order; `masks` is the folder of FRAME.png with sign ids, `network` the detection network, if any. Clear
+    faces are for the classes of the report, which were those of a catalogue: invented faces are no samples.
     """
     seen, behind = views_by_frame(truth)
     faces: list[FaceSample] = []
@@ -206,7 +209,7 @@ def read_drive(
 
     last = max((frame["index"] for frame in truth["frames"]), default=-1)
     here = [seen.get(index, []) for index in range(last + 1)]
-    drive = read_drive_images(truth["name"], altered, here, [True] * len(here), settings)
+    drive = read_drive_images(truth["name"], altered, here, [True] * len(here), settings, network)
     size = int(truth["camera"]["width"]), int(truth["camera"]["height"])
     backs = [behind.get(index, []) for index in range(last + 1)]
     return replace(
@@ -237,6 +240,7 @@ def read_drive_images(
     seen: Sequence[SignViews],
     complete: Sequence[bool],
     settings: Settings,
+    network: OnnxFile | None = None,
     ignored: Sequence[NDArray[np.float32]] = (),
 ) -> TrainingDrive:
     """Candidates of all images, labelled by the faces `seen` in each; no clear faces, no places.
@@ -245,8 +249,9 @@ def read_drive_images(
     the boxes that are `ignored` in it.
     """
     true_faces = TrueFaces.of(seen, complete, ignored)
-    found = _candidates(images, settings)
-    parts = [_views(item, true_faces) for item in found if item.image.rgb is not None]
+    segmented = segment(iter(images), settings.segment, settings.gate)
+    found = propose(segmented, settings=settings.candidates, network=network)
+    parts = [_views(one, true_faces, settings) for one in found if one.image.rgb is not None]
     if not parts:
         raise InputError(f"{name}: wanted images, found none that can be used")
     faces = [face for here in seen for face in here]
@@ -312,24 +317,15 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _candidates(images: Iterable[Image], settings: Settings) -> Iterator[Segmentation]:
-    """The images with all candidates that a run with these settings ranks."""
-    segmented = segment(iter(images), settings.segment, settings.gate)
-    every = replace(settings.candidates, most=settings.candidates.most_compared)
-    return propose(segmented, settings=every)
-
-
-def _views(item: Segmentation, true_faces: TrueFaces) -> CandidateSamples:
-    rgb, camera, regions = item.image.rgb, item.frame.camera, item.regions
-    if rgb is None or camera is None:
-        raise InputError("learning: wanted images with calibration, found one without")
-    prefilter_values = prefilter_features(pyramid(rgb), regions, camera)
-    return labelled(regions, prefilter_values, np.full(len(regions), item.frame.index), true_faces)
+def _views(item: Segmentation, true_faces: TrueFaces, settings: Settings) -> CandidateSamples:
+    passed = passes_network(item, settings.candidates)
+    frame = np.full(len(item.regions), item.frame.index)
+    return labelled(item.regions, passed, frame, true_faces)
 
 
 def labelled(
     regions: Regions,
-    prefilter_values: NDArray[np.float32],
+    passed: NDArray[np.bool_],
     frame: NDArray[np.integer[Any]],
     true_faces: TrueFaces,
 ) -> CandidateSamples:
@@ -350,9 +346,7 @@ def labelled(
             shared = intersection_areas(box, true_faces.ignored[index])
             unknown |= shared.max(axis=1) > UNKNOWN * np.prod(box[:, 2:] - box[:, :2], axis=1)
         label[rows[unknown & (label[rows] == OFF)]] = NEITHER
-    return CandidateSamples(
-        regions, prefilter_values, frame.astype(np.int32), label, overlap, nearest
-    )
+    return CandidateSamples(regions, passed, frame.astype(np.int32), label, overlap, nearest)
 
 
 def face_labels(

@@ -31,6 +31,7 @@ from wayside.pipeline.learning.faces import FaceSample, real_face
 from wayside.pipeline.learning.samples import SignViews, TrainingDrive, TrueFaces, read_drive_images
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.frame import USED, Camera, Frame, Image
+from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import Settings
 
 FOCAL_FRACTION = 0.9
@@ -48,9 +49,10 @@ def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]
 
     Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole.
     """
-    drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
+    drives = {"us_freeway_challenge": True, "us_freeway_white_right": True, "ca_city_garmin": False}
     sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
-        name: partial(real_drive_images, folder / f"{name}.mcap", complete=True) for name in drives
+        name: partial(real_drive_images, folder / f"{name}.mcap", complete=complete)
+        for name, complete in drives.items()
     }
     for prefix in ("jd", "mi"):
         read = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))
@@ -121,7 +123,11 @@ def as_images(labelled: Iterable[LabelledImage]) -> Iterator[Image]:
 
 
 def scene_drive(
-    images: Iterable[Image], source: str, labelled: list[LabelledImage], settings: Settings
+    images: Iterable[Image],
+    source: str,
+    labelled: list[LabelledImage],
+    settings: Settings,
+    network: OnnxFile | None = None,
 ) -> TrainingDrive:
     """The images of one source as a drive without places or clear faces; `images` are `labelled`, altered or not.
 
@@ -130,7 +136,13 @@ def scene_drive(
     fronts = [_views(one, back=False) for one in labelled]
     backs = [_views(one, back=True) for one in labelled]
     drive = read_drive_images(
-        source, images, fronts, [True] * len(labelled), settings, [one.ignored for one in labelled]
+        source,
+        images,
+        fronts,
+        [True] * len(labelled),
+        settings,
+        network,
+        [one.ignored for one in labelled],
     )
     complete = [one.backs_complete for one in labelled]
     return replace(drive, backs=TrueFaces.of(backs, complete))

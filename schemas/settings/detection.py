@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.settings.field import setting
 
-_FAR = "all faces under 40 px on level and hilly rendered roads stand in this band, pitch included"
-_NEAR = "all faces under 80 px on level and hilly rendered roads stand in this band, pitch included"
-_CLUTTER = "below it lie road, sky and foliage"
 _CHOSEN = "chosen by hand"
+_PITCH = "with 0.22 above and 0.13 below a fifth of the faces in images of streets is not seen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,121 +23,8 @@ class CandidateSettings:
         "trees: learned box classifier on every candidate; report: colour and shape distances",
         choices=("trees", "report"),
     )
-    most: int = setting(950, "candidates", "at most this many are classified in one image", low=1)
     keep: int = setting(
         60, "candidates", "at most this many of the best are tracked in one image", low=1
-    )
-
-    # --- bands of rows that are searched, as tangents from the optical axis ---
-    full_above: float = setting(
-        0.062, "tangent", "band at full size, above the axis", origin=_FAR, expert=True
-    )
-    full_below: float = setting(
-        0.056, "tangent", "band at full size, below the axis", origin=_FAR, expert=True
-    )
-    half_above: float = setting(
-        0.16, "tangent", "band at half size, above the axis", origin=_NEAR, expert=True
-    )
-    half_below: float = setting(
-        0.09, "tangent", "band at half size, below the axis", origin=_NEAR, expert=True
-    )
-    quarter_above: float = setting(
-        0.36, "tangent", "band at quarter size, above the axis", origin=_CHOSEN, expert=True
-    )
-    quarter_below: float = setting(
-        0.13, "tangent", "band at quarter size, below the axis", origin=_CHOSEN, expert=True
-    )
-
-    # --- contrast maps and stable regions ---
-    red_level: int = setting(
-        12, "levels", "first level of the map red", origin=_CLUTTER, expert=True, low=1, high=255
-    )
-    blue_level: int = setting(
-        10, "levels", "first level of the map blue", origin=_CLUTTER, expert=True, low=1, high=255
-    )
-    green_level: int = setting(
-        8, "levels", "first level of the map green", origin=_CLUTTER, expert=True, low=1, high=255
-    )
-    yellow_level: int = setting(
-        14, "levels", "first level of the map yellow", origin=_CLUTTER, expert=True, low=1, high=255
-    )
-    lighter_level: int = setting(
-        10,
-        "levels",
-        "first level of the map lighter",
-        origin=_CLUTTER,
-        expert=True,
-        low=1,
-        high=255,
-    )
-    darker_level: int = setting(
-        10, "levels", "first level of the map darker", origin=_CLUTTER, expert=True, low=1, high=255
-    )
-    map_dark_level: int = setting(
-        64,
-        "grey values",
-        "added to the largest channel before a difference of channels is divided by it",
-        origin="keeps the noise of shadows down",
-        expert=True,
-        low=1,
-    )
-    neighbourhood_px: int = setting(
-        104,
-        "px",
-        "side of the square whose mean a pixel is compared with, in pixels of the map",
-        origin=_CHOSEN,
-        expert=True,
-        low=8,
-    )
-    level_step: int = setting(
-        4,
-        "levels",
-        "width of a level of the sweep",
-        origin="the noise of recorded images is about as large",
-        expert=True,
-        low=1,
-    )
-    lifetime: int = setting(
-        1, "levels", "levels over which a box must stay the same", origin=_CHOSEN, expert=True
-    )
-    stable_iou: float = setting(
-        0.8,
-        "IoU",
-        "a growing component has the same box down to this overlap with its first",
-        origin="Matas et al. 2002, with the box in the place of the area",
-        expert=True,
-        low=0,
-        high=1,
-    )
-    narrowest_map_px: int = setting(
-        3, "px", "narrower regions of a map are dropped", origin=_CHOSEN, expert=True, low=1
-    )
-    shortest_map_px: int = setting(
-        6, "px", "lower regions of a map are dropped", origin=_CHOSEN, expert=True, low=1
-    )
-    largest_map_px: int = setting(
-        400,
-        "px",
-        "wider or higher regions of a map are dropped",
-        origin=_CHOSEN,
-        expert=True,
-        low=1,
-    )
-    most_map_regions: int = setting(
-        20_000,
-        "regions",
-        "at most this many stable regions of one map",
-        origin=_CHOSEN,
-        expert=True,
-        low=1,
-    )
-    mean_samples: int = setting(
-        24,
-        "samples",
-        "samples each way, about, from which the mean colour of a region is taken",
-        origin="chosen by hand, for speed",
-        expert=True,
-        low=1,
     )
 
     # --- which boxes can be faces ---
@@ -178,56 +63,44 @@ class CandidateSettings:
         low=0.01,
         high=0.99,
     )
-    most_compared: int = setting(
-        4000,
-        "boxes",
-        "at most this many boxes of an image are ranked",
-        origin="chosen by hand, to bound the time of an image",
-        expert=True,
-        low=1,
-    )
-    stack_rounds: int = setting(
-        2,
-        "rounds",
-        "rounds in which regions one above the other are joined",
-        origin="faces of up to four pieces",
+
+    # --- boxes of the detection network ---
+    full_size_px: int = setting(
+        180,
+        "px",
+        "the network sees so many rows above and below the optical axis at full size",
+        origin="a face of half a metre up to 6 m above the camera is at least 15 px tall beyond",
         expert=True,
         low=0,
     )
-    stack_edge: float = setting(
-        0.15,
-        "widths",
-        "difference of the sides of stacked boxes, at most",
-        origin=_CHOSEN,
+    half_size_above: float = setting(
+        0.4,
+        "tangent",
+        "rows above the optical axis that it sees at half size",
+        origin=_PITCH,
         expert=True,
     )
-    stack_edge_px: float = setting(
-        1.5, "px", "the same, but at least this", origin=_CHOSEN, expert=True
-    )
-    stack_gap: float = setting(
-        0.35, "heights", "gap between stacked boxes, at most", origin=_CHOSEN, expert=True
-    )
-    stack_gap_px: float = setting(
-        2.0, "px", "the same, but at least this", origin=_CHOSEN, expert=True
-    )
-
-    # --- boxes of the detection network ---
-    network_score: float = setting(
-        -2.2,
-        "log odds",
-        "boxes of the detection network from here on join the regions",
-        origin=_CHOSEN,
+    half_size_below: float = setting(
+        0.2,
+        "tangent",
+        "rows below the optical axis that it sees at half size",
+        origin=_PITCH,
         expert=True,
     )
     network_least: float = setting(
         -6.0,
         "log odds",
-        "of a face by the detection network: lower ones count as this",
+        "of a face by the detection network: lower ones count as this and are no boxes",
         origin=_CHOSEN,
         expert=True,
     )
     network_most: int = setting(
-        60, "boxes", "most of them in an image", origin=_CHOSEN, expert=True, low=0
+        120,
+        "boxes",
+        "most of them in an image",
+        origin="250 find no more signs",
+        expert=True,
+        low=0,
     )
     network_iou: float = setting(
         0.5,
@@ -237,6 +110,14 @@ class CandidateSettings:
         expert=True,
         low=0.01,
         high=0.99,
+    )
+
+    segment_score: float = setting(
+        -3.0,
+        "log odds",
+        "segments are classified where the detection network takes their middle for that of a face by as much",
+        origin=_CHOSEN,
+        expert=True,
     )
 
     # --- boxes of another detector, or of a file ---
@@ -275,27 +156,6 @@ class CandidateSettings:
         expert=True,
         low=0,
     )
-
-    @property
-    def bands(self) -> tuple[tuple[float, float], ...]:
-        """Upper and lower limit of the rows searched at full, half and quarter size: tangents, up negative."""
-        return (
-            (-self.full_above, self.full_below),
-            (-self.half_above, self.half_below),
-            (-self.quarter_above, self.quarter_below),
-        )
-
-    @property
-    def first_levels(self) -> tuple[int, ...]:
-        """First level of each contrast map, in the order of the maps."""
-        return (
-            self.red_level,
-            self.blue_level,
-            self.green_level,
-            self.yellow_level,
-            self.lighter_level,
-            self.darker_level,
-        )
 
     def fits_face(self, box: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Which boxes (n, 4) have the height and the aspect of a face."""

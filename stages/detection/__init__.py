@@ -2,15 +2,13 @@
 
 from wayside.stages.detection.box_classifier import BoxClassifier
 from wayside.stages.detection.box_regression import SIDES, regressed_regions
-from wayside.stages.detection.detector import detect, name_log_probabilities
+from wayside.stages.detection.detector import detect, name_log_probabilities, passes_network
 from wayside.stages.detection.detector_outputs import recognised
 from wayside.stages.detection.external_boxes import detect_externally
 from wayside.stages.detection.feature_vectors import (
     REGION_FEATURES,
     box_feature_names,
     box_features,
-    prefilter_feature_names,
-    prefilter_features,
 )
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
@@ -61,10 +59,9 @@ __all__ = [
     "multiple_of",
     "name_log_probabilities",
     "named_boxes",
+    "passes_network",
     "patch_log_odds",
     "placement_features",
-    "prefilter_feature_names",
-    "prefilter_features",
     "propose",
     "recognised",
     "regressed_regions",

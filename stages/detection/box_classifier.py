@@ -14,7 +14,6 @@ from wayside.schemas.models import TreeModel
 from wayside.stages.classifiers import log_odds
 from wayside.stages.detection.feature_vectors import (
     box_features,
-    prefilter_features,
     require_names,
 )
 from wayside.stages.detection.patch_cnn import (
@@ -28,7 +27,7 @@ from wayside.stages.imaging import Pyramid
 
 @dataclass(frozen=True, slots=True)
 class BoxClassifier:
-    """A tree model with its pre-filter and patch CNN, where it has them; raises InputError where these do not fit."""
+    """A tree model with its patch CNN, where it has one; raises InputError where these do not fit."""
 
     model: TreeModel
 
@@ -46,16 +45,6 @@ class BoxClassifier:
     def threshold(self) -> float:
         """Log odds from which a box is accepted."""
         return self.model.threshold
-
-    def passes_prefilter(
-        self, levels: Pyramid, regions: Regions, camera: Camera
-    ) -> NDArray[np.bool_]:
-        """Which regions (n,) the pre-filter accepts; all where the model has none."""
-        prefilter = self.model.prefilter
-        if prefilter is None:
-            return np.ones(len(regions), np.bool_)
-        scores = log_odds(prefilter, prefilter_features(levels, regions, camera))
-        return np.asarray(scores >= prefilter.threshold)
 
     def scores(self, levels: Pyramid, regions: Regions, camera: Camera) -> NDArray[np.float32]:
         """Log odds (n,) that the regions show faces; levels: the image at full, half and quarter size."""

@@ -1,6 +1,6 @@
 """The sign face detector: which boxes of an image show the face of a sign.
 
-Pre-filter, boosted trees, patch CNN and box regression, then non-maximum suppression. Landmarks are classified later
+Boosted trees, patch CNN and box regression, then non-maximum suppression. Landmarks are classified later
 from all their observations together; so the threshold here is low, and the score is passed on.
 """
 
@@ -56,9 +56,9 @@ def detect(
     settings
         Overlap of suppression, number of candidates kept, limits of faces and of box regression.
     classifier
-        Box classifier. Candidates that its pre-filter refuses get the verdict `glance` (the older name of the
-        pre-filter) and no score; those below its threshold get `score`. Of overlapping ones the best stays (`overlap`),
-        of all of them the best `settings.keep` (`score`).
+        Box classifier. Segments in whose middle the detection network sees no face get the verdict `glance` and no
+        score; candidates below the threshold get `score`. Of overlapping ones the best stays (`overlap`), of all of
+        them the best `settings.keep` (`score`).
     regressor
         Box regression: a candidate not far below the threshold is scored at the predicted box as well, and moves there
         where it scores better.
@@ -90,7 +90,7 @@ def detect(
             yield Detections(item, candidates)
             continue
         levels, camera = pyramid(image.rgb), image.frame.camera
-        passed = boxes.passes_prefilter(levels, regions, camera)
+        passed = passes_network(item, settings)
         candidates = candidates.with_verdict(np.flatnonzero(~passed), "glance")
         rows, regions = np.flatnonzero(passed), regions.select(passed)
         values = box_features(levels, regions, camera)
@@ -120,6 +120,14 @@ def detect(
             column[rows[behind]] = back_scores[behind]
             candidates = replace(candidates, back_score=column)
         yield Detections(item, candidates)
+
+
+def passes_network(item: Segmentation, settings: CandidateSettings) -> NDArray[np.bool_]:
+    """Which regions (n,) are classified: boxes of the network, and segments where it sees a face; all without one."""
+    if item.network_score is None:
+        return np.ones(len(item.regions), np.bool_)
+    own = item.regions.source == SOURCES.index("network")
+    return np.asarray(own | (item.network_score >= settings.segment_score))
 
 
 def require_name_networks(color: NetworkModel | None, shape: NetworkModel | None) -> None:

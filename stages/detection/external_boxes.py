@@ -33,7 +33,7 @@ from wayside.stages.detection.detector import (
 )
 from wayside.stages.detection.feature_vectors import box_features
 from wayside.stages.detection.onnx_detector import OnnxDetector
-from wayside.stages.detection.proposals import filled_area, mean_inside
+from wayside.stages.detection.proposals import filled_area, mean_colors
 from wayside.stages.imaging import pyramid
 from wayside.stages.segmentation import unsegmented
 
@@ -97,11 +97,10 @@ def external_regions(
     found: ExternalBoxes, rgb: NDArray[np.uint8], settings: CandidateSettings
 ) -> Regions:
     """The boxes as regions: the area of their shape, the mean colour of their middle."""
-    means = [mean_inside(rgb, corners) for corners in found.box]
     return Regions(
         found.box,
         filled_area(found.box, found.shape, settings),
-        np.array(means, np.float32).reshape(-1, 3),
+        mean_colors(rgb, found.box),
         np.full(len(found), SOURCES.index("external"), np.uint8),
     )
 

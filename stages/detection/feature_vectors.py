@@ -1,4 +1,4 @@
-"""Feature vectors of regions: geometry and colour, those of the pre-filter, and those of the box classifier."""
+"""Feature vectors of regions: geometry and colour, and those of the box classifier."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
-from wayside.stages.detection.color_grid import color_grid, color_grid_names
 from wayside.stages.detection.patch_features import patch_feature_names, patch_features
 from wayside.stages.imaging import Pyramid, log_chromaticity
 
@@ -48,18 +47,6 @@ def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
         log_chromaticity(regions.rgb),
     ]
     return np.column_stack(columns).astype(np.float32)
-
-
-def prefilter_feature_names() -> tuple[str, ...]:
-    """Names of the columns of `prefilter_features`, in order."""
-    return (*REGION_FEATURES, *color_grid_names())
-
-
-def prefilter_features(levels: Pyramid, regions: Regions, camera: Camera) -> NDArray[np.float32]:
-    """Features of the pre-filter: (n, features), in the order of `prefilter_feature_names`."""
-    return np.concatenate(
-        [region_features(regions, camera), color_grid(levels, regions.box)], axis=1
-    )
 
 
 def box_feature_names() -> tuple[str, ...]:

@@ -20,6 +20,9 @@ MAPS = 2 + 4 + len(COLORS) + len(SHAPES)
 """Maps: log odds of fronts and of backs, box (a, b, c, d), log odds of colours, of shapes."""
 
 
+MAXIMA = 4
+"""Boxes are made of so many times the maxima that are wanted: most of the others are next to better ones."""
+
 IMAGE, OUTPUT = "image", "maps"
 """Names of the input and of the output of a network."""
 
@@ -59,7 +62,8 @@ def boxes_of_maps(
     best = np.stack([cv2.dilate(one, np.ones((3, 3), np.uint8)) for one in heat])
     side, row, column = np.nonzero((heat >= best) & (heat >= least_score))
     score = heat[side, row, column]
-    order = np.argsort(-score, kind="stable")[: 4 * most]
+    maxima = len(score)
+    order = np.argsort(-score, kind="stable")[: MAXIMA * most]
     side, row, column, score = side[order], row[order], column[order], score[order]
     values = maps[2:, row, column].T
     middle = np.stack([column, row], 1) * STRIDE + STRIDE / 2 + CENTRE_PX * values[:, :2]
@@ -68,10 +72,16 @@ def boxes_of_maps(
     box = np.concatenate([middle - half, middle + half], 1)
     box = np.clip(box, 0, [width, height, width, height]).astype(np.float32)
     fits = np.flatnonzero((box[:, 2] - box[:, 0] >= 2) & (box[:, 3] - box[:, 1] >= 2))
-    kept = fits[non_maximum_suppression(box[fits], same_iou)[:most]]
+    every = fits[non_maximum_suppression(box[fits], same_iou)]
+    kept = every[:most]
     color, shape = np.split(values[kept, 4:], [len(COLORS)], axis=1)
     return NetworkBoxes(
-        box[kept], score[kept], side[kept] == 1, _log_softmax(color), _log_softmax(shape)
+        box[kept],
+        score[kept],
+        side[kept] == 1,
+        _log_softmax(color),
+        _log_softmax(shape),
+        maxima - len(order) + len(every) - len(kept),
     )
 
 

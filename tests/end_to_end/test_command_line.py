@@ -24,8 +24,7 @@ from wayside.pipeline import flow
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
-FAST = ("--set", "models.network=")
-SHORT = ("--until", "0.7s", *FAST)
+SHORT = ("--until", "0.7s")
 TABLES = {"signs.parquet", "observations.parquet", "frames.parquet"}
 
 
@@ -147,7 +146,7 @@ def test_5_a_folder_that_cannot_be_written_is_named(command, tmp_path):
 def test_130_an_interrupted_run_says_so_and_leaves_no_table(tmp_path):
     out = tmp_path / "out"
     running = subprocess.Popen(
-        [WAYSIDE, "run", str(DEMO), *FAST, "-o", str(out)],
+        [WAYSIDE, "run", str(DEMO), "-o", str(out)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,

@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-SHORT = ("--until", "0.4", "--set", "models.network=")
+SHORT = ("--until", "0.4")
 
 
 @pytest.fixture(scope="module")

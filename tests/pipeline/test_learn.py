@@ -9,7 +9,7 @@ import pytest
 
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.learn import gather, main
-from wayside.pipeline.learning import detector, prefilter
+from wayside.pipeline.learning import detector
 from wayside.pipeline.learning.backs import learn_back_classifier
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
@@ -24,7 +24,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import Settings
-from wayside.stages.detection import REGION_FEATURES
 
 pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 
@@ -109,8 +108,7 @@ def write_drive(folder, name, seed):
 def few_trees():
     """Two dozen trees separate flat faces from noise as well as hundreds."""
     with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((prefilter, "TREES"), (detector, "TREES")):
-            patch.setattr(module, name, replace(getattr(module, name), trees=24))
+        patch.setattr(detector, "TREES", replace(detector.TREES, trees=24))
         yield
 
 
@@ -135,7 +133,6 @@ def test_the_script_writes_every_model_with_its_provenance(learned):
         "face_color.json",
         "judge.json",
         "location.json",
-        "ranking.json",
         "shape.json",
     ]
     for name in files:
@@ -161,19 +158,11 @@ def test_the_colours_learned_are_those_painted(learned):
 
 
 @pytest.mark.slow
-def test_the_box_classifier_has_a_prefilter_and_held_out_figures(learned):
+def test_the_box_classifier_has_a_patch_cnn_and_held_out_figures(learned):
     model = model_from_json((learned / "models" / "judge.json").read_text())
     assert isinstance(model, TreeModel)
-    assert model.prefilter is not None
     assert model.patch_cnn is not None
     assert "with the patch CNN, held out by drive" in model.provenance
-
-
-@pytest.mark.slow
-def test_the_ranking_states_how_many_faces_it_keeps_out_of_fold(learned):
-    model = model_from_json((learned / "models" / "ranking.json").read_text())
-    assert model.features == REGION_FEATURES
-    assert "held out by drive, 36 of the 36 wanted faces" in model.provenance
 
 
 def test_drives_without_backs_teach_none(tmp_path):
@@ -182,7 +171,7 @@ def test_drives_without_backs_teach_none(tmp_path):
     path = tmp_path / "learn_a.truth.json"
     path.write_text(json.dumps(truth))
     drive = gather([tmp_path / "learn_a.mcap"], None, Settings(), 1, print).drives[0]
-    one = detector.PrefilteredDrive(
+    one = detector.FeaturedDrive(
         drive, drive.candidates, np.zeros((len(drive.candidates.label), 0), np.float32)
     )
     with pytest.raises(InputError, match="found 0; add drives"):

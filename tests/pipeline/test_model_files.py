@@ -13,7 +13,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
-from wayside.stages.detection import REGION_FEATURES, box_feature_names, prefilter_feature_names
+from wayside.stages.detection import box_feature_names
 from wayside.stages.mapping import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
 
@@ -29,7 +29,6 @@ NAMES = (
     "location_report.json",
     "outline.json",
     "place.json",
-    "ranking.json",
     "report-kansas.json",
     "shape.json",
 )
@@ -74,21 +73,14 @@ def test_the_models_of_the_default_preset_saw_nothing_that_is_for_tests_only(shi
 
 
 def test_the_box_classifier_knows_the_features_that_the_stage_computes(shipped):
-    classifier = shipped.box_classifier
-    assert classifier.features == box_feature_names()
-    assert classifier.prefilter is not None
-    assert classifier.prefilter.features == prefilter_feature_names()
+    assert shipped.box_classifier.features == box_feature_names()
 
 
-def test_the_classifiers_of_backs_and_the_ranking_know_the_features_that_the_stages_compute(
-    shipped,
-):
+def test_the_classifiers_of_backs_know_the_features_that_the_stages_compute(shipped):
     assert shipped.back_classifier is not None
     assert shipped.back_classifier.features == box_feature_names()
     assert shipped.back_landmark_classifier is not None
     assert set(shipped.back_landmark_classifier.features) == set(FEATURES)
-    assert shipped.region_ranking is not None
-    assert shipped.region_ranking.features == REGION_FEATURES
 
 
 def test_the_landmark_classifier_knows_the_features_that_the_stage_computes(shipped):
@@ -270,26 +262,22 @@ def changed_model(name, change):
 
 
 DAMAGED = {
-    "a link out of a tree": ("ranking.json", lambda d: d["trees"][0]["left"].__setitem__(0, 10**6)),
+    "a link out of a tree": ("back.json", lambda d: d["trees"][0]["left"].__setitem__(0, 10**6)),
     "a link far before it": (
-        "ranking.json",
+        "back.json",
         lambda d: d["trees"][0]["right"].__setitem__(0, -(2**30)),
     ),
     "a feature that is not there": (
-        "ranking.json",
+        "back.json",
         lambda d: d["trees"][0]["feature"].__setitem__(0, 2**20),
     ),
-    "a number too large": ("ranking.json", lambda d: d["trees"][0]["left"].__setitem__(0, 2**40)),
-    "short arrays": ("ranking.json", lambda d: [t["value"].pop() for t in d["trees"]]),
-    "one short array": ("ranking.json", lambda d: d["trees"][3]["value"].pop()),
-    "nan in a tree": ("ranking.json", lambda d: d["trees"][0]["value"].__setitem__(0, math.nan)),
-    "nan as bias": ("ranking.json", lambda d: d.update(bias=math.nan)),
-    "no trees": ("ranking.json", lambda d: d.update(trees=[])),
-    "infinity in a pre-filter": (
-        "ranking.json",
-        lambda d: d.update(gate={**d, "accept": math.inf}),
-    ),
-    "a list as part": ("ranking.json", lambda d: d.update(network=[1])),
+    "a number too large": ("back.json", lambda d: d["trees"][0]["left"].__setitem__(0, 2**40)),
+    "short arrays": ("back.json", lambda d: [t["value"].pop() for t in d["trees"]]),
+    "one short array": ("back.json", lambda d: d["trees"][3]["value"].pop()),
+    "nan in a tree": ("back.json", lambda d: d["trees"][0]["value"].__setitem__(0, math.nan)),
+    "nan as bias": ("back.json", lambda d: d.update(bias=math.nan)),
+    "no trees": ("back.json", lambda d: d.update(trees=[])),
+    "a list as part": ("back.json", lambda d: d.update(network=[1])),
     "evidence without a weight": ("place.json", lambda d: d["features"][0].pop("weight")),
     "a weight of nan": ("place.json", lambda d: d["features"][0].update(weight=math.nan)),
     "bounds out of order": ("place.json", lambda d: d["features"][0].update(low=9.0, high=1.0)),
@@ -316,7 +304,7 @@ def test_a_damaged_model_is_refused_with_its_name(what):
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("ranking.json", lambda d: d["features"].reverse()),
+        ("back.json", lambda d: d["features"].reverse()),
         ("place.json", lambda d: d["features"][0].update(name="glitter")),
         ("place.json", lambda d: d["features"][0].update(term="mood")),
         ("face_color.json", lambda d: d["classes"].__setitem__(0, "mauve")),
@@ -329,7 +317,7 @@ def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_
 
 
 @pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "trees", "gate": ' * 2000]
+    "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "trees", "network": ' * 2000]
 )
 def test_a_model_file_of_endless_depth_is_refused(text):
     with pytest.raises(InputError, match=r"location\.json"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.detector import PrefilteredDrive, detection_rates
+from wayside.pipeline.learning.detector import FeaturedDrive, detection_rates
 from wayside.pipeline.learning.samples import OFF, ON, CandidateSamples, TrainingDrive, TrueFaces
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
@@ -40,7 +40,7 @@ def drive(name, shift, seed):
     wanted = np.ones(on.sum(), bool)
     known = TrainingDrive(name, IMAGES, (), samples, faces, wanted, (), np.zeros((0, 2)), faces)
     score = (draw.normal(np.where(on, 2.0, -2.0), 1.0) + shift).astype(np.float32)
-    return PrefilteredDrive(known, samples, np.zeros((count, 0), np.float32)), score
+    return FeaturedDrive(known, samples, np.zeros((count, 0), np.float32)), score
 
 
 def rates_of(drives, accepted=1.0):
@@ -77,17 +77,10 @@ def test_the_interval_of_a_mean_over_groups_is_that_of_the_normal_distribution()
     assert (high - low) / 2 == pytest.approx(1.96 * values.std() / 10, rel=0.06)
 
 
-def test_a_file_of_trees_keeps_the_rule_and_the_interval_of_each_part():
+def test_a_file_of_trees_keeps_the_rule_and_the_interval_of_its_threshold():
     shipped = load_models(load_settings()[0]).box_classifier
-    prefilter = replace(shipped.prefilter, threshold_rule="800 pass", threshold_interval=(-6.0, -5))
-    model = replace(
-        shipped, prefilter=prefilter, threshold_rule="alpha: 5 boxes", threshold_interval=(-2.0, -1)
-    )
+    model = replace(shipped, threshold_rule="alpha: 5 boxes", threshold_interval=(-2.0, -1))
     again = model_from_json(model_to_json(model))
     assert (again.threshold_rule, again.threshold_interval) == ("alpha: 5 boxes", (-2, -1))
-    assert (again.prefilter.threshold_rule, again.prefilter.threshold_interval) == (
-        "800 pass",
-        (-6, -5),
-    )
-    unnamed = replace(shipped, prefilter=None, network=None, threshold_rule="")
+    unnamed = replace(shipped, network=None, threshold_rule="")
     assert "threshold_rule" not in model_to_json(unnamed)

@@ -112,7 +112,7 @@ def has_vulkan():
 
 def recorded(folder, *options):
     line = ["run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "0.7s"]
-    line += ["--set", "models.network=", *options]
+    line += options
     assert not app(line, standalone_mode=False)
     return folder
 

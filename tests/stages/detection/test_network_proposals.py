@@ -3,19 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,
     SOURCES,
     Regions,
-    Segmentation,
 )
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
-from wayside.schemas.models import OnnxFile
-from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection import propose
 from wayside.stages.detection.detector import as_learned
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
@@ -95,40 +89,6 @@ def test_a_box_scores_as_the_cell_of_its_middle_or_a_neighbour_and_never_below_t
     box = [[18, 10, 34, 26], [22, 10, 38, 26], [34, 10, 50, 26], [90, 10, 99, 26], [-40, 0, -9, 9]]
     scores = middle_scores(maps, np.array(box, np.float32), -5.0)
     np.testing.assert_array_equal(scores, [2, 2, -5, -5, -5])
-
-
-@pytest.mark.parametrize(("status", "camera"), [(USED, True), (USED, False), (THINNED, True)])
-def test_boxes_of_the_network_join_the_regions_of_the_band(status, camera):
-    sees = Camera(640, 480, 700.0, 700.0, 319.5, 239.5) if camera else None
-    rgb = cells(480, 640, red=(50, 80))
-    used = status == USED
-    image = Image(
-        Frame(0, 0, None, status, "jpeg", b"", sees),
-        rgb if used else None,
-        rgb[..., 0] if used else None,
-    )
-    item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 480))
-    settings = CandidateSettings()
-    (without,) = propose(iter([item]), settings=settings)
-    (found,) = propose(iter([item]), settings=settings, network=OnnxFile(ONNX, ""))
-    added = found.regions.select(found.regions.source == SOURCES.index("network"))
-    if not (used and camera):
-        assert found.regions is item.regions
-        return
-    assert len(found.regions) == len(without.regions) + 1
-    assert without.network_score is None
-    assert found.network_score[-1] > settings.network_least
-    # the band begins at a row that is no multiple of 4: the red cell lies in two cells of the maps
-    assert np.abs(added.box - [[314, 194, 330, 210]]).max() <= 3
-    np.testing.assert_allclose(added.area_px, [0.83 * 256], atol=40)  # of an octagon
-
-
-def test_an_image_whose_band_lies_outside_has_no_boxes_of_the_network():
-    camera = Camera(64, 64, 700.0, 700.0, 31.5, 2000.0)
-    image = Image(Frame(0, 0, None, USED, "jpeg", b"", camera), cells(64, 64, red=(5, 5)), None)
-    item = Segmentation(image, Regions.empty(), 0, np.zeros((0, 3)), np.zeros(0), (0, 64))
-    (found,) = propose(iter([item]), settings=CandidateSettings(), network=OnnxFile(ONNX, ""))
-    assert len(found.regions) == 0
 
 
 def test_the_classifiers_are_shown_boxes_of_the_network_as_stable_regions():

@@ -2,7 +2,6 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.stages.detection.color_grid import color_grid, color_grid_names
 from wayside.stages.detection.patch_features import OUTLINES, patch_feature_names, patch_features
 from wayside.stages.imaging import pyramid
 
@@ -97,25 +96,15 @@ def test_an_even_image_has_no_gradient_and_no_step():
 def test_boxes_at_and_beyond_the_border_have_finite_features(box):
     rgb, table = scene(SHAPES["circle"]), np.array([box], np.float32)
     assert np.isfinite(patch_features(pyramid(rgb), table)).all()
-    assert np.isfinite(color_grid(pyramid(rgb), table)).all()
-
-
-def test_a_glance_sees_the_colour_inside_and_the_surroundings_outside():
-    rgb = scene(SHAPES["rectangle"])
-    found = dict(zip(color_grid_names(), color_grid(pyramid(rgb), BOX)[0], strict=True))
-    assert found["glance_2_2_red_green"] > 1.5
-    assert abs(found["glance_0_0_red_green"]) < 0.3
 
 
 def test_no_boxes_give_a_table_without_rows():
     levels, none = pyramid(scene(SHAPES["circle"])), np.zeros((0, 4), np.float32)
     assert patch_features(levels, none).shape == (0, len(patch_feature_names()))
-    assert color_grid(levels, none).shape == (0, len(color_grid_names()))
 
 
-@pytest.mark.parametrize("look", [patch_features, color_grid])
-def test_wrong_images_are_refused_at_the_door(look):
+def test_wrong_images_are_refused_at_the_door():
     good = pyramid(scene(SHAPES["circle"]))
     for levels in (good[:2], (good[0].astype(np.float32), *good[1:]), (good[0][:0], *good[1:])):
         with pytest.raises(ValueError, match="levels"):
-            look(levels, BOX)
+            patch_features(levels, BOX)
