@@ -91,7 +91,7 @@ class FaceOutcome:
 
 @dataclass(frozen=True, slots=True)
 class DriveOutcome:
-    """One drive as shipped: faces, images, candidates and those that pass the pre-filter, cost of proposing.
+    """One drive as shipped: faces, images, candidates and those that are classified, cost of proposing.
 
     decodes: processor time of proposing in that of decoding a JPEG of the drive; None where its images are raw.
     """
@@ -269,9 +269,9 @@ def page(seen: Sequence[DriveOutcome], confidence: Sequence[str]) -> str:
                 "images",
                 "faces",
                 "candidates per image",
-                "covered",
+                "covered by a candidate",
                 "classified",
-                "covered",
+                "by a classified one",
                 "cost of proposing, decodes",
             ),
             [candidates_row(drive) for drive in seen],

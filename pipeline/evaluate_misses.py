@@ -39,7 +39,7 @@ _STEP_OF_VERDICT = {
     "size": "gate",
     "color": "gate",
     "shape": "gate",
-    "glance": "gate",
+    "glance": "no_candidate",
     "score": "rejected",
     "overlap": "suppressed",
     "unmatched": "not_followed",

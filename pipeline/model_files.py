@@ -75,9 +75,9 @@ class Models:
     in the image; these are None where a preset does not ask for them. box_classifier: of boxes in one image;
     location_classes: where signs stand; landmark_classifier: of a landmark by all its observations; color_network,
     shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
-    back_landmark_classifier: of panels seen from behind;
-    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: of the network
-    whose boxes join the proposals. None where there is no such file. external: another detector, or its boxes, that
+    back_landmark_classifier: of panels seen from behind; outline_weights: which of several concentric outlines of a
+    panel is the outer one; detection_network: of the network that finds boxes and says which segments are classified.
+    None where there is no such file. external: another detector, or its boxes, that
     takes the place of wayside's own; None: there is none; face_classes: what sign a face shows.
     """
 

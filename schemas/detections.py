@@ -70,8 +70,8 @@ VERDICTS = (
     "duplicate",
     "trajectory",
 )
-"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance` is a
-segment where the detection network sees no face, `place_score` that of the landmark classifier."""
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance`: a
+segment in whose middle the detection network sees no face; `place_score` that of the landmark classifier."""
 NONE = -1
 
 
@@ -230,7 +230,7 @@ class NetworkBoxes:
     """Boxes found in one image, n rows, best first.
 
     box (n, 4) float32 pixels; score (n,) float32 log odds; is_back (n,) bool; color (n, colours) and shape (n, shapes)
-    float32 log probabilities; left_out: how many further ones there are, of lower scores.
+    float32 log probabilities; left_out: how many further ones of lower scores were found.
     """
 
     box: NDArray[np.float32]
@@ -245,7 +245,7 @@ class Dropped(NamedTuple):
     """How many regions of an image have no row in its table, by reason.
 
     size: too few or too many pixels, or no height or aspect of a face; merged: nearly the same as one that stays;
-    left_out: boxes of the detection network, which takes others for likelier faces.
+    left_out: boxes of the detection network beyond the best.
     """
 
     size: int = 0

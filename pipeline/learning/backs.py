@@ -67,5 +67,5 @@ def of_backs(one: FeaturedDrive) -> FeaturedDrive:
     return replace(
         one,
         drive=drive,
-        candidates=labelled(candidates.regions, candidates.passed, candidates.frame, backs),
+        candidates=labelled(candidates.regions, candidates.frame, backs),
     )

@@ -83,7 +83,7 @@ def jittered_boxes(drive: TrainingDrive, seed: int, shortest_px: float) -> Candi
         np.full(n, SOURCES.index("moved"), np.uint8),
     )
     frame = drive.true_faces.frame[face[tall]]
-    found = labelled(regions, np.ones(n, np.bool_), frame, drive.true_faces)
+    found = labelled(regions, frame, drive.true_faces)
     return replace(found, face=np.asarray(face[tall], np.int32))
 
 

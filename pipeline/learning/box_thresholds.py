@@ -174,7 +174,7 @@ def _scored(
     """Some candidates of an image with their scores (rows, k), labelled by the panels that it shows."""
     regions = candidates.regions.select(rows)
     panels = TrueFaces.of([views], [True])
-    known = labelled(regions, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.int32), panels)
+    known = labelled(regions, np.zeros(len(rows), np.int32), panels)
     return ScoredBoxes(regions.box, score, known.label, known.overlap)
 
 

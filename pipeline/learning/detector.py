@@ -321,9 +321,8 @@ def faces_found(
 def with_features(
     drive: TrainingDrive, features_of: FeaturesOf, *, real: bool = False
 ) -> FeaturedDrive:
-    """The candidates of a drive that the detection network lets pass, with their box features."""
-    candidates = drive.candidates.select(drive.candidates.passed)
-    return FeaturedDrive(drive, candidates, features_of(drive, candidates), real)
+    """The candidates of a drive with their box features."""
+    return FeaturedDrive(drive, drive.candidates, features_of(drive, drive.candidates), real)
 
 
 def _with_regressed(
@@ -337,7 +336,6 @@ def _with_regressed(
     new = np.flatnonzero((moved.box != one.candidates.regions.box).any(axis=1))
     candidates = labelled(
         moved.select(new),
-        one.candidates.passed[new],
         one.candidates.frame[new],
         one.drive.true_faces,
     )

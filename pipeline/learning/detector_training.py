@@ -181,6 +181,7 @@ class Training:
             weight_decay=WEIGHT_DECAY,
         )
         self.step = 0
+        self.begun_from = ""
 
     def learn(self, batch: Batch, steps: int) -> dict[str, float]:
         """One step; the losses."""
@@ -202,6 +203,8 @@ class Training:
         """Begin with the weights of a network in a file, not at random; images: what it sees."""
         load_weights(self.network, path, images)
         self.average.load_state_dict(self.network.state_dict())
+        earlier = onnx_metadata(path.read_bytes())
+        self.begun_from = "; ".join(f"{key}: {earlier[key]}" for key in sorted(earlier))
 
     @torch.no_grad()  # type: ignore[untyped-decorator]
     def _add_to_average(self) -> None:
@@ -220,6 +223,7 @@ class Training:
             "average": self.average.state_dict(),
             "descent": self.descent.state_dict(),
             "step": self.step,
+            "begun_from": self.begun_from,
         }
         torch.save(state, path.with_suffix(".new"))
         path.with_suffix(".new").replace(path)
@@ -230,7 +234,7 @@ class Training:
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.descent.load_state_dict(state["descent"])
-        self.step = state["step"]
+        self.step, self.begun_from = state["step"], state["begun_from"]
 
 
 def train(
@@ -332,9 +336,8 @@ def learn_network(
     training = train(drives, real, folder, steps, seed, start)
     images, library = training_images(drives, real), read_face_library(real)
     seen = provenance(images, library, seed, training.step)
-    if start is not None:
-        earlier = onnx_metadata(start.read_bytes())
-        seen["begun from"] = "; ".join(f"{key}: {earlier[key]}" for key in sorted(earlier))
+    if training.begun_from:
+        seen["begun from"] = training.begun_from
     export(training.average, folder / "float.onnx", seen)
     some = (image.rgb for image in images[:: max(1, len(images) // RANGED)])
     quantize(folder / "float.onnx", folder / "network.onnx", some)

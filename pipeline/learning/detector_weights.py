@@ -83,10 +83,12 @@ def load_weights(network: nn.Module, path: Path, images: Tensor) -> None:
         for module in network.modules()
         if isinstance(module, nn.Conv2d | nn.BatchNorm2d)
     ]
-    with torch.no_grad():
-        network.eval()
-        network(images)
-    for hook in hooks:
-        hook.remove()
+    try:
+        with torch.no_grad():
+            network.eval()
+            network(images)
+    finally:
+        for hook in hooks:
+            hook.remove()
     if taken != len(stored):
         raise InputError(f"{path}: wanted {taken} convolutions, found {len(stored)}")

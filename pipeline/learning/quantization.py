@@ -12,23 +12,22 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_images import real_drive_images, rendered_images
+from wayside.pipeline.learning.detector_images import rendered_images
+from wayside.pipeline.learning.scenes import real_sources
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.detection import IMAGE, as_blob
 
 EVERY = 24
-"""Every n-th image of a drive tells the range of values."""
+"""Every n-th image of a drive or source tells the range of values."""
 
 UNQUANTIZED = "/maps/Conv"
 """The last layer, by the name that its export gives it."""
-
-REAL_LOGS = ("us_freeway_challenge", "us_freeway_white_right")
-"""Real drives that the network was learned from."""
 
 
 class _Images:
@@ -73,8 +72,8 @@ def calibration_images(drives: Path, real: Path | None) -> Iterator[NDArray[np.u
     """Some images of the drives that the network is learned from."""
     for log in sorted(drives.glob("learn_*.mcap")):
         yield from (one.rgb for one in rendered_images(log, EVERY))
-    for log in [real / f"{name}.mcap" for name in REAL_LOGS] if real else ():
-        yield from (one.rgb for one in real_drive_images(log, EVERY))
+    for read in real_sources(real).values() if real else ():
+        yield from (one.rgb for one in islice(read(), 0, None, EVERY))
 
 
 def main() -> None:

@@ -68,16 +68,14 @@ INVENTED = "invented"
 
 @dataclass(frozen=True, slots=True)
 class CandidateSamples:
-    """Candidates of one drive, n rows.
+    """Candidates of one drive that are classified, n rows.
 
-    regions; passed (n,) bool: whether the detection network sees a face there, so that it is classified; frame (n,)
-    int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
+    regions; frame (n,) int32; label (n,) int8 `OFF`, `ON` or `NEITHER`;
     overlap (n,) float32 with the nearest face; face (n,) int32 row of that face among all views of the drive (-1:
     none).
     """
 
     regions: Regions
-    passed: NDArray[np.bool_]
     frame: NDArray[np.int32]
     label: NDArray[np.int8]
     overlap: NDArray[np.float32]
@@ -85,7 +83,7 @@ class CandidateSamples:
 
     def select(self, rows: NDArray[Any]) -> CandidateSamples:
         """Those rows, in that order."""
-        rest = (self.passed, self.frame, self.label, self.overlap, self.face)
+        rest = (self.frame, self.label, self.overlap, self.face)
         return CandidateSamples(self.regions.select(rows), *(column[rows] for column in rest))
 
     def joined(self, others: CandidateSamples) -> CandidateSamples:
@@ -318,14 +316,12 @@ def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
 
 def _views(item: Segmentation, true_faces: TrueFaces, settings: Settings) -> CandidateSamples:
-    passed = passes_network(item, settings.candidates)
-    frame = np.full(len(item.regions), item.frame.index)
-    return labelled(item.regions, passed, frame, true_faces)
+    regions = item.regions.select(passes_network(item, settings.candidates))
+    return labelled(regions, np.full(len(regions), item.frame.index), true_faces)
 
 
 def labelled(
     regions: Regions,
-    passed: NDArray[np.bool_],
     frame: NDArray[np.integer[Any]],
     true_faces: TrueFaces,
 ) -> CandidateSamples:
@@ -346,7 +342,7 @@ def labelled(
             shared = intersection_areas(box, true_faces.ignored[index])
             unknown |= shared.max(axis=1) > UNKNOWN * np.prod(box[:, 2:] - box[:, :2], axis=1)
         label[rows[unknown & (label[rows] == OFF)]] = NEITHER
-    return CandidateSamples(regions, passed, frame.astype(np.int32), label, overlap, nearest)
+    return CandidateSamples(regions, frame.astype(np.int32), label, overlap, nearest)
 
 
 def face_labels(

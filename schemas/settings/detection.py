@@ -68,7 +68,7 @@ class CandidateSettings:
     full_size_px: int = setting(
         180,
         "px",
-        "the network sees so many rows above and below the optical axis at full size",
+        "the detection network sees so many rows above and below the optical axis at full size",
         origin="a face of half a metre up to 6 m above the camera is at least 15 px tall beyond",
         expert=True,
         low=0,
@@ -97,7 +97,7 @@ class CandidateSettings:
     network_most: int = setting(
         120,
         "boxes",
-        "most of them in an image",
+        "of the network that are kept in an image, at most",
         origin="250 find no more signs",
         expert=True,
         low=0,

@@ -214,7 +214,8 @@ class ModelSettings:
     network: str = setting(
         "network.onnx",
         "file",
-        "detection network whose boxes join the proposals: an ONNX file, or the name of one that ships; empty: none",
+        "detection network, whose boxes are classified and which says what segments are: an ONNX file, or the "
+        "name of one that ships; empty: none",
     )
     detector: str = setting(
         "",

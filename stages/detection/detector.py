@@ -18,7 +18,6 @@ from wayside.schemas.detections import (
     SOURCES,
     Candidates,
     Detections,
-    Regions,
     Segmentation,
     verdict_code,
 )
@@ -84,7 +83,7 @@ def detect(
         require_names("box network", regressor.features, box_feature_names())
         require_names("box network", regressor.classes, SIDES, exact=True)
     for item in items:
-        image, regions = item.image, as_learned(item.regions)
+        image, regions = item.image, item.regions
         candidates = Candidates.of(item.regions)
         if image.rgb is None or image.frame.camera is None or len(regions) == 0:
             yield Detections(item, candidates)
@@ -136,13 +135,6 @@ def require_name_networks(color: NetworkModel | None, shape: NetworkModel | None
         if network is not None:
             require_names(f"{what} network", network.features, box_feature_names())
             require_names(f"{what} network", network.classes, names)
-
-
-def as_learned(regions: Regions) -> Regions:
-    """The regions as the classifiers know them: boxes of networks, ours and others, as stable regions."""
-    unknown = np.isin(regions.source, [SOURCES.index(name) for name in ("network", "external")])
-    level = np.uint8(SOURCES.index("level"))
-    return replace(regions, source=np.where(unknown, level, regions.source))
 
 
 def regression_threshold(classifier: TreeModel, settings: CandidateSettings) -> float:

@@ -26,7 +26,6 @@ from wayside.schemas.frame import Camera, Image
 from wayside.schemas.models import NetworkModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.detector import (
-    as_learned,
     require_name_networks,
     with_names,
     with_scores,
@@ -119,7 +118,7 @@ def classified(
     candidates = with_scores(Candidates.of(regions), rows, found.score, -np.inf, settings)
     if len(found) == 0:
         return candidates
-    values = box_features(pyramid(rgb), as_learned(regions), camera)
+    values = box_features(pyramid(rgb), regions, camera)
     candidates = with_names(candidates, color, shape, rows, values)
     return replace(
         candidates,

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Regions
+from wayside.schemas.detections import SOURCES, Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.stages.detection.patch_features import patch_feature_names, patch_features
@@ -28,6 +28,9 @@ REGION_FEATURES = (
 )
 """Angular size and position, fraction of the box that the region fills, its source, its mean colour."""
 
+_AS_LEVEL = tuple(SOURCES.index(name) for name in ("network", "external", "predicted"))
+"""Sources that the classifiers know as `level`: they were learned before there were these."""
+
 
 def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
     """Size, position and colour of each region: (n, 11). Sizes and positions are tangents of angles."""
@@ -43,7 +46,7 @@ def region_features(regions: Regions, camera: Camera) -> NDArray[np.float32]:
         right,
         np.abs(right),
         regions.area_px / (width * height),
-        regions.source,
+        np.where(np.isin(regions.source, _AS_LEVEL), SOURCES.index("level"), regions.source),
         log_chromaticity(regions.rgb),
     ]
     return np.column_stack(columns).astype(np.float32)

@@ -19,7 +19,6 @@ CENTRE_PX, SIDE_PX = 8.0, 16.0
 MAPS = 2 + 4 + len(COLORS) + len(SHAPES)
 """Maps: log odds of fronts and of backs, box (a, b, c, d), log odds of colours, of shapes."""
 
-
 MAXIMA = 4
 """Boxes are made of so many times the maxima that are wanted: most of the others are next to better ones."""
 
@@ -62,7 +61,6 @@ def boxes_of_maps(
     best = np.stack([cv2.dilate(one, np.ones((3, 3), np.uint8)) for one in heat])
     side, row, column = np.nonzero((heat >= best) & (heat >= least_score))
     score = heat[side, row, column]
-    maxima = len(score)
     order = np.argsort(-score, kind="stable")[: MAXIMA * most]
     side, row, column, score = side[order], row[order], column[order], score[order]
     values = maps[2:, row, column].T
@@ -81,7 +79,7 @@ def boxes_of_maps(
         side[kept] == 1,
         _log_softmax(color),
         _log_softmax(shape),
-        maxima - len(order) + len(every) - len(kept),
+        len(every) - len(kept),
     )
 
 

@@ -53,18 +53,18 @@ def propose(
         bands = bands_of(rgb, camera, settings) if detection_network is not None else []
         maps = [detection_network.maps(band.rgb) for band in bands] if detection_network else []
         if bands:
-            seen = boxes_of_bands(bands, maps, settings)
+            seen = boxes_of_bands(bands, maps, len(rgb), settings)
             regions, left_out = network_regions(seen, rgb, settings).joined(regions), seen.left_out
         fitting = np.flatnonzero(settings.fits_face(regions.box))
         kept = fitting[non_maximum_suppression(regions.box[fitting], settings.same_region_iou)]
         dropped = Dropped(len(regions) - len(fitting), len(fitting) - len(kept), left_out)
         item = replace(item, regions=regions.select(kept), dropped=item.dropped.plus(dropped))
-        if bands:
-            scores = [
-                middle_scores(one, band.of_image(item.regions.box), settings.network_least)
-                for band, one in zip(bands, maps, strict=True)
-            ]
-            item = replace(item, network_score=np.max(scores, axis=0))
+        if detection_network is not None:
+            score = np.full(len(item.regions), settings.network_least, np.float32)
+            for band, one in zip(bands, maps, strict=True):
+                box = band.of_image(item.regions.box)
+                score = np.maximum(score, middle_scores(one, box, settings.network_least))
+            item = replace(item, network_score=score)
         yield item
 
 
@@ -84,6 +84,13 @@ class Band:
         """Boxes (n, 4) of the band in pixels of the image."""
         return box * np.float32(self.scale) + np.array([0, self.top, 0, self.top], np.float32)
 
+    def whole(self, box: NDArray[np.float32], height: int) -> NDArray[np.bool_]:
+        """Which boxes (n, 4) of the band end inside it, or where the image (height rows) does: the rest is cut."""
+        rows = len(self.rgb)
+        below = self.top + (rows + 1) * self.scale <= height
+        uncut = (box[:, 1] > 0) | (self.top == 0)
+        return np.asarray(uncut & ((box[:, 3] < rows) | (not below)))
+
 
 def bands_of(rgb: NDArray[np.uint8], camera: Camera, settings: CandidateSettings) -> list[Band]:
     """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size."""
@@ -100,9 +107,15 @@ def bands_of(rgb: NDArray[np.uint8], camera: Camera, settings: CandidateSettings
 
 
 def boxes_of_bands(
-    bands: Sequence[Band], maps: Sequence[NDArray[np.float32]], settings: CandidateSettings
+    bands: Sequence[Band],
+    maps: Sequence[NDArray[np.float32]],
+    height: int,
+    settings: CandidateSettings,
 ) -> NetworkBoxes:
-    """The best boxes of all bands in pixels of the image, by the maps of each."""
+    """The best boxes of all bands in pixels of the image (height rows), by the maps of each.
+
+    Of a face that a border of the full-size band cuts, the box at half size stays.
+    """
     parts = [
         boxes_of_maps(
             one,
@@ -115,13 +128,16 @@ def boxes_of_bands(
     ]
     box = np.concatenate([band.in_image(one.box) for band, one in zip(bands, parts, strict=True)])
     score = np.concatenate([one.score for one in parts])
+    whole = [band.whole(one.box, height) for band, one in zip(bands, parts, strict=True)]
     order = np.argsort(-score, kind="stable")
-    best = order[non_maximum_suppression(box[order], settings.network_iou)][: settings.network_most]
+    order = order[np.concatenate(whole)[order]]
+    apart = order[non_maximum_suppression(box[order], settings.network_iou)]
+    best = apart[: settings.network_most]
     back, color, shape = (
         np.concatenate([getattr(one, name) for one in parts])[best]
         for name in ("is_back", "color", "shape")
     )
-    left_out = len(order) - len(best) + sum(one.left_out for one in parts)
+    left_out = len(apart) - len(best) + sum(one.left_out for one in parts)
     return NetworkBoxes(box[best], score[best], back, color, shape, left_out)
 
 

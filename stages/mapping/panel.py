@@ -174,14 +174,18 @@ def solve_panel(
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
     residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
-    if not off < max(settings.farthest_off_m, settings.farthest_off * depth.min()):
-        return None
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
+    sizes = size * stretch * farther[:, None]
+    # an outline may be fitted inside out, and a point may lie behind a camera
+    if not (off < max(settings.farthest_off_m, settings.farthest_off * depth.min())) or (
+        sizes.min() <= 0
+    ):
+        return None
     stretch_sigma = np.hypot(settings.stretch_sigma, settings.blur_sigma * (depth / depth[0] - 1))
     facing = solve_facing(
         plane._replace(point=point),
         centres,
-        size * stretch * farther[:, None],
+        sizes,
         np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
         cauchy=solver.cauchy_sigmas,
         aspect=ASPECT.get(outline.shape),

@@ -138,9 +138,7 @@ def _scores(frame: WindowFrame, regions: Regions, classifier: BoxClassifier) -> 
     levels = frame.image_pyramid()
     if levels is None:
         return np.full(len(regions), -np.inf, np.float32)
-    # The classifier learned from regions of source `level`, so it gets these as such.
-    shown = replace(regions, source=np.full(len(regions), SOURCES.index("level"), np.uint8))
-    return classifier.scores(levels, shown, frame.camera)
+    return classifier.scores(levels, regions, frame.camera)
 
 
 def _extended(

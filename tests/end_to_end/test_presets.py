@@ -134,8 +134,9 @@ def test_the_camera_moves_the_same_way(found, pinned):
 
 def test_the_focal_length_is_checked_and_found_right(found, pinned):
     checked = found["focal_length"]
+    four_images = len(found["stations_m"]) < 5
     assert checked == pytest.approx(pinned["focal_length"], abs=0.002)
-    assert abs(checked["correction"]) < 2 * checked["sigma"] < 0.1
+    assert abs(checked["correction"]) < 2 * checked["sigma"] < (0.1 if four_images else 0.05)
 
 
 def reported(result):
@@ -151,7 +152,7 @@ def test_the_default_finds_every_panel_that_stands_there_and_no_other(default_de
         assert row["shape"] == sign["shape"]
         # a pole hides an end of the work panel; the green panel is far away in every frame
         place, size = {
-            "work_panel": (0.5, 0.25),
+            "work_panel": (0.4, 0.22),
             "guide_destination": (0.12, 0.18),
         }.get(sign["kind"], (0.05, 0.05))
         assert [row[axis] for axis in "xyz"] == pytest.approx(sign["centre"], abs=place)
@@ -225,7 +226,7 @@ def codes(result):
 
 def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
     # the plaque under the school sign is measured 4 cm too tall for a code
-    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", None, "W", "D9", "D"]
+    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", None, "W", "D9", "D1"]
     assert default_demo.about["us_probability"] > 0.99
     limit = next(row for row in default_demo.signs if row["mutcd"] == "R2-1")
     assert limit["legend"] == "45"

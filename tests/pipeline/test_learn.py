@@ -267,7 +267,6 @@ def test_each_view_of_a_face_weighs_the_same_and_background_weighs_one():
     )
     candidates = CandidateSamples(
         regions,
-        np.zeros((n, 1), np.float32),
         np.zeros(n, np.int32),
         np.array([1, 1, 1, 1, 0, -1], np.int8),
         np.zeros(n, np.float32),

@@ -31,7 +31,7 @@ def test_the_models_that_ship_name_the_real_drives_they_saw() -> None:
     said = load_models(settings).provenances()
     of_one_image = {"judge", "network"}
     assert of_one_image <= set(learned_from("us_freeway_challenge", said))
-    assert of_one_image & set(learned_from("ca_city_garmin", said)) == {"judge"}
+    assert of_one_image <= set(learned_from("ca_city_garmin", said))
     without, _ = load_settings("default", None, [], {"models.network": ""})
     assert "network" not in learned_from("us_freeway_challenge", load_models(without).provenances())
 

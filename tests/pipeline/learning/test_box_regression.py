@@ -30,7 +30,6 @@ def drive():
     )
     none = CandidateSamples(
         Regions.empty(),
-        np.zeros((0, 0), np.float32),
         *(np.zeros(0, kind) for kind in (np.int32, np.int8, np.float32, np.int32)),
     )
     return TrainingDrive(
@@ -86,7 +85,7 @@ def test_a_drive_without_faces_gives_no_examples():
         np.zeros((1, 3), np.float32),
         np.zeros(1, np.uint8),
     )
-    candidates = labelled(regions, np.zeros((1, 0), np.float32), np.zeros(1, np.int64), true_faces)
+    candidates = labelled(regions, np.zeros(1, np.int64), true_faces)
     bare = TrainingDrive(
         "d",
         3,

@@ -123,7 +123,7 @@ def test_the_learning_rate_rises_stays_and_falls(training):
 
 def test_drives_and_sets_are_kinds_of_their_own(training):
     assert training.source_kind("ca_city_garmin") == "ca_city_garmin"
-    assert training.source_kind("rendered/tune_alley") == "rendered"
+    assert training.source_kind("rendered/learn_alley") == "rendered"
     assert training.source_kind("scenes_mixed/ro") == "scenes_mixed"
 
 

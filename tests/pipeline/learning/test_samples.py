@@ -24,7 +24,7 @@ def candidates(frames):
     true_faces = TrueFaces(
         np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.ones(2, bool)
     )
-    return labelled(regions, np.zeros((n, 0), np.float32), np.array(frames, np.int32), true_faces)
+    return labelled(regions, np.array(frames, np.int32), true_faces)
 
 
 def test_what_boxes_show_comes_in_the_order_of_the_boxes_not_of_the_images():

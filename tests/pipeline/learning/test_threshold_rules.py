@@ -28,7 +28,6 @@ def drive(name, shift, seed):
     count = len(frame)
     samples = CandidateSamples(
         Regions(box, np.full(count, 100), np.zeros((count, 3), np.float32), np.zeros(count, int)),
-        np.zeros((count, 0), np.float32),
         frame.astype(np.int32),
         np.where(on, ON, OFF).astype(np.int8),
         on.astype(np.float32),

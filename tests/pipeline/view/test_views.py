@@ -55,7 +55,7 @@ from .everything import EVERYTHING
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 FRAMES, SHORT_S = 7, 1.0
-THIRD_BYTES = 2_600_000
+START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
@@ -103,7 +103,7 @@ def run(folder, viewing=None, workers=2, until_s=None, preset="default", log=DEM
 def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
     log = folder / "start.mcap"
-    log.write_bytes(DEMO.read_bytes()[:THIRD_BYTES])
+    log.write_bytes(DEMO.read_bytes()[:START_BYTES])
     result = run(folder / "out", Viewing(file=True, detail=True), log=log)
     assert result.view_faults == ()
     return result

@@ -7,10 +7,7 @@ import numpy as np
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,
-    SOURCES,
-    Regions,
 )
-from wayside.stages.detection.detector import as_learned
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
     MAPS,
@@ -89,13 +86,3 @@ def test_a_box_scores_as_the_cell_of_its_middle_or_a_neighbour_and_never_below_t
     box = [[18, 10, 34, 26], [22, 10, 38, 26], [34, 10, 50, 26], [90, 10, 99, 26], [-40, 0, -9, 9]]
     scores = middle_scores(maps, np.array(box, np.float32), -5.0)
     np.testing.assert_array_equal(scores, [2, 2, -5, -5, -5])
-
-
-def test_the_classifiers_are_shown_boxes_of_the_network_as_stable_regions():
-    level, stack, network = (SOURCES.index(name) for name in ("level", "stack", "network"))
-    one = np.zeros((3, 4), np.float32)
-    regions = Regions(
-        one, np.zeros(3, np.int32), one[:, :3], np.array([stack, network, level], np.uint8)
-    )
-    assert as_learned(regions).source.tolist() == [stack, level, level]
-    assert as_learned(regions).source.dtype == np.uint8

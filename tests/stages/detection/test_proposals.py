@@ -53,9 +53,22 @@ def test_boxes_of_the_network_are_in_pixels_of_the_image_whatever_rows_it_sees(r
 
 def test_a_face_outside_of_the_rows_of_the_network_is_not_looked_for():
     below = CandidateSettings(full_size_px=40, half_size_above=0, half_size_below=0)
-    seen, hidden = (proposed(segmented(red=[(row, 80)]), settings=below) for row in (60, 45))
-    assert seen.network_score.max() > 0
-    assert (hidden.network_score <= 0).all()
+    boxes = [[308, 228, 336, 256]], [[308, 168, 336, 196]]
+    (seen,), (hidden,) = (
+        proposed(segmented(box, red=[(row, 80)]), settings=below).network_score[-1:]
+        for row, box in zip((60, 45), boxes, strict=True)
+    )
+    assert seen > 0
+    assert hidden == SETTINGS.network_least
+
+
+def test_of_a_face_that_the_border_of_the_full_size_rows_cuts_the_box_at_half_size_stays():
+    item = segmented()
+    item.image.rgb[64:72, 320:328] = (255, 0, 0)  # rows from 60 on are seen at full size
+    whole = np.array([[308, 52, 340, 84]], np.float32)
+    found = of_network(proposed(item))
+    assert iou_matrix(found.box, whole).max() > 0.7
+    assert not ((found.box[:, 1] == 60) & (found.box[:, 3] > 60)).any()
 
 
 def test_a_large_face_off_the_horizon_is_seen_at_half_size():
@@ -86,13 +99,10 @@ def test_of_nearly_the_same_boxes_that_of_the_network_stays():
 
 def test_every_region_has_a_row_or_is_counted_with_its_reason():
     item = segmented([[10, 10, 22, 22], [10, 10, 22, 23], [0, 0, 630, 9]], red=[(50, 80)])
-    found = proposed(item)
-    assert found.dropped.size >= 1
-    network = len(of_network(found))
-    segments = len(found.regions) - network
-    lost = found.dropped.size + found.dropped.merged
-    assert segments == 1
-    assert lost >= len(item.regions) - segments
+    alone = proposed(item, network=None)
+    assert (len(alone.regions), alone.dropped.size, alone.dropped.merged) == (1, 1, 1)
+    both = proposed(item)
+    assert len(both.regions) - len(of_network(both)) == 1
 
 
 def test_a_segment_scores_as_the_network_does_at_its_middle():
@@ -122,7 +132,17 @@ def test_an_image_without_rows_near_the_horizon_keeps_its_segments():
     looking_up = Camera(640, 480, 700.0, 700.0, 319.5, 5000.0)
     found = proposed(segmented([[10, 20, 40, 50]], camera=looking_up))
     assert found.regions.box.tolist() == [[10, 20, 40, 50]]
-    assert found.network_score is None
+    assert found.network_score.tolist() == [SETTINGS.network_least]
+
+
+def test_a_face_that_is_seen_at_both_sizes_has_one_box():
+    item = segmented()
+    item.image.rgb[200:208, 320:328] = (255, 0, 0)
+    found = of_network(proposed(item, settings=CandidateSettings(network_least=0.0)))
+    overlap = iou_matrix(found.box, found.box)
+    np.fill_diagonal(overlap, 0)
+    assert len(found) >= 1
+    assert overlap.max() <= SETTINGS.network_iou
 
 
 def test_the_same_image_gives_the_same_regions():
