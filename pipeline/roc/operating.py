@@ -169,7 +169,8 @@ def component_points(
     thresholds = np.zeros((len(segments) + 1, distance.shape[1]))
     for row, (_, j, reach) in enumerate(segments, 1):
         thresholds[row] = thresholds[row - 1]
-        thresholds[row, j] = reach
+        # of steps of one slope, rounding may sort the farther before the nearer
+        thresholds[row, j] = max(thresholds[row - 1, j], reach)
     return _points(distance, on, count, thresholds)
 
 
