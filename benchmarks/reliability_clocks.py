@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
-from reliability_attacks import ATTACKS, read_log, write_log
+from logged_messages import read_log, write_log
+from reliability_attacks import ATTACKS
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "recordings" / "demo.mcap"

@@ -23,8 +23,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+from logged_messages import IMAGE, Messages, edited, read_log, write_log
 from numpy.typing import NDArray
-from reliability_attacks import IMAGE, Messages, edited, read_log, scaled, write_log
+from reliability_attacks import scaled
 from reliability_clocks import run_attack
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm

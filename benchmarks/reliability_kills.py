@@ -29,7 +29,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from reliability_attacks import read_log, scaled, write_log
+from logged_messages import read_log, write_log
+from reliability_attacks import scaled
 
 from wayside.pipeline import run
 from wayside.pipeline.cli import app

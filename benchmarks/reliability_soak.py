@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 from costs import play
-from reliability_attacks import read_log, scaled, write_log
+from logged_messages import read_log, write_log
+from reliability_attacks import scaled
 
 SAMPLE_S = 2.0
 ROWS = 10

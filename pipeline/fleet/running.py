@@ -9,53 +9,42 @@ import socket
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from wayside.pipeline.earlier_result import is_finished
 from wayside.pipeline.fleet.dask_engine import DaskEngine
 from wayside.pipeline.fleet.engine import Engine, ProcessEngine
 from wayside.pipeline.fleet.manifest import (
     DONE,
     DRIVES,
     MANIFEST,
-    QUARANTINED,
     RUNNING,
     WAITING,
     Entry,
     Manifest,
-    free_name,
-    read_manifest,
     write_manifest,
 )
 from wayside.pipeline.fleet.merging import merge_inventory
-from wayside.pipeline.fleet.sources import UnreachableError, fingerprint_source
+from wayside.pipeline.fleet.planning import earlier_logs, planned_logs
 from wayside.pipeline.fleet.status import locked_inventory
 from wayside.pipeline.fleet.task import (
     Outcome,
     Task,
     begun_attempts,
-    finished_outcome,
     note_death,
     note_uncounted,
     run_task,
 )
 from wayside.pipeline.journal import result_keys
 from wayside.pipeline.model_files import load_models
-from wayside.pipeline.output_folder import finish_replacement
 from wayside.schemas.errors import (
-    InputError,
     InterruptionError,
-    OutputError,
     StageError,
     WaysideError,
 )
 from wayside.schemas.settings import MergeSettings, Settings
 
 _POLL_S, _SAVE_S = 0.5, 2.0
-_READERS = 8
-"""Logs and results that are looked at side by side: it is waiting for disks and networks, not computing."""
 
 OpenEngine = Callable[[], Engine[Task, Outcome]]
 Watch = Callable[[Manifest], None]
@@ -159,8 +148,10 @@ def run_fleet(
     inventory = inventory.absolute()
     key_of = result_keys(settings, load_models(settings).digests(), every_region=False)
     with locked_inventory(inventory):
-        earlier, left = _earlier(inventory)
-        planned, copies = _plan(uris, earlier, key_of, options, inventory)
+        earlier, left = earlier_logs(inventory)
+        planned, copies = planned_logs(
+            uris, earlier, key_of, inventory, retry=options.retry, overwrite=options.overwrite
+        )
         where = f"{socket.gethostname()}, process {os.getpid()}"
         book = _Book(inventory, replace(earlier, started=time.time(), where=where), planned, watch)
         tasks = [
@@ -288,115 +279,6 @@ def _work(
             if result.state == WAITING:
                 waiting.append(task)
         book.show()
-
-
-def _earlier(inventory: Path) -> tuple[Manifest, list[str]]:
-    """What the inventory holds, and logs that it held before: somebody took their results away."""
-    if not (inventory / MANIFEST).exists():
-        return Manifest(), []
-    manifest = read_manifest(inventory)
-    left = [
-        entry.name for entry in manifest.done() if not (inventory / DRIVES / entry.name).exists()
-    ]
-    kept = {name: entry for name, entry in manifest.logs.items() if name not in left}
-    return replace(manifest, logs=kept), left
-
-
-def _plan(
-    uris: Sequence[str],
-    earlier: Manifest,
-    key_of: Callable[[str], str],
-    options: FleetOptions,
-    inventory: Path,
-) -> tuple[dict[str, Entry], list[tuple[str, str]]]:
-    """The given logs by name with the states in which the fleet begins, and those that are copies of others.
-
-    A log is the one of before by its source, or by its content where it has moved.
-
-    Raises
-    ------
-    OutputError
-        The content of logs has changed, and their results are not to be replaced.
-    """
-    by_source = {entry.source: entry for entry in earlier.logs.values()}
-    by_content = {e.fingerprint: e for e in earlier.logs.values() if e.fingerprint}
-    taken = {name.casefold() for name in earlier.logs}
-    planned: dict[str, Entry] = {}
-    copies: list[tuple[str, str]] = []
-    changed: list[str] = []
-    with ThreadPoolExecutor(_READERS) as readers:
-        looked = list(zip(uris, readers.map(_looked_at, uris), strict=True))
-        for uri, found in sorted(looked, key=lambda pair: isinstance(pair[1], str)):
-            known = by_source.get(uri)
-            if not isinstance(found, str):
-                if known is not None and known.fingerprint not in ("", found[0]):
-                    changed.append(uri)
-                known = known or by_content.get(found[0])
-            name = free_name(uri, taken) if known is None else known.name
-            if name in planned:
-                copies.append((uri, name))
-                continue
-            taken.add(name.casefold())
-            planned[name] = _entry(name, uri, known, found, key_of, retry=options.retry)
-            by_content[planned[name].fingerprint] = planned[name]
-        if changed and not options.overwrite:
-            some = ", ".join(changed[:3]) + (", ..." if len(changed) > 3 else "")
-            raise OutputError(
-                f"wanted the logs that {inventory} holds, found {len(changed)} of other content in their places: "
-                f"{some}; give them other names to add them, or replace their results with --overwrite"
-            )
-        standing = readers.map(lambda entry: _standing(inventory, entry, earlier), planned.values())
-        return {entry.name: entry for entry in standing}, copies
-
-
-def _entry(
-    name: str,
-    uri: str,
-    known: Entry | None,
-    found: tuple[str, int] | str,
-    key_of: Callable[[str], str],
-    *,
-    retry: bool,
-) -> Entry:
-    """A log as the fleet begins with it: waiting, or in quarantine still, or because it cannot be read (`found`)."""
-    if isinstance(found, str):
-        content, size = ("", 0) if known is None else (known.fingerprint, known.bytes)
-        key = key_of(content) if content else None
-        status = InputError.exit_status
-        return Entry(name, uri, content, size, key, QUARANTINED, status, words=found)
-    entry = Entry(name, uri, *found, key_of(found[0]))
-    tried = known is not None and known.state == QUARANTINED and known.attempts > 0
-    if known is not None and tried and known.key == entry.key and not retry:
-        return replace(known, source=uri)
-    return entry
-
-
-def _looked_at(uri: str) -> tuple[str, int] | str:
-    try:
-        return fingerprint_source(uri)
-    except UnreachableError as error:
-        return str(error)
-
-
-def _standing(inventory: Path, entry: Entry, earlier: Manifest) -> Entry:
-    """The entry as done where its result stands, else as it is."""
-    folder = inventory / DRIVES / entry.name
-    finish_replacement(folder)
-    if not is_finished(folder, entry.key):
-        return entry
-    before = earlier.logs.get(entry.name)
-    if before is not None and before.state == DONE and before.key == entry.key:
-        return replace(before, source=entry.source)
-    found = finished_outcome(folder, 0)
-    return replace(
-        entry,
-        state=DONE,
-        status=found.status,
-        seconds=found.seconds,
-        images=found.images,
-        rows=found.rows,
-        words="",
-    )
 
 
 def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine:
