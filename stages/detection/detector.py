@@ -1,7 +1,7 @@
 """The sign face detector: which boxes of an image show the face of a sign.
 
-Boosted trees, patch CNN and box regression, then non-maximum suppression. Landmarks are classified later
-from all their observations together; so the threshold here is low, and the score is passed on.
+Boosted trees, patch CNN and box regression, then non-maximum suppression. Landmarks are classified later from all their
+observations together; so the threshold here is low, and the score is passed on.
 """
 
 from __future__ import annotations

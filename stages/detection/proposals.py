@@ -39,9 +39,9 @@ def propose(
 ) -> Iterator[Segmentation]:
     """Add the boxes of a detection network to each image's segments, and say how likely it takes each for a face.
 
-    The network sees the rows in which faces can be (`bands_of`). Regions that no face has the size of are dropped, of
-    nearly the same boxes one stays, those of the network before segments; what is dropped is counted. Without a network
-    the segments stand alone. An image that is not used passes unchanged.
+    The network sees the rows in which faces can be (`network_bands`). Regions that no face has the size of are dropped,
+    of nearly the same boxes one stays, those of the network before segments; what is dropped is counted. Without a
+    network the segments stand alone. An image that is not used passes unchanged.
     """
     detection_network = None if network is None else DetectionNetwork(network.path)
     for item in items:
@@ -50,29 +50,32 @@ def propose(
             yield item
             continue
         regions, left_out = item.regions, 0
-        bands = bands_of(rgb, camera, settings) if detection_network is not None else []
-        maps = [detection_network.maps(band.rgb) for band in bands] if detection_network else []
+        bands: list[Band] = []
+        if detection_network is not None:
+            bands = network_bands(detection_network, rgb, camera, settings)
         if bands:
-            seen = boxes_of_bands(bands, maps, len(rgb), settings)
-            regions, left_out = network_regions(seen, rgb, settings).joined(regions), seen.left_out
+            found = boxes_of_bands(bands, len(rgb), settings)
+            regions = network_regions(found, rgb, settings).joined(regions)
+            left_out = found.left_out
         fitting = np.flatnonzero(settings.fits_face(regions.box))
         kept = fitting[non_maximum_suppression(regions.box[fitting], settings.same_region_iou)]
         dropped = Dropped(len(regions) - len(fitting), len(fitting) - len(kept), left_out)
         item = replace(item, regions=regions.select(kept), dropped=item.dropped.plus(dropped))
         if detection_network is not None:
-            score = np.full(len(item.regions), settings.network_least, np.float32)
-            for band, one in zip(bands, maps, strict=True):
-                box = band.of_image(item.regions.box)
-                score = np.maximum(score, middle_scores(one, box, settings.network_least))
+            score = scores_of_bands(bands, item.regions.box, settings.network_least)
             item = replace(item, network_score=score)
         yield item
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Rows of an image from `top` on as the network sees them: rgb (h, w, 3), a pixel `scale` pixels of the image."""
+    """Rows of an image from `top` on as the network sees them, a pixel `scale` pixels of the image.
 
-    rgb: NDArray[np.uint8]
+    maps: of the network; size: height and width of its input.
+    """
+
+    maps: NDArray[np.float32]
+    size: tuple[int, int]
     top: int
     scale: int
 
@@ -86,13 +89,18 @@ class Band:
 
     def whole(self, box: NDArray[np.float32], height: int) -> NDArray[np.bool_]:
         """Which boxes (n, 4) of the band end inside it, or where the image (height rows) does: the rest is cut."""
-        rows = len(self.rgb)
+        rows = self.size[0]
         below = self.top + (rows + 1) * self.scale <= height
         uncut = (box[:, 1] > 0) | (self.top == 0)
         return np.asarray(uncut & ((box[:, 3] < rows) | (not below)))
 
 
-def bands_of(rgb: NDArray[np.uint8], camera: Camera, settings: CandidateSettings) -> list[Band]:
+def network_bands(
+    network: DetectionNetwork,
+    rgb: NDArray[np.uint8],
+    camera: Camera,
+    settings: CandidateSettings,
+) -> list[Band]:
     """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size."""
     full = settings.full_size_px
     half = (settings.half_size_above * camera.fy, settings.half_size_below * camera.fy)
@@ -102,29 +110,24 @@ def bands_of(rgb: NDArray[np.uint8], camera: Camera, settings: CandidateSettings
         band = rgb[top : max(top, round(camera.cy + below))]
         band = np.ascontiguousarray(band if scale == 1 else halved(band))
         if band.size:
-            found.append(Band(band, top, scale))
+            found.append(Band(network.maps(band), band.shape[:2], top, scale))
     return found
 
 
-def boxes_of_bands(
-    bands: Sequence[Band],
-    maps: Sequence[NDArray[np.float32]],
-    height: int,
-    settings: CandidateSettings,
-) -> NetworkBoxes:
-    """The best boxes of all bands in pixels of the image (height rows), by the maps of each.
+def boxes_of_bands(bands: Sequence[Band], height: int, settings: CandidateSettings) -> NetworkBoxes:
+    """The best boxes of all bands in pixels of the image (height rows).
 
     Of a face that a border of the full-size band cuts, the box at half size stays.
     """
     parts = [
         boxes_of_maps(
-            one,
-            band.rgb.shape[:2],
+            band.maps,
+            band.size,
             settings.network_least,
             settings.network_most,
             settings.network_iou,
         )
-        for band, one in zip(bands, maps, strict=True)
+        for band in bands
     ]
     box = np.concatenate([band.in_image(one.box) for band, one in zip(bands, parts, strict=True)])
     score = np.concatenate([one.score for one in parts])
@@ -139,6 +142,14 @@ def boxes_of_bands(
     )
     left_out = len(apart) - len(best) + sum(one.left_out for one in parts)
     return NetworkBoxes(box[best], score[best], back, color, shape, left_out)
+
+
+def scores_of_bands(
+    bands: Sequence[Band], box: NDArray[np.float32], least: float
+) -> NDArray[np.float32]:
+    """Log odds (n,) of fronts at the middles of boxes (n, 4) of the image, in the band that has the highest."""
+    scores = [middle_scores(band.maps, band.of_image(box), least) for band in bands]
+    return np.asarray(np.max([np.full(len(box), least, np.float32), *scores], axis=0))
 
 
 def network_regions(
