@@ -9,10 +9,10 @@ PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
 	$(name) -c 'import sys; sys.version_info >= (3, 11) and print("$(name)")' 2>/dev/null)))
 RUN := .venv/bin/python -m
 JOBS ?= 2
-# Real images with boxed signs, where they are at hand: they teach colours and shapes, too.
+# Real images with boxed signs, where they are at hand; the networks are not trained without.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learn learn-network learn-faces clean
+.PHONY: help demo test slow check wiring accept held-out drives learn learn-network learn-boxes learn-faces clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
@@ -24,6 +24,7 @@ help:
 	@echo 'make drives   render all drives into .cache/drives'
 	@echo 'make learn    learn the models from the rendered drives'
 	@echo 'make learn-network  train the detection network: hours, resumable'
+	@echo 'make learn-boxes    train the box network: three quarters of an hour, resumable'
 	@echo 'make learn-faces    learn the face classifier from drawings and crops: minutes'
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
 
@@ -80,6 +81,12 @@ learn-network: drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/network --network-steps $(NETWORK_STEPS) \
 		$(if $(NETWORK_FROM),--network-from $(NETWORK_FROM))
+
+# After it: thresholds and landmark classifiers, which `make learn` learns.
+BOX_STEPS ?= 25000
+learn-boxes: drives .venv/.learn
+	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
+	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/boxes --box-steps $(BOX_STEPS)
 
 learn-faces: .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }

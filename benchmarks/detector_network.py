@@ -32,7 +32,6 @@ from wayside.pipeline.learning.detector_images import (
     rendered_images,
     scene_set_images,
 )
-from wayside.pipeline.learning.scenes import FOCAL_FRACTION
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
@@ -48,6 +47,8 @@ HEIGHTS = ((10.0, 15.0), (15.0, 1e9))
 LOWERED = 2.0
 """Log odds by which the product's threshold is lowered to draw its curve."""
 LEAST_SCORE, MOST, SAME_IOU = -5.0, 60, 0.5
+FOCAL_FRACTION = 0.9
+"""Focal length of the unknown cameras of single images as a fraction of their longer side."""
 ABSENT = (-3.0, -5.0)
 """Scores of product and network where one of them has no box."""
 
@@ -96,9 +97,10 @@ def product_boxes(images: Sequence[LabelledImage]) -> Iterator[Found]:
     """What the detector of preset `default` keeps, and what it just does not."""
     settings, _ = load_settings("default")
     models = load_models(settings)
-    classifier = models.box_classifier
+    classifier = models.front_scores
+    assert classifier is not None
     lowered = replace(classifier, threshold=classifier.threshold - LOWERED)
-    flow = Flow(settings, replace(models, box_classifier=lowered), StageClock())
+    flow = Flow(settings, replace(models, front_scores=lowered), StageClock())
     for item in flow.detect(_frames(images)):
         table = item.candidates
         rows = table.open_rows()
@@ -121,7 +123,7 @@ def network_boxes(network: DetectionNetwork, images: Sequence[LabelledImage]) ->
         found = boxes_of_maps(
             network.maps(image.rgb), image.rgb.shape[:2], LEAST_SCORE, MOST, SAME_IOU
         )
-        front = ~found.is_back
+        front = found.front == found.score
         yield Found(found.box[front], found.score[front])
 
 

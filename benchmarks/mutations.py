@@ -36,10 +36,15 @@ from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.settings_file import format_settings, load_settings
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.model_json import model_from_json
-from wayside.schemas.models import GaussianModel, NetworkModel, TreeModel
+from wayside.schemas.models import (
+    EvidenceModel,
+    GaussianModel,
+    LinearModel,
+    MixtureModel,
+    ScoreModel,
+)
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
-from wayside.stages.classifiers import log_odds, network_outputs
 from wayside.stages.imaging import decode
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -332,11 +337,8 @@ def _some(column: pa.Field) -> Any:
 
 
 def _mutated_models(_: Path) -> Attempt:
-    names = ("place.json", "location.json", "outline.json", "color_rgb.json", "back.json")
-    models = [json.loads((shipped_models() / name).read_text()) for name in names]
-    network = json.loads((shipped_models() / "judge.json").read_text())["network"]
-    if network is not None:
-        models.append(network)
+    names = ("place", "location", "outline", "color_rgb", "front", "back", "trajectory")
+    models = [json.loads((shipped_models() / f"{name}.json").read_text()) for name in names]
 
     def attempt(tally: Tally, rng: random.Random) -> None:
         text = json.dumps(changed_tree(rng.choice(models), rng))
@@ -345,12 +347,17 @@ def _mutated_models(_: Path) -> Attempt:
             model = model_from_json(text)
             values = np.random.default_rng(0).normal(size=(20, 1000)).astype(np.float32)
             with np.errstate(all="ignore"):
-                if isinstance(model, TreeModel):
-                    log_odds(model, np.ascontiguousarray(values[:, : len(model.features)]))
-                elif isinstance(model, NetworkModel):
-                    network_outputs(model, np.ascontiguousarray(values[:, : len(model.features)]))
-                elif isinstance(model, GaussianModel) and model.classes:
+                if isinstance(model, GaussianModel) and model.classes:
                     model.distances(values[:, : model.classes[0].mean.size])
+                elif isinstance(model, MixtureModel):
+                    model.log_density(values[:, : model.mean.shape[1]])
+                elif isinstance(model, LinearModel):
+                    model.values(values[:, : len(model.features)].astype(np.float64))
+                elif isinstance(model, EvidenceModel):
+                    model.ratios(dict.fromkeys(model.features, 0.5))
+                elif isinstance(model, ScoreModel) and model.with_network is not None:
+                    joined = model.with_network
+                    values @ np.full(1000, joined.own + joined.network + joined.shift)
 
         tally.attempt(work)
 

@@ -28,7 +28,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.statistics import share_interval
 from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
 from wayside.schemas.tables import SIGNS
-from wayside.stages.sign_codes import class_log_probabilities
+from wayside.stages.sign_codes import FaceClassifier
 
 US_CODES = {
     "stop": "R1-1 R",
@@ -147,10 +147,12 @@ def compare(out: Path, truth: Path) -> Counter[str]:
 
 def crops_table(real: Path) -> list[str]:
     """Lines of the table of the face classifier that ships, on crops of tracks that were held out."""
-    model = load_models(load_settings()[0]).face_classes
+    file = load_models(load_settings()[0]).face_network
+    assert file is not None
+    model = FaceClassifier(file.path)
     examples = list(crops(real, TESTED))
     patches, truth = still_patches(examples)
-    log_probabilities = class_log_probabilities(model, patches)
+    log_probabilities = model.log_probabilities(patches)
     right = np.array(model.classes)[log_probabilities.argmax(axis=1)] == truth
     probability = np.exp(log_probabilities.max(axis=1))
     height = np.array([one.box[3] - one.box[1] for one in examples])

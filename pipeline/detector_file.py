@@ -19,7 +19,8 @@ from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import ModelSettings
-from wayside.stages.detection import OnnxNetwork, multiple_of, recognised
+from wayside.stages.classifiers import OnnxNetwork
+from wayside.stages.detection import multiple_of, recognised
 
 SIZE_INPUT = "orig_target_sizes"
 """Second input of the networks that give pixels of the image: its width and height."""

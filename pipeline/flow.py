@@ -31,7 +31,13 @@ from wayside.stages.calibration import (
     check_calibration,
     watch_calibration,
 )
-from wayside.stages.detection import BoxClassifier, detect, detect_externally, propose
+from wayside.stages.detection import (
+    BoxClassifier,
+    BoxNetwork,
+    detect,
+    detect_externally,
+    propose,
+)
 from wayside.stages.georeference import (
     DrivePath,
     DriveRecord,
@@ -59,7 +65,7 @@ from wayside.stages.report import (
     match_by_descriptors,
 )
 from wayside.stages.segmentation import segment
-from wayside.stages.sign_codes import assign_codes, classify_faces
+from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 
 class Observer(Protocol):
@@ -91,10 +97,15 @@ class Flow:
     calibration: CalibrationWatch = field(init=False)
     memory: ImageMemory = field(default_factory=ImageMemory)
     counts: FrameCounts = field(default_factory=FrameCounts)
+    boxes: BoxNetwork | None = field(init=False)
+    faces: FaceClassifier | None = field(init=False)
 
     def __post_init__(self) -> None:
-        """Watch the calibration by its settings."""
+        """Watch the calibration by its settings, and load the networks that all workers share."""
         object.__setattr__(self, "calibration", CalibrationWatch(self.settings.calibration))
+        box, face = self.models.box_network, self.models.face_network
+        object.__setattr__(self, "boxes", None if box is None else BoxNetwork(box.path))
+        object.__setattr__(self, "faces", None if face is None else FaceClassifier(face.path))
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
@@ -142,22 +153,23 @@ class Flow:
         """Segmentation, and then what the preset makes of its regions."""
         s = self.settings
         segmented = self.stage("segment", segment(images, settings=s.segment, gate=s.gate))
-        by_report = s.candidates.judge == "report"
+        by_report = s.candidates.classifier == "report"
         return self._by_report(segmented) if by_report else self._by_classifier(segmented)
 
     def _external(self, images: Iterator[Image]) -> Iterator[Detections]:
         """The boxes of another detector: they are the detections, and wayside's own does not run."""
         s, m = self.settings, self.models
-        if m.external is None:
-            raise ValueError("models: wanted a detector or a file of boxes, found none")
+        if m.external is None or self.boxes is None:
+            raise ValueError(
+                "models: wanted a detector or a file of boxes, and the box network, found none"
+            )
         return self.stage(
             "detect",
             detect_externally(
                 images,
                 source=m.external,
                 settings=s.candidates,
-                color=m.color_network,
-                shape=m.shape_network,
+                network=self.boxes,
             ),
         )
 
@@ -174,24 +186,19 @@ class Flow:
     def _by_classifier(self, segmented: Iterator[Segmentation]) -> Iterator[Detections]:
         """Boxes of the detection network beside the segments, and a learned classifier on each."""
         stage, s, m = self.stage, self.settings, self.models
+        if self.boxes is None or m.front_scores is None:
+            raise ValueError("models: wanted the box network and its thresholds, found none")
         proposed = stage(
-            "propose",
-            propose(
-                segmented,
-                settings=s.candidates,
-                network=m.detection_network,
-            ),
+            "propose", propose(segmented, settings=s.candidates, network=m.detection_network)
         )
         return stage(
             "detect",
             detect(
                 proposed,
                 settings=s.candidates,
-                classifier=m.box_classifier,
-                regressor=m.box_regressor,
-                color=m.color_network,
-                shape=m.shape_network,
-                back=m.back_classifier,
+                network=self.boxes,
+                front=m.front_scores,
+                back=m.back_scores,
             ),
         )
 
@@ -215,12 +222,12 @@ class Flow:
             moves = classify_trajectory(tracked, model=m.trajectory_density)
             tracked = stage("trajectory", moves)
         if s.locate.gate:
-            by_report = s.candidates.judge == "report"
+            by_report = s.candidates.classifier == "report"
             refusing = m.location_classes if by_report else None  # else a term of the evidence
             places = classify_location(tracked, model=refusing, settings=s.locate)
             tracked = stage("location", places)
-        if m.face_classes is not None:
-            tracked = stage("face", classify_faces(tracked, model=m.face_classes, settings=s.codes))
+        if self.faces is not None:
+            tracked = stage("face", classify_faces(tracked, model=self.faces, settings=s.codes))
         assembled = stage("assemble", assemble(tracked, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 
@@ -255,8 +262,7 @@ class Flow:
             near = self.routes.near(path.globe.route()[:, :2])
             measured = measure_along_route(placed, path=path, settings=route, segments=near)
             placed = self.drive_stage("route", measured)
-        model = self.models.face_classes
-        classes = () if model is None else model.classes
+        classes = () if self.faces is None else self.faces.classes
         coded = assign_codes(placed, settings=s.codes, classes=classes)
         return self.drive_stage("codes", coded)
 
@@ -280,16 +286,25 @@ class Flow:
     def _side_classifiers(self) -> tuple[SideClassifiers, SideClassifiers | None]:
         """Classifiers of faces and of backs, learned on the scores of wayside's own detector."""
         m, s = self.models, self.settings
-        boxes = None if s.candidates.judge == "report" else BoxClassifier(m.box_classifier)
         front, back = (
             LandmarkClassifier(model, m.location_classes, s.landmark)
             for model in (m.landmark_classifier, m.back_landmark_classifier)
         )
-        if m.back_classifier is None:
-            return SideClassifiers(boxes, front), None
-        return SideClassifiers(boxes, front), SideClassifiers(
-            BoxClassifier(m.back_classifier), back
+        faces, behind = self.box_classifiers()
+        if behind is None:
+            return SideClassifiers(faces, front), None
+        return SideClassifiers(faces, front), SideClassifiers(behind, back)
+
+    def box_classifiers(self) -> tuple[BoxClassifier | None, BoxClassifier | None]:
+        """Classifiers of boxes as faces and as backs, where there are such."""
+        m, network = self.models, self.boxes
+        if network is None:
+            return None, None
+        front, back = (
+            None if scores is None else BoxClassifier(network, scores, back=side)
+            for scores, side in ((m.front_scores, False), (m.back_scores, True))
         )
+        return front, back
 
     def panel_method(self) -> PanelMethod:
         """How panels are measured as planes."""

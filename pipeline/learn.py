@@ -1,6 +1,8 @@
-"""Learn the models of one image from rendered drives and real images: `python -m wayside.pipeline.learn`.
+"""Learn from rendered drives and real images: `python -m wayside.pipeline.learn`.
 
-Those of landmarks, which judge what these let through, are learned after them: `learn_landmarks.py`.
+The classes of the report, where signs stand, and the outlines of panels; with `--network-steps` or `--box-steps` one of
+the two networks of preset `default` instead. Their thresholds and the landmark classifiers, which decide on what these
+let through, are learned after them: `learning/box_thresholds.py`, `learn_landmarks.py`.
 
 The same drives, images, seed and package versions give the same files.
 """
@@ -10,45 +12,26 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning import trajectories
-from wayside.pipeline.learning.backs import learn_back_classifier
-from wayside.pipeline.learning.camera_augmentation import through_other_cameras
-from wayside.pipeline.learning.detector import learn_detector
-from wayside.pipeline.learning.detector_images import LabelledImage
-from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
-from wayside.pipeline.learning.face_naming import learn_name_network
 from wayside.pipeline.learning.faces import FaceSample
 from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
 from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
-    CandidateSamples,
     TrainingDrive,
     for_each,
-    read_box_features,
     read_drive,
-    read_patches,
     read_truth,
 )
-from wayside.pipeline.learning.scenes import (
-    as_images,
-    labelled_images,
-    real_faces,
-    real_sources,
-    scene_drive,
-    with_drawn_faces,
-)
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.learning.scenes import real_faces, real_sources
+from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
@@ -57,14 +40,10 @@ from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import GaussianModel, Model
-from wayside.schemas.settings import Settings
 from wayside.stages.imaging import decode
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
-
-BACKGROUND_OVERLAP = 0.05
-"""Regions that overlap no face by more are background."""
 
 FACE_SOURCES = ("scenes/jd", "scenes/mi")
 """Sources whose faces are samples for the classes of the report: others show one camera, or few kinds of signs."""
@@ -76,65 +55,6 @@ PROCESSES = 2
 """How many drives are run at a time."""
 
 Notify = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingData:
-    """All that is learned from: drives, real images as a drive a source, and their images, once more, by name.
-
-    crops: clear faces of real images.
-    """
-
-    drives: tuple[TrainingDrive, ...]
-    scenes: tuple[TrainingDrive, ...]
-    crops: tuple[FaceSample, ...]
-    reread: dict[str, Callable[[], Iterator[Image]]]
-
-    def features_of(
-        self, drive: TrainingDrive, candidates: CandidateSamples
-    ) -> NDArray[np.float32]:
-        """Box features (n, features) of some candidates of a drive, from its images read once more."""
-        return read_box_features(self.reread[drive.name](), candidates)
-
-    def patches_of(self, drive: TrainingDrive, candidates: CandidateSamples) -> NDArray[np.uint8]:
-        """Patches (n, 32, 32, 3) of some candidates of a drive, from its images read once more."""
-        return read_patches(self.reread[drive.name](), candidates)
-
-
-def gather(
-    logs: Sequence[Path], real: Path | None, settings: Settings, seed: int, notify: Notify
-) -> TrainingData:
-    """Go through all drives and real images; raises InputError where one cannot be used."""
-    reread: dict[str, Callable[[], Iterator[Image]]] = {}
-    network = load_models(settings).detection_network
-
-    def rendered(log: Path) -> TrainingDrive:
-        truth = read_truth(log.with_suffix(".truth.json"))
-        again = reread[truth["name"]] = partial(_shown, log, seed)
-        drive = read_drive(
-            images(log), again(), truth, log.with_suffix(".masks"), settings, network
-        )
-        notify(
-            f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces, "
-            f"{len(drive.candidates.frame)} candidates"
-        )
-        return drive
-
-    def recorded(source: tuple[str, list[LabelledImage]]) -> TrainingDrive:
-        name, labelled = source
-        again = reread[name] = partial(_shown_scenes, labelled, seed)
-        drive = scene_drive(again(), name, labelled, settings, network)
-        notify(f"{name}: {drive.frames} images, {len(drive.signs)} faces")
-        return drive
-
-    drives = for_each(rendered, logs)
-    sources = real_sources(real) if real else {}
-    shown = {name: labelled_images(read) for name, read in sources.items()}
-    library = read_face_library(real) if real else FaceLibrary((), ())
-    drawn = {name: with_drawn_faces(images, library, seed) for name, images in shown.items()}
-    scenes = for_each(recorded, drawn.items())
-    crops = (face for name in FACE_SOURCES for face in real_faces(shown.get(name, ())))
-    return TrainingData(tuple(drives), tuple(scenes), tuple(crops), reread)
 
 
 def learning_logs(folder: Path) -> list[Path]:
@@ -159,38 +79,22 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     """
     logs = learning_logs(drives)
     settings, _ = load_settings()
-    samples = gather(logs, real, settings, seed, notify)
-    rendered, origin = (
-        _origin(samples.drives, (), seed),
-        _origin(samples.drives, samples.scenes, seed),
-    )
-    models = gaussian_models(samples.drives, samples.crops, origin)
-    models["location.json"] = learn_locations(samples.drives, rendered)
-    candidates = settings.candidates
-    detector = learn_detector(
-        samples.drives,
-        samples.features_of,
-        samples.patches_of,
-        seed,
-        origin,
-        candidates,
-        samples.scenes,
-    )
-    notify(detector.classifier.provenance)
-    models |= {"judge.json": detector.classifier, "face_box.json": detector.regressor}
-    try:
-        backs = learn_back_classifier(detector.passed, seed, origin, candidates.same_face_iou)
-    except InputError as error:
-        notify(f"back.json not written, backs of panels are not detected: {error}")
-    else:
-        models["back.json"] = backs
-    for what in ("color", "shape"):
-        try:
-            models[f"face_{what}.json"] = learn_name_network(
-                detector.passed, what, seed, origin, settings.landmark.least_log_probability
-            )
-        except InputError as error:
-            notify(f"face_{what}.json not written, the model that ships is used: {error}")
+
+    def read(log: Path) -> TrainingDrive:
+        truth = read_truth(log.with_suffix(".truth.json"))
+        drive = read_drive(images(log), truth, log.with_suffix(".masks"), settings)
+        notify(f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces")
+        return drive
+
+    samples = for_each(read, logs)
+    sources = real_sources(real) if real else {}
+    crops = [
+        face for name in FACE_SOURCES if name in sources for face in real_faces(sources[name]())
+    ]
+    rendered = _origin(samples, seed)
+    origin = f"{rendered}; clear faces of {', '.join(FACE_SOURCES)}" if crops else rendered
+    models = gaussian_models(samples, crops, origin)
+    models["location.json"] = learn_locations(samples, rendered)
     digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
     further: dict[str, Callable[[], Mapping[str, Model]]] = {
         "outline.json": lambda: {
@@ -228,9 +132,7 @@ def gaussian_models(
     """
     report_drives = [drive for drive in drives if drive.size == REPORT_IMAGE] or drives
     faces = [*(face for drive in report_drives for face in drive.faces), *crops]
-    background = np.concatenate(
-        [d.candidates.regions.rgb[d.candidates.overlap < BACKGROUND_OVERLAP] for d in drives]
-    )
+    background = np.concatenate([drive.background for drive in drives])
     return {
         "color_rgb.json": color_model(faces, background, origin),
         "shape.json": shape_model(faces, origin),
@@ -247,24 +149,10 @@ def images(log: Path) -> Iterator[Image]:
     return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
-def _shown(log: Path, seed: int) -> Iterator[Image]:
-    """The images of a log as the detector is learned with them."""
-    return through_other_cameras(images(log), seed)
-
-
-def _shown_scenes(labelled: Sequence[LabelledImage], seed: int) -> Iterator[Image]:
-    """Real images as the detector is learned with them."""
-    return through_other_cameras(as_images(labelled), seed)
-
-
-def _origin(drives: Sequence[TrainingDrive], scenes: Sequence[TrainingDrive], seed: int) -> str:
-    """What was learned from, as `learned_from` finds it: each source with its number of images."""
+def _origin(drives: Sequence[TrainingDrive], seed: int) -> str:
+    """What was learned from, as `learned_from` finds it: each drive with its number of images."""
     rendered = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
-    real = ", ".join(f"{d.name} ({d.frames} images, {len(d.signs)} faces)" for d in scenes)
-    if real:
-        real = f"; real images, with copies of small sources and drawn faces, {real}"
-    packages = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scikit-learn", "torch"))
-    return f"rendered drives {rendered}{real}; seed {seed}; {packages}"
+    return f"rendered drives {rendered}; seed {seed}; numpy {_version('numpy')}"
 
 
 def _version(package: str) -> str:
@@ -307,14 +195,34 @@ def main(arguments: list[str] | None = None) -> int:
         metavar="NETWORK.onnx",
         help="begin that training with the weights of this network, not at random",
     )
+    parser.add_argument(
+        "--box-steps",
+        type=int,
+        metavar="N",
+        help="train the box network up to so many steps instead (can be interrupted, too), and write box.onnx",
+    )
+    parser.add_argument(
+        "--network",
+        type=Path,
+        metavar="NETWORK.onnx",
+        default=Path(str(shipped_models() / "network.onnx")),
+        help="detection network whose boxes the box network learns to classify; default: the one that ships",
+    )
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
+    if given.real is None and (given.network_steps is not None or given.box_steps is not None):
+        parser.error("the training of a network wants --real")
+    if given.box_steps is not None:
+        from wayside.pipeline.learning.box_training import learn_box_network
+
+        learn_box_network(
+            given.drives, given.real, given.out, given.box_steps, given.seed, given.network
+        )
+        return 0
     if given.network_steps is not None:
         # PyTorch and onnx are wanted by no other model here
         from wayside.pipeline.learning.detector_training import learn_network
 
-        if given.real is None:
-            parser.error("--network-steps wants --real")
         learn_network(
             given.drives,
             given.real,

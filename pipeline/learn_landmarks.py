@@ -40,7 +40,7 @@ from wayside.schemas.errors import InputError, WaysideError
 from wayside.stages.odometry import estimate_motion
 
 LENIENT = (0.0, 1.0, 2.0)
-"""Log odds by which the threshold of the box classifier is lowered: else few landmarks are no signs."""
+"""Log odds by which the threshold of faces is lowered: else few landmarks are no signs."""
 
 Notify = Callable[[str], None]
 
@@ -93,28 +93,23 @@ def _landmarks_of(folder: Path, log: Path, truth: dict[str, Any]) -> LandmarkSam
 
 
 def _posed(folder: Path, log: Path, truth: dict[str, Any]) -> Iterator[PosedDrive]:
-    """A drive up to its motion, with its panels, once for each threshold of the box classifier."""
+    """A drive up to its motion, with its panels, once for each threshold of faces."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
     known = KnownPanels.of(truth)
     for lower in LENIENT:
-        classifier = models.box_classifier
-        if classifier is None:
-            raise InputError(f"{folder}: wanted a box classifier, found none")
-        classifier = replace(classifier, threshold=classifier.threshold - lower)
-        flow = Flow(settings, replace(models, box_classifier=classifier), StageClock())
+        scores = models.front_scores
+        if scores is None:
+            raise InputError(f"{folder}: wanted thresholds of the box network, found none")
+        lenient = replace(scores, threshold=scores.threshold - lower)
+        flow = Flow(settings, replace(models, front_scores=lenient), StageClock())
         frames = read_frames(log, LEARN_READ, ReadReport())
         moved = estimate_motion(
             flow.detect(frames), settings.motion, settings.ties, settings.adjustment
         )
+        front, back = flow.box_classifiers()
         yield PosedDrive(
-            log.stem,
-            moved,
-            classifier,
-            models.back_classifier,
-            known,
-            flow.panel_method(),
-            models.location_classes,
+            log.stem, moved, front, back, known, flow.panel_method(), models.location_classes
         )
 
 

@@ -18,34 +18,30 @@ from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.model_gates import retraded
 from wayside.pipeline.provenance import onnx_metadata
-from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
-    ConvolutionModel,
     EvidenceModel,
     GaussianModel,
     LinearModel,
     MixtureModel,
     Model,
-    NetworkModel,
     OnnxFile,
-    TreeModel,
+    ScoreModel,
 )
 from wayside.schemas.settings import Settings
-from wayside.stages.detection import (
-    SIDES,
-    DetectionNetwork,
-    box_feature_names,
-)
+from wayside.stages.detection import BoxNetwork, DetectionNetwork
 from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
+from wayside.stages.sign_codes import CLASSES, FaceClassifier
 
 DIGESTS = "SHA256SUMS"
 REPORT_CLASS = "report"
 """Class of a location file that is of preset `report`; the others of such a file are of preset `default`."""
+
+BOX_NETWORK, FACE_NETWORK = "box.onnx", "face_code.onnx"
 
 LOCATION, REPORT_LOCATION = "location.json", "location_report.json"
 
@@ -59,9 +55,7 @@ Kind = TypeVar(
     "Kind",
     GaussianModel,
     MixtureModel,
-    TreeModel,
-    NetworkModel,
-    ConvolutionModel,
+    ScoreModel,
     LinearModel,
     EvidenceModel,
 )
@@ -72,30 +66,28 @@ class Models:
     """Everything learned that a run uses.
 
     color_classes, shape_classes: the report's Gaussian classes of regions; trajectory_density: of the motion of signs
-    in the image; these are None where a preset does not ask for them. box_classifier: of boxes in one image;
-    location_classes: where signs stand; landmark_classifier: of a landmark by all its observations; color_network,
-    shape_network: names of a face in one image; box_regressor: box regression; back_classifier,
-    back_landmark_classifier: of panels seen from behind; outline_weights: which of several concentric outlines of a
-    panel is the outer one; detection_network: of the network that finds boxes and says which segments are classified.
-    None where there is no such file. external: another detector, or its boxes, that
-    takes the place of wayside's own; None: there is none; face_classes: what sign a face shows.
+    in the image; these are None where a preset does not ask for them. location_classes: where signs stand;
+    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: finds boxes
+    and says which segments are classified; box_network: classifies boxes, moves them onto panels, names their colour
+    and shape; front_scores, back_scores: which of its scores are accepted, of panels from the front and from behind;
+    landmark_classifier, back_landmark_classifier: of a landmark by all its observations; face_network: what sign a face
+    shows. None where there is no such file, or the report's chain needs none. external: another detector, or its boxes,
+    that takes the place of wayside's own; None: there is none.
     """
 
-    box_classifier: TreeModel
     location_classes: GaussianModel
     outline_weights: LinearModel
     color_classes: GaussianModel | None = None
     shape_classes: GaussianModel | None = None
     landmark_classifier: EvidenceModel | None = None
-    color_network: NetworkModel | None = None
-    shape_network: NetworkModel | None = None
-    box_regressor: NetworkModel | None = None
-    back_classifier: TreeModel | None = None
     back_landmark_classifier: EvidenceModel | None = None
+    front_scores: ScoreModel | None = None
+    back_scores: ScoreModel | None = None
+    box_network: OnnxFile | None = None
     detection_network: OnnxFile | None = None
     external: DetectorFile | BoxFile | None = None
     trajectory_density: MixtureModel | None = None
-    face_classes: ConvolutionModel | None = None
+    face_network: OnnxFile | None = None
 
     def sign_confidence(self, setting: float) -> float:
         """Confidence from which a face counts as a sign: `setting`, its log odds counted from the model's decision."""
@@ -108,8 +100,7 @@ class Models:
             name: model.text_digest or digest(model_to_json(model))
             for name, model in self._named().items()
         }
-        if self.detection_network is not None:
-            digests["network"] = self.detection_network.sha256
+        digests |= {name: network.sha256 for name, network in self._networks().items()}
         if isinstance(self.external, DetectorFile):
             digests["detector"] = self.external.onnx.sha256
         elif self.external is not None:
@@ -119,26 +110,30 @@ class Models:
     def provenances(self) -> dict[str, str]:
         """What each model says it was learned from, by the name of its file."""
         provenances = {name: model.provenance for name, model in self._named().items()}
-        if self.detection_network is not None:
-            said = onnx_metadata(Path(self.detection_network.path).read_bytes())
-            provenances["network"] = "; ".join(said.values())
+        for name, network in self._networks().items():
+            said = onnx_metadata(Path(network.path).read_bytes())
+            provenances[name] = "; ".join(text for key, text in said.items() if key != CLASSES)
         return provenances
+
+    def _networks(self) -> dict[str, OnnxFile]:
+        named = {
+            "network": self.detection_network,
+            "box": self.box_network,
+            "face_code": self.face_network,
+        }
+        return {name: network for name, network in named.items() if network is not None}
 
     def _named(self) -> dict[str, Model]:
         named: dict[str, Model | None] = {
             "color": self.color_classes,
             "shape": self.shape_classes,
-            "judge": self.box_classifier,
             "location": self.location_classes,
             "outline": self.outline_weights,
             "place": self.landmark_classifier,
-            "face_color": self.color_network,
-            "face_shape": self.shape_network,
-            "face_box": self.box_regressor,
-            "back": self.back_classifier,
+            "front": self.front_scores,
+            "back": self.back_scores,
             "back_place": self.back_landmark_classifier,
             "trajectory": self.trajectory_density,
-            "face_code": self.face_classes,
         }
         return {name: model for name, model in named.items() if model is not None}
 
@@ -154,30 +149,31 @@ def load_models(settings: Settings) -> Models:
         If the folder or a file of it cannot be used.
     """
     folder = _own_folder(settings.models.folder)
-    by_report = settings.candidates.judge == "report"
+    by_report = settings.candidates.classifier == "report"
     external = _external(settings)
+    own_networks = not by_report and external is None
 
     def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
         return load(folder, name) if _exists(folder, name) and not by_report else None
 
     models = Models(
-        _trees(folder, "judge.json"),
         _location(folder, settings.models.location, by_report=by_report),
         _linear(folder, "outline.json"),
         _colors(folder) if by_report else None,
         _gaussian(folder, "shape.json") if settings.report.shape else None,
         _evidence(folder, "place.json") if _exists(folder, "place.json") else None,
-        optional(_network, "face_color.json"),
-        optional(_network, "face_shape.json"),
-        optional(_network, "face_box.json"),
-        optional(_trees, "back.json"),
         optional(_evidence, "back_place.json"),
-        None if by_report or external else _detection_network(folder, settings.models.network),
+        None if by_report else _score(folder, "front.json"),
+        optional(_score, "back.json"),
+        None if by_report else _onnx(folder, BOX_NETWORK, "models.folder", BoxNetwork),
+        _onnx(folder, settings.models.network, "models.network", DetectionNetwork)
+        if own_networks and settings.models.network
+        else None,
         external,
         None
         if settings.report.trajectory == "off"
         else _mixture(folder, TRAJECTORY_FILES[settings.report.trajectory]),
-        optional(_convolution, "face_code.json"),
+        None if by_report else _onnx(folder, FACE_NETWORK, "models.folder", FaceClassifier),
     )
     _check_inputs(models, folder)
     return retraded(models, settings) if settings.models.alpha else models
@@ -185,17 +181,11 @@ def load_models(settings: Settings) -> Models:
 
 def _check_inputs(models: Models, folder: Path | None) -> None:
     """Refuse models of other inputs than those that the stages compute, before the first image."""
-    judge, back = models.box_classifier, models.back_classifier
-    for name, model, features in (
-        ("judge.json", judge, box_feature_names()),
-        ("back.json", back, box_feature_names()),
-        ("outline.json", models.outline_weights, OUTLINE_FEATURES),
-    ):
-        if model is not None and model.features != features:
-            raise InputError(
-                f"{_file(folder, name)}: wanted a model of {len(features)} features ({features[0]} ...), found one of "
-                f"{len(model.features)} others; it is of another version of wayside: learn it again"
-            )
+    if models.outline_weights.features != OUTLINE_FEATURES:
+        raise InputError(
+            f"{_file(folder, 'outline.json')}: wanted weights of {', '.join(OUTLINE_FEATURES)}, found "
+            f"{', '.join(models.outline_weights.features)}; it is of another version of wayside: learn it again"
+        )
     for name, evidence in (
         ("place.json", models.landmark_classifier),
         ("back_place.json", models.back_landmark_classifier),
@@ -207,19 +197,6 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
             raise InputError(
                 f"{_file(folder, name)}: wanted known features and terms of evidence, found "
                 f"{min(names, default='none')!r}; it is of another version of wayside: learn it again"
-            )
-    for name, network, classes in (
-        ("face_color.json", models.color_network, COLORS),
-        ("face_shape.json", models.shape_network, SHAPES),
-        ("face_box.json", models.box_regressor, SIDES),
-    ):
-        if network is None:
-            continue
-        unknown = {*network.features} - {*box_feature_names()} | {*network.classes} - {*classes}
-        if unknown or not network.features or not network.classes:
-            raise InputError(
-                f"{_file(folder, name)}: wanted known features and classes, found {min(unknown, default='none')!r}; "
-                "it is of another version of wayside: learn it again"
             )
 
 
@@ -279,20 +256,18 @@ def _own_folder(name: str) -> Path | None:
     return folder
 
 
-def _detection_network(folder: Path | None, name: str) -> OnnxFile | None:
-    """A network of a folder of models, of those that ship, or of a file of its own."""
-    if not name:
-        return None
+def _onnx(folder: Path | None, name: str, setting: str, kind: Callable[[str], object]) -> OnnxFile:
+    """A network of a folder of models, of those that ship, or of a file of its own, that `kind` can run."""
     listed = Path(str(_file(folder, name)))
     path = listed if listed.is_file() else Path(name)
     try:
         content = read_input(path)
         _verify(path, content)
         held = OnnxFile(str(path), sha256(content).hexdigest())
-        DetectionNetwork(held.path)
+        kind(held.path)
     except (OSError, ValueError) as error:
         raise InputError(
-            f"models.network: wanted an ONNX file of a detection network, found {type(error).__name__} at {name}: "
+            f"{setting}: wanted an ONNX file of this network, found {type(error).__name__} at {name}: "
             f"{error}; correct the path or leave the setting out"
         ) from error
     return held
@@ -359,8 +334,6 @@ def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
 
 _gaussian = _of_kind(GaussianModel)
 _mixture = _of_kind(MixtureModel)
-_trees = _of_kind(TreeModel)
-_network = _of_kind(NetworkModel)
-_convolution = _of_kind(ConvolutionModel)
+_score = _of_kind(ScoreModel)
 _linear = _of_kind(LinearModel)
 _evidence = _of_kind(EvidenceModel)

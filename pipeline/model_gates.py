@@ -44,7 +44,7 @@ def _gates(models: Models, settings: Settings) -> dict[str, str]:
         "place": ("landmark_classifier", by_evidence),
         "back_place": (
             "back_landmark_classifier",
-            by_evidence and models.back_classifier is not None,
+            by_evidence and models.back_scores is not None,
         ),
     }
     return {

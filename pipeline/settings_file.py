@@ -306,20 +306,20 @@ def _check_together(settings: Settings) -> None:
     given = [f"models.{n}" for n in ("detector", "detections") if getattr(settings.models, n)]
     if len(given) > 1:
         raise UsageError(f"wanted one source of boxes, found both {' and '.join(given)}; give one")
-    if given and settings.candidates.judge == "report":
+    if given and settings.candidates.classifier == "report":
         raise UsageError(
-            f"{given[0]}: wanted preset default, found the report's classifier of regions (candidates.judge); "
+            f"{given[0]}: wanted preset default, found the report's classifier of regions (candidates.classifier); "
             "leave one of them out"
         )
     if settings.models.classes and not given:
         raise UsageError(
             "models.classes says which classes of a detector are signs; give --detector or --detections as well"
         )
-    report, by_report = settings.report, settings.candidates.judge == "report"
+    report, by_report = settings.report, settings.candidates.classifier == "report"
     if report.shape and not by_report:
         raise UsageError(
             "report.shape classifies the outlines of the report's regions; wanted a preset report, report-2d or "
-            f'report-shape (candidates.judge = "report"), found {settings.candidates.judge!r}'
+            f'report-shape (candidates.classifier = "report"), found {settings.candidates.classifier!r}'
         )
     if report.trajectory != "off" and track.matching != "sift":
         raise UsageError(

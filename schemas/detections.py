@@ -71,7 +71,7 @@ VERDICTS = (
     "trajectory",
 )
 """How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance`: a
-segment in whose middle the detection network sees no face; `place_score` that of the landmark classifier."""
+segment where the boxes of a detection network are classified; `place_score` that of the landmark classifier."""
 NONE = -1
 
 
@@ -229,16 +229,24 @@ class Candidates:
 class NetworkBoxes:
     """Boxes found in one image, n rows, best first.
 
-    box (n, 4) float32 pixels; score (n,) float32 log odds; is_back (n,) bool; color (n, colours) and shape (n, shapes)
-    float32 log probabilities; left_out: how many further ones of lower scores were found.
+    box (n, 4) float32 pixels; score (n,) float32: log odds of the likelier side; front (n,) float32: of a face; color
+    (n, colours) and shape (n, shapes) float32 log probabilities; left_out: how many further ones of lower scores were
+    found.
     """
 
     box: NDArray[np.float32]
     score: NDArray[np.float32]
-    is_back: NDArray[np.bool_]
+    front: NDArray[np.float32]
     color: NDArray[np.float32]
     shape: NDArray[np.float32]
     left_out: int = 0
+
+    @staticmethod
+    def none() -> NetworkBoxes:
+        """No boxes."""
+        one, two = np.zeros(0, np.float32), np.zeros((0, 4), np.float32)
+        colors, shapes = (np.zeros((0, len(names)), np.float32) for names in (COLORS, SHAPES))
+        return NetworkBoxes(two, one, one, colors, shapes)
 
 
 class Dropped(NamedTuple):
@@ -268,7 +276,7 @@ class Segmentation:
     pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
     those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); dropped: regions that are
     not in the table; region_count: regions of both passes before any was dropped; network_score (regions,) float32: log
-    odds by the detection network that a face has its middle where the region has it (None without a network).
+    odds of a face by the detection network, nan for segments (None without a network).
     """
 
     image: Image

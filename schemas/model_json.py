@@ -1,8 +1,6 @@
 """Model files: readable, versioned JSON, never pickled.
 
-Some keys of the files bear older names than the attributes here: `accept` is `TreeModel.threshold` and a tree's
-`threshold` its `split`, `closer` is `patch_cnn`; of a convolution `near` is `tree_threshold`,
-`trees_part` is `tree_weight`, `halved` is `pooled`, `farthest` is `feature_limit`, as in a network.
+The key `accept` bears an older name than the attribute here, the `threshold` of evidence.
 """
 
 from __future__ import annotations
@@ -13,29 +11,25 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import chain
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
-    FEATURE_LIMIT,
-    ConvolutionModel,
     EvidenceModel,
     GaussianClass,
     GaussianModel,
     LinearModel,
     MixtureModel,
     Model,
-    NetworkModel,
     NetworkSum,
     OperatingPoint,
-    TreeModel,
+    ScoreModel,
 )
 
 MIXTURE_ARRAYS = ("weight", "mean", "covariance")
-NETWORK_ARRAYS = ("mean", "scale", "hidden", "hidden_bias", "output", "output_bias")
 EVIDENCE_COLUMNS = ("name", "term", "low", "high", "middle", "weight")
 _FAULTS = (
     KeyError,
@@ -46,7 +40,6 @@ _FAULTS = (
     OverflowError,
     RecursionError,
 )
-Part = TypeVar("Part", TreeModel, NetworkModel, ConvolutionModel)
 
 
 def model_to_json(model: Model) -> str:
@@ -65,21 +58,6 @@ def model_to_json(model: Model) -> str:
     elif isinstance(model, LinearModel):
         weights = [float(f"{w:.6g}") for w in model.weights]
         body = {"weights": dict(zip(model.features, weights, strict=True))}
-    elif isinstance(model, NetworkModel):
-        body = {"features": list(model.features), "classes": list(model.classes)}
-        if model.feature_limit != FEATURE_LIMIT:
-            body["farthest"] = model.feature_limit
-        body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
-    elif isinstance(model, ConvolutionModel):
-        body = {"features": list(model.features), "side": model.side, "near": model.tree_threshold}
-        body |= {"trees_part": model.tree_weight, "farthest": model.feature_limit}
-        body |= {"halved": list(model.pooled)}
-        if model.classes:
-            body["classes"] = list(model.classes)
-        body |= {
-            name: [_rounded(a) for a in getattr(model, name)] for name in ("filters", "biases")
-        }
-        body |= {name: _rounded(getattr(model, name)) for name in NETWORK_ARRAYS}
     elif isinstance(model, EvidenceModel):
         columns = (model.low, model.high, model.middle, model.weight)
         rows = zip(
@@ -94,29 +72,9 @@ def model_to_json(model: Model) -> str:
             body["decision"] = model.decision
         body |= _rule(model) | _curve(model.curve)
     else:
-        parts = {"network": model.network, "closer": model.patch_cnn}
-        body = {
-            name: None if part is None else json.loads(model_to_json(part))
-            for name, part in parts.items()
-        }
+        body = {"threshold": model.threshold} | _rule(model)
         if model.with_network is not None:
             body["with_network"] = asdict(model.with_network)
-        body |= {
-            "features": list(model.features),
-            "bias": model.bias,
-            "accept": model.threshold,
-            **_rule(model),
-            "trees": [
-                {
-                    "feature": model.feature[t].tolist(),
-                    "threshold": [float(f"{v:.7g}") for v in model.split[t]],
-                    "left": model.left[t].tolist(),
-                    "right": model.right[t].tolist(),
-                    "value": [float(f"{v:.6g}") for v in model.value[t]],
-                }
-                for t in range(len(model.feature))
-            ],
-        }
     head = {"schema_version": 1, "kind": model.kind, "provenance": model.provenance}
     return json.dumps(head | body, separators=(",", ":"), indent=None) + "\n"
 
@@ -124,7 +82,7 @@ def model_to_json(model: Model) -> str:
 def model_from_json(text: str, name: str = "model") -> Model:
     """Read a model, every number and link of it checked; raises InputError with the name where the text is not one."""
     try:
-        model = _model_of(json.loads(text), name)
+        model = _model_of(json.loads(text))
         object.__setattr__(
             model, "text_digest", digest(text)
         )  # frozen, and no argument of its kind
@@ -136,25 +94,21 @@ def model_from_json(text: str, name: str = "model") -> Model:
     return model
 
 
-def _model_of(data: dict[str, Any], name: str) -> Model:
+def _model_of(data: dict[str, Any]) -> Model:
     if data["kind"] == "gaussian":
         classes = tuple(_gaussian_class_of(c) for c in data["classes"])
         curve = _curve_of(data, len(classes))
         return GaussianModel(data["space"], classes, str(data["provenance"]), curve)
     if data["kind"] == "mixture":
         return _mixture_of(data)
-    if data["kind"] == "trees":
-        return _trees_of(data, name)
+    if data["kind"] == "score":
+        return _score_of(data)
     if data["kind"] == "linear":
         weights = np.array([float(weight) for weight in data["weights"].values()])
         _check_shapes({"weights": weights}, ((len(weights),),))
         return LinearModel(tuple(data["weights"]), weights, str(data["provenance"]))
     if data["kind"] == "evidence":
         return _evidence_of(data)
-    if data["kind"] == "network":
-        return _network_of(data)
-    if data["kind"] == "convolution":
-        return _convolution_of(data)
     raise KeyError(f"kind {data['kind']!r}")
 
 
@@ -170,7 +124,7 @@ def _gaussian_class(one: GaussianClass) -> dict[str, Any]:
     return content | _interval(one.threshold_interval)
 
 
-def _rule(model: TreeModel | EvidenceModel) -> dict[str, Any]:
+def _rule(model: ScoreModel | EvidenceModel) -> dict[str, Any]:
     """The keys of how a threshold was chosen, where that is known."""
     rule = {"threshold_rule": model.threshold_rule} if model.threshold_rule else {}
     return rule | _interval(model.threshold_interval)
@@ -253,26 +207,10 @@ def _mixture_of(data: dict[str, Any]) -> MixtureModel:
     )
 
 
-def _trees_of(data: dict[str, Any], name: str) -> TreeModel:
-    trees = data["trees"]
-
-    def column(key: str, kind: type) -> NDArray[Any]:
-        return np.array([t[key] for t in trees], kind)
-
-    split, value = column("threshold", np.float32), column("value", np.float32)
-    _check_shapes({"threshold": split, "value": value}, (split.shape,) * 2)
-    return TreeModel(
-        tuple(map(str, data["features"])),
-        _finite(data["bias"], "bias"),
-        column("feature", np.int32),
-        split,
-        column("left", np.int32),
-        column("right", np.int32),
-        value,
-        _finite(data["accept"], "accept"),
+def _score_of(data: dict[str, Any]) -> ScoreModel:
+    return ScoreModel(
+        _finite(data["threshold"], "threshold"),
         str(data["provenance"]),
-        _part_of(NetworkModel, data.get("network"), name),
-        _part_of(ConvolutionModel, data.get("closer"), name),
         _network_sum_of(data["with_network"]) if data.get("with_network") else None,
         str(data.get("threshold_rule", "")),
         _interval_of(data),
@@ -281,30 +219,6 @@ def _trees_of(data: dict[str, Any], name: str) -> TreeModel:
 
 def _network_sum_of(data: dict[str, Any]) -> NetworkSum:
     return NetworkSum(*(_finite(data[f.name], f.name) for f in fields(NetworkSum)))
-
-
-def _part_of(kind: type[Part], data: dict[str, Any] | None, name: str) -> Part | None:
-    if data is None:
-        return None
-    part = _model_of(data, name)
-    if not isinstance(part, kind):
-        raise TypeError(f"a part of kind {part.kind!r}, wanted {kind.kind!r}")
-    return part
-
-
-def _network_of(data: dict[str, Any]) -> NetworkModel:
-    arrays = {name: np.array(data[name], np.float32) for name in NETWORK_ARRAYS}
-    f, c = len(data["features"]), len(data["classes"])
-    h = arrays["hidden_bias"].size
-    _check_shapes(arrays, ((f,), (f,), (f, h), (h,), (h, c), (c,)))
-    _check_scale(arrays["scale"])
-    return NetworkModel(
-        tuple(map(str, data["features"])),
-        tuple(map(str, data["classes"])),
-        **arrays,
-        provenance=str(data["provenance"]),
-        feature_limit=_finite(data.get("farthest", FEATURE_LIMIT), "farthest"),
-    )
 
 
 def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
@@ -328,49 +242,11 @@ def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
     )
 
 
-def _convolution_of(data: dict[str, Any]) -> ConvolutionModel:
-    arrays = {name: np.array(data[name], np.float32) for name in NETWORK_ARRAYS}
-    filters = tuple(np.array(a, np.float32) for a in data["filters"])
-    biases = tuple(np.array(a, np.float32) for a in data["biases"])
-    pooled, side = tuple(bool(h) for h in data["halved"]), int(data["side"])
-    outs = [a.shape[-1] for a in filters]
-    ins = [filters[0].shape[2], *outs[:-1]]
-    for k, (array, bias) in enumerate(zip(filters, biases, strict=True)):
-        named = {f"filters {k}": array, f"biases {k}": bias}
-        _check_shapes(named, ((3, 3, ins[k], outs[k]), (outs[k],)))
-    f, h = len(data["features"]), arrays["hidden_bias"].size
-    if side % 2 ** sum(pooled) or len(pooled) != len(filters):
-        raise ValueError(f"a side of {side} pooled {sum(pooled)} times in {len(filters)} layers")
-    samples = (side // 2 ** sum(pooled)) ** 2 * outs[-1]
-    classes = tuple(map(str, data.get("classes", ())))
-    outputs = (len(classes),) if classes else ()
-    _check_shapes(arrays, ((f,), (f,), (samples + f, h), (h,), (h, *outputs), outputs))
-    _check_scale(arrays["scale"])
-    return ConvolutionModel(
-        tuple(map(str, data["features"])),
-        side,
-        _finite(data["near"], "near"),
-        _finite(data["trees_part"], "trees_part"),
-        _finite(data["farthest"], "farthest"),
-        filters,
-        biases,
-        pooled,
-        **arrays,
-        provenance=str(data["provenance"]),
-        classes=classes,
-    )
-
-
 def _finite(value: Any, name: str) -> float:
     number = float(value)
     if not math.isfinite(number):
         raise ValueError(f"{name} is {number}")
     return number
-
-
-def _check_scale(scale: NDArray[np.float32]) -> None:
-    if not (scale > 0).all():
-        raise ValueError("a scale that is not positive")
 
 
 def _check_shapes(arrays: Mapping[str, NDArray[Any]], wanted: tuple[tuple[int, ...], ...]) -> None:
@@ -384,14 +260,6 @@ def _significant(values: NDArray[np.float64]) -> Any:
     if values.ndim:
         return [_significant(row) for row in values]
     return float(f"{values:.8g}")
-
-
-def _rounded(values: NDArray[np.float32]) -> Any:
-    if values.ndim == 0:
-        return float(f"{values:.5g}")
-    if values.ndim > 1:
-        return [_rounded(row) for row in values]
-    return [float(f"{v:.5g}") for v in values]
 
 
 def digest(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Learned models: Gaussian classes, mixtures, trees, networks, evidence. Their files are written by `model_json`."""
+"""Learned models: Gaussian classes, mixtures, thresholds, evidence. Their files are written by `model_json`."""
 
 from __future__ import annotations
 
@@ -9,10 +9,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
-FEATURE_LIMIT = 6.0
-"""Standard deviations at which the features of a network are cut off where its file says nothing else: beyond it lies
-nothing that networks were learned with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +175,9 @@ class MixtureModel(ModelText):
 
 @dataclass(frozen=True, slots=True)
 class NetworkSum:
-    """What a box scores by the box classifier and by the detection network together.
+    """What a box scores by the box network and by the detection network together.
 
-    own * (log odds by the classifier) + network * (log odds by the network at the middle of the box) + shift. The shift
+    own * (log odds by the box network) + network * (log odds by the other at the middle of the box) + shift. The shift
     is such that both are accepted at one threshold.
     """
 
@@ -191,101 +187,19 @@ class NetworkSum:
 
 
 @dataclass(frozen=True, slots=True)
-class TreeModel(ModelText):
-    """Boosted binary trees over named features; the sum over trees plus `bias` is a log odds.
+class ScoreModel(ModelText):
+    """From which log odds of the box network a box is accepted as a panel seen from one side.
 
-    feature, left, right (trees, nodes) int32; split, value (trees, nodes) float32. A node with left < 0 is a leaf. A
-    value goes left where it is at most the split, and also where it is nan. threshold: log odds from which a row is
-    accepted. network: one over the same features whose only output is added to the sum. patch_cnn: one on the pixels of
-    boxes whose log odds are high enough for it, to be added to them. with_network: how the sum of all these is joined
-    with the score of a detection network, where a run has one. threshold_rule, threshold_interval: how the threshold
-    was chosen, and its 95 % interval, "" and None: unknown.
+    with_network: how they are joined with the score of a detection network, where a run has one. threshold_rule,
+    threshold_interval: how the threshold was chosen, and its 95 % interval, "" and None: unknown.
     """
 
-    kind: ClassVar[str] = "trees"
-    features: tuple[str, ...]
-    bias: float
-    feature: NDArray[np.int32]
-    split: NDArray[np.float32]
-    left: NDArray[np.int32]
-    right: NDArray[np.int32]
-    value: NDArray[np.float32]
+    kind: ClassVar[str] = "score"
     threshold: float
     provenance: str
-    network: NetworkModel | None = None
-    patch_cnn: ConvolutionModel | None = None
     with_network: NetworkSum | None = None
     threshold_rule: str = ""
     threshold_interval: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse trees that a compiled kernel cannot follow: links lead to later nodes, by features that there are."""
-        arrays = (self.feature, self.split, self.left, self.right, self.value)
-        if self.feature.ndim != 2 or not self.feature.shape[1]:
-            raise ValueError(f"trees: wanted (trees, nodes), found {self.feature.shape}")
-        if any(array.shape != self.feature.shape for array in arrays):
-            raise ValueError("trees: wanted arrays of one shape; the model is damaged")
-        nodes = self.feature.shape[1]
-        own = np.arange(nodes)
-        low, high = np.minimum(self.left, self.right), np.maximum(self.left, self.right)
-        known = (self.feature >= 0) & (self.feature < len(self.features))
-        if not (((low > own) & (high < nodes) & known) | (self.left < 0)).all():
-            raise ValueError(
-                "trees: wanted links to later nodes and features that exist; the model is damaged"
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class NetworkModel(ModelText):
-    """Network with one hidden layer over named features: relu(z W + b) V + c, z the scaled features.
-
-    classes (c,): names of the outputs, or of the classes whose probabilities their softmax is; mean, scale (f,):
-    z = (x - mean) / scale, cut off at `feature_limit`; hidden (f, h) = W, hidden_bias (h,) = b, output (h, c) = V,
-    output_bias (c,) = c; float32.
-    """
-
-    kind: ClassVar[str] = "network"
-    features: tuple[str, ...]
-    classes: tuple[str, ...]
-    mean: NDArray[np.float32]
-    scale: NDArray[np.float32]
-    hidden: NDArray[np.float32]
-    hidden_bias: NDArray[np.float32]
-    output: NDArray[np.float32]
-    output_bias: NDArray[np.float32]
-    provenance: str
-    feature_limit: float = FEATURE_LIMIT
-
-
-@dataclass(frozen=True, slots=True)
-class ConvolutionModel(ModelText):
-    """Convolutional network over a square patch and named features, with one output or one for each of `classes`.
-
-    side: samples of the patch each way; tree_threshold: log odds of the trees from which it is evaluated; tree_weight:
-    factor of those before they are added. filters, biases: of each layer (3, 3, in, out) and (out,); pooled: which
-    layers are followed by 2 x 2 maximum pooling. mean, scale (f,): features enter as (x - mean) / scale, cut off at
-    `feature_limit`. hidden (m + f, h), hidden_bias (h,), output (h,), output_bias (): the two layers behind the m
-    samples of the last convolution and the features; float32. With `classes`, output (h, c) and output_bias (c,), whose
-    softmax is the probability of each.
-    """
-
-    kind: ClassVar[str] = "convolution"
-    features: tuple[str, ...]
-    side: int
-    tree_threshold: float
-    tree_weight: float
-    feature_limit: float
-    filters: tuple[NDArray[np.float32], ...]
-    biases: tuple[NDArray[np.float32], ...]
-    pooled: tuple[bool, ...]
-    mean: NDArray[np.float32]
-    scale: NDArray[np.float32]
-    hidden: NDArray[np.float32]
-    hidden_bias: NDArray[np.float32]
-    output: NDArray[np.float32]
-    output_bias: NDArray[np.float32]
-    provenance: str
-    classes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -362,12 +276,4 @@ class EvidenceModel(ModelText):
         return result
 
 
-Model = (
-    GaussianModel
-    | MixtureModel
-    | TreeModel
-    | NetworkModel
-    | ConvolutionModel
-    | LinearModel
-    | EvidenceModel
-)
+Model = GaussianModel | MixtureModel | ScoreModel | LinearModel | EvidenceModel

@@ -20,7 +20,8 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import wraps
+from functools import cache, wraps
+from hashlib import sha256
 from multiprocessing.connection import wait
 from pathlib import Path
 from types import FunctionType, NoneType
@@ -28,6 +29,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from wayside.pipeline import cli, flow, model_files, run, workers  # noqa: F401
 from wayside.pipeline.settings_file import load_settings
@@ -35,10 +37,11 @@ from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.model_json import digest, model_to_json
-from wayside.schemas.models import OnnxFile
+from wayside.schemas.models import NetworkSum, OnnxFile
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import CalibrationWatch, FocalCheck
+from wayside.stages.detection import BOX_VALUES
 from wayside.stages.georeference import DrivePath, PathPoint
 from wayside.stages.segmentation import unsegmented
 
@@ -49,7 +52,9 @@ NOT_BYPASSED = {"read", "queue"}
 BY_OPTION = {"detect_externally", "score_by_views"}
 """Stages that no preset calls: `--detector` and `--detections` do, and tests/end_to_end/test_external_boxes.py."""
 SURE = 5.0
-"""Log odds that a classifier without its trees gives to everything."""
+"""Log odds that a classifier that tells nothing gives to everything."""
+NEEDED = {"box_network", "front_scores"}
+"""Models that preset `default` does not run without: one that tells nothing takes their place."""
 CPU_LIMIT_S = 30
 """Several times what the tests of a preset need. Without a classifier, every region is followed, for minutes."""
 CANNOT_CUT = 9
@@ -114,6 +119,8 @@ DO_NOTHING_WITH_ALL: dict[tuple[type, type], Callable[[list[Any]], Any]] = {
 
 def _uninformed(model: Any) -> object:
     """A model of that kind that says the same of everything."""
+    if isinstance(model, OnnxFile):
+        return _uninformed_boxes(Path(model.path))
     match model.kind:
         case "gaussian":
             first = model.classes[0]
@@ -122,17 +129,42 @@ def _uninformed(model: Any) -> object:
                 for one in model.classes
             ]
             return replace(model, classes=tuple(same))
-        case "trees":
-            parts = {f.name: None for f in fields(model) if _is_model(getattr(model, f.name))}
-            return replace(model, bias=SURE, value=np.zeros_like(model.value), **parts)
-        case "network":
-            bias = np.zeros_like(model.output_bias)
-            return replace(model, output=np.zeros_like(model.output), output_bias=bias)
+        case "score":
+            return replace(model, threshold=-SURE, with_network=NetworkSum(0.0, 0.0, 0.0))
         case "linear":
             return replace(model, weights=np.zeros_like(model.weights))
         case "evidence":
             return replace(model, weight=np.zeros_like(model.weight), shift=SURE)
     raise TypeError(f"tests/wiring.py knows no model of kind {model.kind} that tells nothing")
+
+
+@cache
+def _uninformed_boxes(path: Path) -> OnnxFile:
+    """The box network with a last layer that says the same of every box: it is the front of a panel."""
+    content = path.read_bytes()
+    bias = np.zeros(BOX_VALUES, np.float32)
+    bias[0] = SURE
+    for name, numbers in (("out.weight", None), ("out.bias", bias)):
+        content = _with_numbers(content, name, numbers)
+    written = Path(tempfile.mkdtemp()) / path.name
+    written.write_bytes(content)
+    return OnnxFile(str(written), sha256(content).hexdigest())
+
+
+def _with_numbers(content: bytes, name: str, numbers: NDArray[np.float32] | None) -> bytes:
+    """An ONNX file with other numbers, or zeros, in the tensor of that name: field 8, before them in field 9."""
+    head = b"\x42" + bytes([len(name)]) + name.encode() + b"\x4a"
+    at = content.index(head) + len(head)
+    count, shift = 0, 0
+    while True:  # how many bytes follow, seven bits at a time
+        count |= (content[at] & 127) << shift
+        shift, at = shift + 7, at + 1
+        if content[at - 1] < 128:
+            break
+    new = bytes(count) if numbers is None else numbers.tobytes()
+    if len(new) != count:
+        raise ValueError(f"{name}: wanted {len(new)} bytes, found {count}")
+    return content[:at] + new + content[at + count :]
 
 
 def _is_model(value: object) -> bool:
@@ -184,7 +216,7 @@ def without_model(models: Any, path: str) -> Any:
     value = getattr(models, name)
     if rest:
         return replace(models, **{name: without_model(value, rest)})
-    optional = NoneType in get_args(get_type_hints(type(models))[name])
+    optional = NoneType in get_args(get_type_hints(type(models))[name]) and name not in NEEDED
     return replace(models, **{name: None if optional else _uninformed(value)})
 
 

@@ -17,8 +17,8 @@ from wayside.pipeline.statistics import Interval
 
 FIT_KEYS = ("provenance", "models", "held_out")
 NETWORKS = (
-    "judge.json, face_color.json, face_shape.json, face_box.json, back.json: too large for labels of a "
-    "few roads; those that ship are used"
+    "network.onnx, box.onnx, front.json, back.json: too large for labels of a few roads; "
+    "those that ship are used"
 )
 """What cannot be fitted."""
 _CHOSEN = (

@@ -1,1 +1,1 @@
-"""How the model files are learned: samples of drives and images, Gaussian classes, boosted trees, networks."""
+"""How the model files are learned: samples of drives and images, Gaussian classes, networks, evidence."""

@@ -1,11 +1,11 @@
-"""Thresholds of the box classifiers, and how the scores of that of faces and of the detection network are joined.
+"""Thresholds of the box network's scores, and how those of faces are joined with those of the detection network.
 
     python -m wayside.pipeline.learning.box_thresholds --drives FOLDER -o MODELS
 
 A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned
 from, joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on
-these drives. The sum is shifted so that its threshold is that of the classifier; the threshold of backs is replaced.
-`judge.json` and `back.json` of the folder are written anew.
+these drives. The sum is shifted so that its threshold is that of the box network alone. `front.json` and `back.json` of
+the folder are written.
 """
 
 from __future__ import annotations
@@ -22,22 +22,18 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import learning_logs, write_model
-from wayside.pipeline.learning.backs import FALSE_PER_IMAGE as FALSE_BACKS
-from wayside.pipeline.learning.cross_validation import platt
-from wayside.pipeline.learning.detector import FALSE_PER_IMAGE as FALSE_FACES
-from wayside.pipeline.learning.detector import false_boxes_rule
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
     NEAR_FACE,
     NEITHER,
     ON,
     SignViews,
-    TrueFaces,
+    box_labels,
     for_each,
-    labelled,
     read_truth,
     views_by_frame,
 )
+from wayside.pipeline.learning.score_calibration import platt
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
@@ -45,33 +41,39 @@ from wayside.pipeline.statistics import Interval, resampled_interval
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detections import Candidates
 from wayside.schemas.errors import InputError, WaysideError
-from wayside.schemas.models import NetworkSum, TreeModel
+from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.stages.geometry import non_maximum_suppression
 
 EVERY = 4
 """Every n-th image of a drive: three numbers are learned."""
 
+LOWEST = -100.0
+"""Log odds below all that a box has."""
+
+FALSE_FACES, FALSE_BACKS = 5.0, 1.0
+"""Boxes off any panel, after suppression, that pass in an image: the landmark classifier decides on them."""
+
 BELOW_THRESHOLD = 4.0
-"""Boxes whose log odds by the classifier are farther below its threshold are out of reach of the network."""
+"""Boxes whose log odds by the box network are farther below its threshold are out of reach of the detection network."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoredBoxes:
     """Boxes of one image, n rows, as what they may be: faces, or backs of panels.
 
-    box: (n, 4); score (n, 2) by classifier and network, of backs (n, 1); label (n,), overlap (n,) with a true panel.
+    box: (n, 4); score (n, 2) by box and detection network, of backs (n, 1); label (n,), overlap (n,) with a true panel.
     """
 
     box: NDArray[np.float32]
     score: NDArray[np.float32]
     label: NDArray[np.int8]
-    overlap: NDArray[np.float32]
+    overlap: NDArray[np.floating]
 
 
 def learn_network_sum(
     drives: Sequence[Sequence[ScoredBoxes]], threshold: float, max_iou: float
 ) -> tuple[NetworkSum, Interval | None]:
-    """The sum that is a log odds, but for a shift by which it has the `threshold` of the classifier.
+    """The sum that is a log odds, but for a shift by which it has the `threshold` of the box network alone.
 
     drives: images of each; max_iou: overlap above which the lower of two boxes of an image is suppressed. With it the
     95 % interval of the threshold.
@@ -135,20 +137,26 @@ def false_scores(
     return score[kept][one.overlap[kept] < NEAR_FACE]
 
 
+def false_boxes_rule(accepted: float) -> str:
+    """The rule of a threshold that lets so many boxes an image pass, in words."""
+    return (
+        f"alpha: {accepted:g} boxes off any face in an image of drives held out, after suppression"
+    )
+
+
 def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[ScoredBoxes]]:
-    """The boxes of a rendered drive that are classified, scored by the models of a folder: as faces, as backs.
+    """The boxes of a rendered drive that are classified, scored by the networks of a folder: as faces, as backs.
 
     As backs those that look more like one than like a face.
     """
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    if models.box_classifier is None or models.detection_network is None:
-        raise InputError(f"{folder}: wanted a box classifier and a detection network")
-    back = models.back_classifier
+    if models.detection_network is None:
+        raise InputError(f"{folder}: wanted a detection network, found none")
     asked = replace(
         models,
-        box_classifier=replace(models.box_classifier, with_network=None),
-        back_classifier=None if back is None else replace(back, threshold=-np.inf),
+        front_scores=ScoreModel(LOWEST, ""),
+        back_scores=ScoreModel(LOWEST, ""),
     )
     seen, behind = views_by_frame(read_truth(log.with_suffix(".truth.json")))
     frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % EVERY == 0)
@@ -156,15 +164,14 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
     backs: list[ScoredBoxes] = []
     for item in Flow(settings, asked, StageClock()).detect(frames):
         network, candidates = item.segmentation.network_score, item.candidates
-        if network is None:
+        if network is None or candidates.back_score is None:
             continue
         rows = np.flatnonzero(np.isfinite(candidates.score))
         score = np.stack([candidates.score[rows], network[rows]], axis=1)
         faces.append(_scored(candidates, rows, score, seen.get(item.frame.index, [])))
-        if candidates.back_score is not None:
-            rows = np.flatnonzero(np.isfinite(candidates.back_score))
-            score = candidates.back_score[rows, None]
-            backs.append(_scored(candidates, rows, score, behind.get(item.frame.index, [])))
+        rows = candidates.back_rows()
+        score = candidates.back_score[rows, None]
+        backs.append(_scored(candidates, rows, score, behind.get(item.frame.index, [])))
     return faces, backs
 
 
@@ -172,51 +179,32 @@ def _scored(
     candidates: Candidates, rows: NDArray[np.int64], score: NDArray[np.float32], views: SignViews
 ) -> ScoredBoxes:
     """Some candidates of an image with their scores (rows, k), labelled by the panels that it shows."""
-    regions = candidates.regions.select(rows)
-    panels = TrueFaces.of([views], [True])
-    known = labelled(regions, np.zeros(len(rows), np.int32), panels)
-    return ScoredBoxes(regions.box, score, known.label, known.overlap)
+    box = candidates.regions.box[rows]
+    label, overlap = box_labels(box, views)
+    return ScoredBoxes(box, score, label, overlap)
 
 
-def learn(logs: Sequence[Path], folder: Path) -> dict[str, TreeModel]:
-    """The classifiers of a folder with their thresholds by the rule on these drives, by the name of their file.
+def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
+    """The thresholds for the networks of a folder by the rule on these drives, by the name of their file.
 
     Raises
     ------
     InputError
-        If a drive or the models of the folder cannot be used.
+        If a drive or the networks of the folder cannot be used.
     """
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
-    models = load_models(settings)
-    model, back = models.box_classifier, models.back_classifier
-    if not isinstance(model, TreeModel):
-        raise InputError(f"{folder}: wanted a box classifier, found none")
     found = for_each(lambda log: scored_boxes(log, folder), logs)
     faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
-    drives = f"{sum(map(len, faces))} images of {len(logs)} drives"
+    provenance = "thresholds by " + ", ".join(
+        f"{log.stem} ({len(own)} images)" for log, own in zip(logs, faces, strict=True)
+    )
     max_iou = settings.candidates.same_face_iou
-    joined, interval = learn_network_sum(faces, model.threshold, max_iou)
-    known = model.provenance.partition("; joined with the network by ")[0]
-    learned = {
-        "judge.json": replace(
-            model,
-            with_network=joined,
-            threshold_rule=false_boxes_rule(FALSE_FACES),
-            threshold_interval=interval,
-            provenance=f"{known}; joined with the network by {drives}",
-        )
-    }
-    if isinstance(back, TreeModel):
-        threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS, max_iou)
-        known = back.provenance.partition("; threshold by ")[0]
-        learned["back.json"] = replace(
-            back,
-            threshold=threshold,
-            threshold_rule=false_boxes_rule(FALSE_BACKS),
-            threshold_interval=interval,
-            provenance=f"{known}; threshold by {drives}",
-        )
-    return learned
+    threshold, _ = rule_threshold(faces, np.array([1.0, 0.0]), FALSE_FACES, max_iou)
+    joined, interval = learn_network_sum(faces, threshold, max_iou)
+    front = ScoreModel(threshold, provenance, joined, false_boxes_rule(FALSE_FACES), interval)
+    threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS, max_iou)
+    back = ScoreModel(threshold, provenance, None, false_boxes_rule(FALSE_BACKS), interval)
+    return {"front.json": front, "back.json": back}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -34,8 +34,8 @@ MOST_DISTRACTORS = 2
 FILLED = 0.85
 """Small images are not made smaller than this fraction of the crop."""
 
-SMALLEST_PX, SHOWN_FRACTION = 6.5, 0.55
-"""Height of a face in the crop, and fraction of it inside, from which it is a positive; else it is ignored."""
+SMALLEST_PX, NARROWEST_PX, SHOWN_FRACTION = 6.5, 2.5, 0.55
+"""Height and width of a face in the crop, and fraction inside, from which it is a positive; else it is ignored."""
 
 SPREAD, LEAST_SPREAD, REGRESSED = 0.08, 0.5, 0.3
 """Sigma of the peak on the heat map as a fraction of the face; at least, cells; heat from which a cell is regressed."""
@@ -105,6 +105,14 @@ def make_crop(
 ) -> Crop:
     """A crop of one of the images, drawn by `probability` (images,), with its targets."""
     image = images[int(rng.choice(len(images), p=probability))]
+    pixels, labels = drawn_crop(image, library, noise, rng)
+    return targets(through_a_camera(pixels, noise, rng), labels, image)
+
+
+def drawn_crop(
+    image: LabelledImage, library: FaceLibrary, noise: Noise, rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], Labels]:
+    """A window of an image with faces and other things drawn in: pixels (side, side, 3), and what they show."""
     pixels, labels = _cut(image, rng)
     if rng.random() < 0.55:
         posts = int(rng.integers(1, 5))
@@ -121,8 +129,7 @@ def make_crop(
         )
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
         draw_distractor(pixels, np.concatenate([labels.box, labels.ignored]), rng)
-    pixels = through_a_camera(pixels, noise, rng)
-    return targets(pixels, labels, image)
+    return pixels, labels
 
 
 def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uint8], Labels]:
@@ -244,6 +251,15 @@ def _motion_blurred(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
     return np.asarray(cv2.filter2D(rgb, -1, kernel / kernel.sum()), np.uint8)
 
 
+def shown_faces(labels: Labels) -> NDArray[np.bool_]:
+    """Which faces (n,) of a crop are positives: the others are too small in it, or for the greater part outside."""
+    inside = np.clip(labels.box, 0, CROP_PX)
+    wide, tall = (inside[:, 2:] - inside[:, :2]).T
+    full = np.maximum(np.prod(labels.box[:, 2:] - labels.box[:, :2], axis=1), 1e-3)
+    large = (tall >= SMALLEST_PX) & (wide >= NARROWEST_PX)
+    return np.asarray(large & (wide * tall >= SHOWN_FRACTION * full))
+
+
 def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Crop:
     """Maps and regressed cells of the faces of a crop."""
     cells = CROP_PX // STRIDE
@@ -252,10 +268,8 @@ def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Cro
     doubt[FRONT] = KNOWN if image.fronts_complete else UNSURE
     doubt[BACK] = KNOWN if image.backs_complete else UNSURE
     inside = np.clip(labels.box, 0, CROP_PX)
-    full = np.maximum(np.prod(labels.box[:, 2:] - labels.box[:, :2], axis=1), 1e-3)
     area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
-    tall = inside[:, 3] - inside[:, 1] >= SMALLEST_PX
-    positive = (area >= SHOWN_FRACTION * full) & tall & (inside[:, 2] - inside[:, 0] >= 2.5)
+    positive = shown_faces(labels)
     for x0, y0, x1, y1 in np.concatenate([labels.ignored, inside[~positive & (area > 0)]]):
         left, top = max(0, int(x0 // STRIDE)), max(0, int(y0 // STRIDE))
         doubt[:, top : max(0, int(-(-y1 // STRIDE))), left : max(0, int(-(-x1 // STRIDE)))] = (

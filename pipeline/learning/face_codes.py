@@ -9,15 +9,13 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learn import images, write_model
-from wayside.pipeline.learning.boosting import needs
+from wayside.pipeline.learn import images
 from wayside.pipeline.learning.camera_augmentation import retoned
 from wayside.pipeline.learning.detector_images import FRONT
 from wayside.pipeline.learning.face_classes import (
@@ -30,32 +28,17 @@ from wayside.pipeline.learning.face_classes import (
 )
 from wayside.pipeline.learning.face_compositing import blend, seen_from_an_angle, wear
 from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary, chosen_face
-from wayside.pipeline.learning.patch_cnn import folded_filters
 from wayside.schemas.detections import NONE
-from wayside.schemas.errors import WaysideError
-from wayside.schemas.models import ConvolutionModel
-from wayside.schemas.settings import CodeSettings
-from wayside.stages.sign_codes import (
-    OTHER_FACE,
-    PATCH_SIDE,
-    class_log_probabilities,
-    face_patch,
-    face_samples,
-)
+from wayside.schemas.errors import UsageError, WaysideError
+from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
-FILE = "face_code.json"
+FILE = "face_code.onnx"
 
 BACKGROUNDS = ("us_freeway_challenge", "us_freeway_white_right")
 """Real drives (MIT) before whose images the drawings are put."""
 
-FILTERS, POOLED, HIDDEN = (16, 32, 64), (True, True, True), 64
-"""Filters of each layer, the layers that are halved, units behind them."""
-
 DRAWN, DRAWN_OTHER, CROPPED = 300, 9_000, 16
 """Patches of each drawn class, of all other faces together, and copies of each real crop."""
-
-BATCH, EPOCHS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 128, 6, 5e-3, 1e-2, 0.2
-"""Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
 
 HEIGHTS_PX = (11.0, 80.0)
 """Heights of drawn faces, log-uniform."""
@@ -63,23 +46,26 @@ HEIGHTS_PX = (11.0, 80.0)
 BOX_SIGMA, BOX_SIGMA_PX = 0.025, 0.5
 """Scatter of the sides of a face's box: as a fraction of its size, and in pixels."""
 
-TEMPERATURES = tuple(np.geomspace(0.5, 4.0, 25).tolist())
-"""By which log odds may be divided; the one of the best likelihood of the validated tracks is taken."""
-
 Notify = Callable[[str], None]
 Patches = tuple[NDArray[np.uint8], NDArray[np.str_]]
 
 
 def learn_face_codes(
-    real: Path, seed: int, notify: Notify, *, with_crops: bool = True
-) -> ConvolutionModel:
-    """The face classifier; without crops, it is taught by drawings alone, which shows how those carry over.
+    real: Path, seed: int, out: Path, notify: Notify, *, with_crops: bool = True
+) -> None:
+    """Write the face classifier; without crops, it is taught by drawings alone, which shows how those carry over.
 
     Raises
     ------
     UsageError
         Without PyTorch, which only the learning needs.
     """
+    try:
+        from wayside.pipeline.learning.face_network import at_temperature, export, fit
+    except ImportError as error:
+        raise UsageError(
+            "learning: wanted PyTorch, found none; install it with pip install 'wayside[learn]'"
+        ) from error
     rng = np.random.default_rng(seed)
     drawn, taught = list(drawings(real)), list(crops(real, TAUGHT)) if with_crops else []
     patches, names = drawn_patches(drawn, _backgrounds(real), rng)
@@ -88,17 +74,20 @@ def learn_face_codes(
         more, of_crops = cropped_patches(taught, CROPPED, rng)
         patches, names = np.concatenate([patches, more]), np.concatenate([names, of_crops])
         notify(f"{len(of_crops)} patches of {len(taught)} crops")
-    model = fit(patches, names, seed)
-    held, truth = still_patches(crops(real, VALIDATED))
-    model = at_temperature(model, held, truth) if with_crops else model
+    network = fit(patches, names, seed)
+    if with_crops:
+        at_temperature(network, *still_patches(crops(real, VALIDATED)))
     held, truth = still_patches(crops(real, TESTED))
-    right = float((best_names(model, held) == truth).mean())
+    best = network.log_probabilities(held).argmax(axis=1)
+    right = float((np.array(network.classes)[best] == truth).mean())
     words = (
         f"{len(drawn)} vector drawings of signs (mapillary/mapillary_sprite_source and brycedorn/mutcd-ts, MIT), drawn "
         f"before images of {' and '.join(BACKGROUNDS)} (udacity/CarND-LaneLines-P1, MIT); {len(taught)} crops of GTSRB "
         f"(Stallkamp et al. 2012); held out by track, named right: {100 * right:.1f} % of {len(truth)}; seed {seed}"
     )
-    return replace(model, provenance=words)
+    out.mkdir(parents=True, exist_ok=True)
+    export(network, out / FILE, words)
+    notify(f"{out / FILE}: {words}")
 
 
 def drawn_patches(
@@ -145,95 +134,6 @@ def still_patches(examples: Iterable[FaceExample]) -> Patches:
     listed = list(examples)
     patches = np.stack([face_patch(one.pixels, one.box) for one in listed])
     return patches, np.array([one.name for one in listed])
-
-
-def best_names(model: ConvolutionModel, patches: NDArray[np.uint8]) -> NDArray[np.str_]:
-    """The most probable class of each patch."""
-    return np.asarray(np.array(model.classes)[class_log_probabilities(model, patches).argmax(1)])
-
-
-def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> ConvolutionModel:
-    """Fit the network to patches (n, 32, 32, 3) and their classes (n,); all are drawn alike but `other`."""
-    try:
-        import torch
-    except ImportError as error:
-        raise needs("PyTorch") from error
-    torch.manual_seed(seed)
-    classes, target = np.unique(names, return_inverse=True)
-    nn, layers, channels = torch.nn, [], 3
-    for filters, pooled in zip(FILTERS, POOLED, strict=True):
-        layers += [nn.Conv2d(channels, filters, 3, padding=1, bias=False), nn.BatchNorm2d(filters)]
-        layers += [nn.ReLU(), *([nn.MaxPool2d(2)] if pooled else [])]
-        channels = filters
-    samples = channels * (PATCH_SIDE // 2 ** sum(POOLED)) ** 2
-    body = nn.Sequential(*layers)
-    head = nn.Sequential(
-        nn.Linear(samples, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT), nn.Linear(HIDDEN, len(classes))
-    )
-    steps = round(EPOCHS * len(names) / BATCH)
-    descent = torch.optim.AdamW(
-        [*body.parameters(), *head.parameters()], lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY
-    )
-    rate = torch.optim.lr_scheduler.OneCycleLR(
-        descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
-    )
-    other = CodeSettings().other_share
-    share = np.where(classes == OTHER_FACE, other, (1 - other) / (len(classes) - 1))
-    weight = (share / np.bincount(target))[target]
-    drawn = np.random.default_rng(seed).choice(len(names), (steps, BATCH), p=weight / weight.sum())
-    for rows in drawn:
-        shown = torch.from_numpy(face_samples(patches[rows])).permute(0, 3, 1, 2)
-        found = head(body(shown).permute(0, 2, 3, 1).flatten(1))
-        loss = nn.functional.cross_entropy(
-            found, torch.from_numpy(target[rows]), label_smoothing=0.02
-        )
-        descent.zero_grad()
-        loss.backward()
-        descent.step()
-        rate.step()
-    weights, biases = folded_filters(body)
-    hidden, hidden_bias, output, output_bias = (
-        np.array(tensor.detach().numpy(), np.float32, order="C")
-        for one in (head[0], head[3])
-        for tensor in (one.weight.T, one.bias)
-    )
-    none = np.zeros(0, np.float32)
-    return ConvolutionModel(
-        features=(),
-        side=PATCH_SIDE,
-        tree_threshold=0.0,
-        tree_weight=0.0,
-        feature_limit=1.0,
-        filters=weights,
-        biases=biases,
-        pooled=POOLED,
-        mean=none,
-        scale=none,
-        hidden=hidden,
-        hidden_bias=hidden_bias,
-        output=output,
-        output_bias=output_bias,
-        provenance="",
-        classes=tuple(map(str, classes)),
-    )
-
-
-def at_temperature(
-    model: ConvolutionModel, patches: NDArray[np.uint8], truth: NDArray[np.str_]
-) -> ConvolutionModel:
-    """The model with its outputs divided by the temperature of the best likelihood (Guo et al. 2017)."""
-    column = np.array([model.classes.index(name) for name in truth])
-
-    def likelihood(one: ConvolutionModel) -> float:
-        found = class_log_probabilities(one, patches)
-        return float(found[np.arange(len(column)), column].mean())
-
-    return max((_scaled(model, 1 / t) for t in TEMPERATURES), key=likelihood)
-
-
-def _scaled(model: ConvolutionModel, factor: float) -> ConvolutionModel:
-    scale = np.float32(factor)
-    return replace(model, output=scale * model.output, output_bias=scale * model.output_bias)
 
 
 def _drawn(
@@ -308,10 +208,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(text, flush=True)
 
     try:
-        model = learn_face_codes(
-            given.real, given.seed, notify, with_crops=not given.drawings_alone
+        learn_face_codes(
+            given.real, given.seed, given.out, notify, with_crops=not given.drawings_alone
         )
-        write_model(given.out / FILE, model, notify)
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

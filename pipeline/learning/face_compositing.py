@@ -5,7 +5,6 @@ Each is seen from an angle, faded, dirty, shaded and as bright as its surroundin
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -19,19 +18,9 @@ from wayside.pipeline.learning.face_drawings import (
     FaceLibrary,
     chosen_face,
 )
-from wayside.schemas.frame import Camera
 
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
-
-FACE_M, BESIDE_M, ABOVE_M = (0.75, 0.4), (2.0, 14.0), (-0.5, 5.0)
-"""Height of a face: median, and sigma of its logarithm; how far beside and above the camera it stands: from and to."""
-
-PLACES = 20
-"""Places that are tried until one is in the image."""
-
-Place = Callable[[float, np.random.Generator], tuple[float, float]]
-"""Left and top of a face so many pixels high."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,20 +40,18 @@ def draw_faces(
     noise: NDArray[np.float32],
     rng: np.random.Generator,
     wanted: int,
-    place: Place | None = None,
 ) -> list[DrawnFace]:
     """Draw up to `wanted` posts with faces into an image, in place, off the boxes `taken` (n, 4).
 
-    `noise` is a square of smooth noise of mean 0 and deviation 1, larger than the image, for dirt and shade. `place`
-    says where; without it, faces lie anywhere.
+    `noise` is a square of smooth noise of mean 0 and deviation 1, larger than the image, for dirt and shade.
     """
-    place = place or anywhere(*rgb.shape[:2])
+    height, width = rgb.shape[:2]
     drawn: list[DrawnFace] = []
     boxes: list[tuple[float, ...]] = [tuple(box) for box in taken.tolist()]
     for _ in range(wanted):
         kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
         face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
-        left, top = place(face_height, rng)
+        left, top = rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
         light = float(rng.uniform(0.45, 1.6))
         stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
         post_from = None
@@ -98,33 +85,6 @@ def draw_faces(
         if post_from is not None and rng.random() < 0.6:
             _post(rgb, post_from, max(top, post_from[3]), light, rng)
     return drawn
-
-
-def anywhere(height: int, width: int) -> Place:
-    """Places all over an image."""
-
-    def place(_: float, rng: np.random.Generator) -> tuple[float, float]:
-        return rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
-
-    return place
-
-
-def beside_the_road(camera: Camera) -> Place:
-    """Places where posts stand: a face of that height in pixels is at a distance, beside the path and above it."""
-
-    def place(height_px: float, rng: np.random.Generator) -> tuple[float, float]:
-        left, top = 0.0, 0.0
-        for _ in range(PLACES):
-            metres = FACE_M[0] * np.exp(rng.normal(0, FACE_M[1]))
-            px_per_m = height_px / metres
-            beside = rng.uniform(*BESIDE_M) * rng.choice([-1, 1])
-            left = camera.cx + px_per_m * beside
-            top = camera.cy - px_per_m * (rng.uniform(*ABOVE_M) + metres)
-            if 0 <= left <= camera.width - height_px and 0 <= top <= camera.height - height_px:
-                break
-        return left, top
-
-    return place
 
 
 def overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:

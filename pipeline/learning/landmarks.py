@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
-from wayside.pipeline.learning.cross_validation import platt
+from wayside.pipeline.learning.score_calibration import platt
 from wayside.pipeline.roc.score_points import (
     DECISION_RULE,
     normal_tail,
@@ -21,7 +21,7 @@ from wayside.pipeline.roc.score_points import (
 )
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.models import EvidenceModel, GaussianModel, TreeModel
+from wayside.schemas.models import EvidenceModel, GaussianModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MappingSettings, TrackSettings
 from wayside.stages.detection import BoxClassifier
@@ -59,7 +59,7 @@ EDGE = 0.01
 signs: what is more unusual than nearly all signs of the drives at hand counts as those do."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
-FALSE_ALARM, FALSE_ALARM_BACK = 0.007, 0.1
+FALSE_ALARM, FALSE_ALARM_BACK = 0.005, 0.1
 """Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
@@ -78,8 +78,8 @@ class PosedDrive:
 
     name: str
     moved: Iterable[PosedDetections]
-    face: TreeModel | None
-    back: TreeModel | None
+    face: BoxClassifier | None
+    back: BoxClassifier | None
     known: KnownPanels
     panel: PanelMethod | None = None
     location: GaussianModel | None = None
@@ -116,11 +116,8 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     for drive in drives:
         settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
         front, back = (
-            SideClassifiers(
-                None if model is None else BoxClassifier(model),
-                LandmarkClassifier(None, drive.location),
-            )
-            for model in (drive.face, drive.back)
+            SideClassifiers(classifier, LandmarkClassifier(None, drive.location))
+            for classifier in (drive.face, drive.back)
         )
         behind = None if drive.back is None else back
         for frame in track(iter(drive.moved), settings, front, behind, drive.panel):

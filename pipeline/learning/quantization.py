@@ -1,19 +1,20 @@
-"""The detection network in 8-bit integers: a third of the time of one in floating point, nearly the same maps.
+"""Networks in 8-bit integers: a third of the time of floating point, nearly the same output.
 
     python -m wayside.pipeline.learning.quantization FLOAT.onnx NETWORK.onnx --drives FOLDER [--real FOLDER]
 
 Every tensor between two layers is a scale times numbers of 0 to 255, weights are a scale of their filter times numbers
 of -64 to 63 (Jacob et al. 2018, "Quantization and training of neural networks for efficient integer-arithmetic-only
-inference"). The scales come from the least and the largest value of a tensor over some of the images that the network
-was learned from. The last layer stays as it is: its log odds would be steps of 0.1.
+inference"). The scales come from the least and the largest value of a tensor over some of what the network was learned
+from. The last layer stays as it is: its log odds would be steps of 0.1.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,46 +22,69 @@ from numpy.typing import NDArray
 from wayside.pipeline.learning.detector_images import rendered_images
 from wayside.pipeline.learning.scenes import real_sources
 from wayside.pipeline.provenance import onnx_metadata
-from wayside.stages.detection import IMAGE, as_blob
+from wayside.stages.detection import IMAGE, PATCHES, SIZES, as_blob
 
 EVERY = 24
 """Every n-th image of a drive or source tells the range of values."""
 
-UNQUANTIZED = "/maps/Conv"
-"""The last layer, by the name that its export gives it."""
+LAST_LAYER = "/maps/Conv"
+"""The last layer of the detection network, by the name that its export gives it."""
+
+LAYERS = "/layers/"
+"""Start of the names of the layers of the box network whose numbers are integers."""
+
+Feed = dict[str, NDArray[Any]]
 
 
-class _Images:
-    """Images as the network takes them, one after the other; a `CalibrationDataReader` of onnxruntime."""
+class _Feeds:
+    """Inputs of a network one after the other; a `CalibrationDataReader` of onnxruntime."""
 
-    def __init__(self, images: Iterable[NDArray[np.uint8]]) -> None:
-        self._images = iter(images)
+    def __init__(self, feeds: Iterable[Feed]) -> None:
+        self._feeds = iter(feeds)
 
-    def get_next(self) -> dict[str, NDArray[np.float32]] | None:
-        """The input of the next image; None after the last."""
-        rgb = next(self._images, None)
-        return None if rgb is None else {IMAGE: as_blob(rgb)}
+    def get_next(self) -> Feed | None:
+        """The next input; None after the last."""
+        return next(self._feeds, None)
 
 
 def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) -> None:
-    """Write the network of an ONNX file in 8 bits, with the metadata of that file.
+    """Write the detection network of an ONNX file in 8 bits, with the metadata of that file.
 
-    images: (height, width, 3), any size, 32 px and more; needs the package onnx. Weights have 7 bits of the 8: products
-    of two numbers of 8 bits overflow the 16 bits in which processors without VNNI add pairs of them.
+    images: (height, width, 3), any size, 32 px and more; needs the package onnx.
+    """
+    _quantize(
+        source, target, ({IMAGE: as_blob(rgb)} for rgb in images), lambda name: name == LAST_LAYER
+    )
+
+
+def quantize_boxes(source: Path, target: Path, samples: Iterable[Feed]) -> None:
+    """The same of a box network; samples: columns of `BoxSamples`."""
+    feeds = ({PATCHES: one["patch"], SIZES: one["size"]} for one in samples)
+    _quantize(source, target, feeds, lambda name: not name.startswith(LAYERS))
+
+
+def _quantize(
+    source: Path, target: Path, feeds: Iterable[Feed], excluded: Callable[[str], bool]
+) -> None:
+    """Write a network in 8 bits, but for what is excluded by name.
+
+    Weights have 7 bits of the 8: products of two numbers of 8 bits overflow the 16 bits in which processors without
+    VNNI add pairs of them.
     """
     import onnx
     from onnxruntime.quantization import QuantFormat, QuantType, quantize_static
 
+    nodes = onnx.load(str(source)).graph.node
     quantize_static(
         source,
         target,
-        _Images(images),
+        _Feeds(feeds),
         quant_format=QuantFormat.QDQ,
         per_channel=True,
         reduce_range=True,
         activation_type=QuantType.QUInt8,
         weight_type=QuantType.QInt8,
-        nodes_to_exclude=[UNQUANTIZED],
+        nodes_to_exclude=[node.name for node in nodes if excluded(node.name)],
     )
     model = onnx.load(str(target))
     said = onnx_metadata(source.read_bytes()) | {"weights": "7 bits, ranges by images learned from"}

@@ -94,7 +94,7 @@ def _questions_of(
         yield question(ALL, own.values[:, 0], least, "probability")
     else:
         learned, unit = {
-            "detector": (models.box_classifier, "log odds"),
+            "detector": (models.front_scores, "log odds"),
             "landmark": (models.landmark_classifier, "log odds"),
             "trajectory": (models.trajectory_density, "mean log density"),
         }[classifier]

@@ -294,7 +294,8 @@ class _Collector:
         """Every box that the detector scored; one that a better box suppresses is none that it refused."""
         candidates = item.candidates
         rows = np.flatnonzero(np.isfinite(candidates.score))
-        above = candidates.score[rows] >= self._models.box_classifier.threshold
+        learned = self._models.front_scores
+        above = candidates.score[rows] >= (-np.inf if learned is None else learned.threshold)
         scores = candidates.score[rows, None]
         names = np.full(len(rows), -1)
         yield "detector", self._regions(item, rows, "log_odds", scores, above, (), names)

@@ -17,11 +17,11 @@ _PITCH = "with 0.22 above and 0.13 below a fifth of the faces in images of stree
 class CandidateSettings:
     """Where candidates for sign faces come from and how they are classified in one image."""
 
-    judge: str = setting(
-        "trees",
+    classifier: str = setting(
+        "network",
         "",
-        "trees: learned box classifier on every candidate; report: colour and shape distances",
-        choices=("trees", "report"),
+        "network: the box network on every candidate; report: colour and shape distances",
+        choices=("network", "report"),
     )
     keep: int = setting(
         60, "candidates", "at most this many of the best are tracked in one image", low=1
@@ -95,10 +95,10 @@ class CandidateSettings:
         expert=True,
     )
     network_most: int = setting(
-        120,
+        60,
         "boxes",
         "of the network that are kept in an image, at most",
-        origin="250 find no more signs",
+        origin="120 find no more faces",
         expert=True,
         low=0,
     )
@@ -110,14 +110,6 @@ class CandidateSettings:
         expert=True,
         low=0.01,
         high=0.99,
-    )
-
-    segment_score: float = setting(
-        -3.0,
-        "log odds",
-        "segments are classified where the detection network takes their middle for that of a face by as much",
-        origin=_CHOSEN,
-        expert=True,
     )
 
     # --- boxes of another detector, or of a file ---
@@ -140,18 +132,17 @@ class CandidateSettings:
         low=0.01,
         high=0.99,
     )
-    regression_margin: float = setting(
-        4.0,
+    regressed_from: float = setting(
+        -3.0,
         "log odds",
-        "boxes down to this below the threshold of the trees are regressed, and the patch CNN is learned on them",
-        origin=_CHOSEN,
+        "boxes of so much by the box network, as a front or a back, are moved onto the panel and classified again",
+        origin="the thresholds are near 1, and the second classification adds 2 at most",
         expert=True,
-        low=0,
     )
     largest_offset: float = setting(
         1.5,
         "box sizes",
-        "box regression: larger offsets of a side are neither learned nor applied",
+        "box regression: sides move no farther",
         origin=_CHOSEN,
         expert=True,
         low=0,

@@ -9,7 +9,7 @@ from wayside.schemas.settings.field import setting
 
 @dataclass(frozen=True, slots=True)
 class ReportSettings:
-    """Gates that the report built and replaced (`candidates.judge = "report"`); its last one is `locate.gate`."""
+    """Gates that the report built and replaced (`candidates.classifier = "report"`); its last one is `locate.gate`."""
 
     shape: bool = setting(
         False, "", "after the colour: refuse regions whose outline is of no shape (chapter 4)"

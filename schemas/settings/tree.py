@@ -93,7 +93,7 @@ REPORT: dict[str, dict[str, Any]] = {
     "read": {"thin_m": 8.0},
     "segment": {"whole_picture": True},
     "gate": {"smallest_px": 50, "largest_px": 20_000},
-    "candidates": {"judge": "report"},
+    "candidates": {"classifier": "report"},
     "features": {"sift": True},
     "motion": {"always_adjust": False},
     "track": {"matching": "sift"},

@@ -1,15 +1,10 @@
-"""Learned models evaluated on many rows: boosted trees, networks, Gaussian classes."""
+"""Learned models evaluated on many rows: networks, Gaussian classes."""
 
-from wayside.stages.classifiers.convolution import convolution_output
 from wayside.stages.classifiers.gaussian import nearest_class, require_gaussian_model
-from wayside.stages.classifiers.network import log_probabilities, network_outputs
-from wayside.stages.classifiers.trees import log_odds
+from wayside.stages.classifiers.onnx_network import OnnxNetwork
 
 __all__ = [
-    "convolution_output",
-    "log_odds",
-    "log_probabilities",
+    "OnnxNetwork",
     "nearest_class",
-    "network_outputs",
     "require_gaussian_model",
 ]

@@ -1,15 +1,20 @@
 """Regions of an image to detected sign faces: proposals, learned classifiers, box regression."""
 
 from wayside.stages.detection.box_classifier import BoxClassifier
-from wayside.stages.detection.box_regression import SIDES, regressed_regions
-from wayside.stages.detection.detector import detect, name_log_probabilities, passes_network
+from wayside.stages.detection.box_network import (
+    BOX_OUTPUT,
+    BOX_VALUES,
+    COLOR_AT,
+    OFFSET_AT,
+    PATCHES,
+    SHAPE_AT,
+    SIZES,
+    BoxNetwork,
+)
+from wayside.stages.detection.box_patches import INNER, SIDE, drawn_patches
+from wayside.stages.detection.detector import detect
 from wayside.stages.detection.detector_outputs import recognised
 from wayside.stages.detection.external_boxes import detect_externally
-from wayside.stages.detection.feature_vectors import (
-    REGION_FEATURES,
-    box_feature_names,
-    box_features,
-)
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
     IMAGE,
@@ -21,48 +26,36 @@ from wayside.stages.detection.network_proposals import (
     boxes_of_maps,
 )
 from wayside.stages.detection.onnx_detector import (
-    OnnxNetwork,
     multiple_of,
     named_boxes,
 )
-from wayside.stages.detection.patch_cnn import (
-    PATCH_CNN_FEATURES,
-    PATCH_DARK_LEVEL,
-    patch_log_odds,
-    placement_features,
-)
-from wayside.stages.detection.patch_features import INNER, SIDE, drawn_patches
 from wayside.stages.detection.proposals import propose
 
 __all__ = [
+    "BOX_OUTPUT",
+    "BOX_VALUES",
     "CENTRE_PX",
+    "COLOR_AT",
     "IMAGE",
     "INNER",
     "MAPS",
-    "PATCH_CNN_FEATURES",
-    "PATCH_DARK_LEVEL",
-    "REGION_FEATURES",
+    "OFFSET_AT",
+    "PATCHES",
+    "SHAPE_AT",
     "SIDE",
-    "SIDES",
     "SIDE_PX",
+    "SIZES",
     "STRIDE",
     "BoxClassifier",
+    "BoxNetwork",
     "DetectionNetwork",
-    "OnnxNetwork",
     "as_blob",
-    "box_feature_names",
-    "box_features",
     "boxes_of_maps",
     "detect",
     "detect_externally",
     "drawn_patches",
     "multiple_of",
-    "name_log_probabilities",
     "named_boxes",
-    "passes_network",
-    "patch_log_odds",
-    "placement_features",
     "propose",
     "recognised",
-    "regressed_regions",
 ]

@@ -1,7 +1,7 @@
 """Boxes of another detector as candidates: it takes the place of proposals and box classifier.
 
 Its boxes are the detections and its scores theirs. Colour and shape are those of its classes where these say so; else
-the colour and shape networks name them.
+the box network names them.
 """
 
 from __future__ import annotations
@@ -22,15 +22,10 @@ from wayside.schemas.detections import (
     Regions,
 )
 from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
-from wayside.schemas.frame import Camera, Image
-from wayside.schemas.models import NetworkModel
+from wayside.schemas.frame import Image
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection.detector import (
-    require_name_networks,
-    with_names,
-    with_scores,
-)
-from wayside.stages.detection.feature_vectors import box_features
+from wayside.stages.detection.box_network import BoxNetwork
+from wayside.stages.detection.detector import with_names, with_scores
 from wayside.stages.detection.onnx_detector import OnnxDetector
 from wayside.stages.detection.proposals import filled_area, mean_colors
 from wayside.stages.imaging import pyramid
@@ -42,8 +37,7 @@ def detect_externally(
     *,
     source: DetectorFile | BoxFile,
     settings: CandidateSettings,
-    color: NetworkModel | None = None,
-    shape: NetworkModel | None = None,
+    network: BoxNetwork,
 ) -> Iterator[Detections]:
     """The boxes of a detector or of a file as the candidates of each image.
 
@@ -56,8 +50,8 @@ def detect_externally(
     settings
         Least score; overlap of suppression; number of candidates that are tracked. Of boxes that overlap more the best
         stays (`overlap`), of all of them the best `settings.keep` (`score`).
-    color, shape
-        Networks that name what the classes of the boxes do not.
+    network
+        The box network, which names what the classes of the boxes do not.
 
     Yields
     ------
@@ -66,9 +60,8 @@ def detect_externally(
     Raises
     ------
     InputError
-        If a network has features or outputs that are not known here, or the detector's outputs are not understood.
+        If the detector's outputs are not understood.
     """
-    require_name_networks(color, shape)
     # not safe to share between threads, and each worker has its own instance of this stage
     detector = None if isinstance(source, BoxFile) else OnnxDetector(source)
     for item in items:
@@ -88,7 +81,7 @@ def detect_externally(
         )
         yield Detections(
             segmentation,
-            classified(found, segmentation.regions, item.rgb, camera, settings, color, shape),
+            classified(found, segmentation.regions, item.rgb, settings, network),
         )
 
 
@@ -108,18 +101,15 @@ def classified(
     found: ExternalBoxes,
     regions: Regions,
     rgb: NDArray[np.uint8],
-    camera: Camera,
     settings: CandidateSettings,
-    color: NetworkModel | None,
-    shape: NetworkModel | None,
+    network: BoxNetwork,
 ) -> Candidates:
     """Candidates of the boxes with scores, verdicts and classes."""
     rows = np.arange(len(found))
     candidates = with_scores(Candidates.of(regions), rows, found.score, -np.inf, settings)
     if len(found) == 0:
         return candidates
-    values = box_features(pyramid(rgb), regions, camera)
-    candidates = with_names(candidates, color, shape, rows, values)
+    candidates = with_names(candidates, rows, network.scores(pyramid(rgb), regions.box))
     return replace(
         candidates,
         color=_known_first(found.color, candidates.color),

@@ -5,9 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 
 from wayside.schemas.detections import COLORS, SHAPES, NetworkBoxes
-from wayside.stages.detection.onnx_detector import OnnxNetwork
+from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.geometry import non_maximum_suppression
 
 STRIDE, MULTIPLE = 4, 32
@@ -31,6 +32,9 @@ class DetectionNetwork:
 
     def __init__(self, path: str) -> None:
         self._network = OnnxNetwork(path, (OUTPUT,))
+        found = self.maps(np.zeros((MULTIPLE, MULTIPLE, 3), np.uint8)).shape
+        if found != (MAPS, MULTIPLE // STRIDE, MULTIPLE // STRIDE):
+            raise ValueError(f"wanted {MAPS} maps of a quarter of the image's size, found {found}")
 
     def maps(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Maps (`MAPS`, rows, columns) of an image, padded at the right and below to whole multiples of 32."""
@@ -76,28 +80,8 @@ def boxes_of_maps(
     return NetworkBoxes(
         box[kept],
         score[kept],
-        side[kept] == 1,
-        _log_softmax(color),
-        _log_softmax(shape),
+        heat[0][row[kept], column[kept]],
+        log_softmax(color, axis=1),
+        log_softmax(shape, axis=1),
         len(every) - len(kept),
     )
-
-
-def middle_scores(
-    maps: NDArray[np.float32], box: NDArray[np.float32], least: float
-) -> NDArray[np.float32]:
-    """Log odds (n,) of fronts at the middles of boxes (n, 4) of the image of `maps`, no lower than `least`.
-
-    The best of the cell and its neighbours: a box may be off by some pixels. `least` outside the maps.
-    """
-    heat = cv2.dilate(maps[0], np.ones((3, 3), np.uint8))
-    column, row = np.floor((box[:, :2] + box[:, 2:]) / (2 * STRIDE)).astype(int).T
-    inside = (row >= 0) & (row < heat.shape[0]) & (column >= 0) & (column < heat.shape[1])
-    scores = np.full(len(box), least, np.float32)
-    scores[inside] = np.maximum(heat[row[inside], column[inside]], least)
-    return scores
-
-
-def _log_softmax(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    above = values - values.max(axis=1, keepdims=True)
-    return np.asarray(above - np.log(np.exp(above).sum(axis=1, keepdims=True)), np.float32)

@@ -18,6 +18,7 @@ from wayside.schemas.detectors import (
     score_log_odds,
 )
 from wayside.schemas.errors import InputError
+from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection.detector_outputs import (
     SUPPRESSED,
     WHOLE_IMAGE,
@@ -30,40 +31,6 @@ MULTIPLE = 32
 """Height and width of what a network of free input size sees are multiples of this."""
 GREY = 114
 """Level of the border of a letterboxed image, as in the training of the YOLO networks."""
-ERRORS = 3
-"""Severity from which onnxruntime writes to the terminal."""
-
-
-class OnnxNetwork:
-    """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
-
-    Raises ValueError where the file is none that can be run.
-    """
-
-    def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = ERRORS
-        try:
-            self._session = onnxruntime.InferenceSession(
-                path, options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # the engine has a class of its own for each fault of a file
-            raise ValueError(str(error)) from error
-        self._outputs = outputs
-
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
-        """Outputs by name; raises ValueError where the inputs are none that the network takes."""
-        try:
-            values = self._session.run(list(self._outputs), dict(inputs))
-        except Exception as error:
-            raise ValueError(str(error)) from error
-        return {
-            name: np.asarray(value, np.float32)
-            for name, value in zip(self._outputs, values, strict=True)
-        }
 
 
 class OnnxDetector:

@@ -1,4 +1,4 @@
-"""Candidates for sign faces: boxes of the detection network, and the segments in whose middle it sees a face."""
+"""Candidates for sign faces: boxes of the detection network beside the segments."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.network_proposals import (
     DetectionNetwork,
     boxes_of_maps,
-    middle_scores,
 )
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import halved
@@ -37,7 +36,7 @@ def propose(
     settings: CandidateSettings,
     network: OnnxFile | None = None,
 ) -> Iterator[Segmentation]:
-    """Add the boxes of a detection network to each image's segments, and say how likely it takes each for a face.
+    """Add the boxes of a detection network to each image's segments.
 
     The network sees the rows in which faces can be (`network_bands`). Regions that no face has the size of are dropped,
     of nearly the same boxes one stays, those of the network before segments; what is dropped is counted. Without a
@@ -49,22 +48,22 @@ def propose(
         if rgb is None or camera is None:
             yield item
             continue
-        regions, left_out = item.regions, 0
-        bands: list[Band] = []
+        regions, left_out, score = item.regions, 0, None
         if detection_network is not None:
             bands = network_bands(detection_network, rgb, camera, settings)
-        if bands:
             found = boxes_of_bands(bands, len(rgb), settings)
+            segments = np.full(len(regions), np.nan, np.float32)
             regions = network_regions(found, rgb, settings).joined(regions)
-            left_out = found.left_out
+            score, left_out = np.concatenate([found.front, segments]), found.left_out
         fitting = np.flatnonzero(settings.fits_face(regions.box))
         kept = fitting[non_maximum_suppression(regions.box[fitting], settings.same_region_iou)]
         dropped = Dropped(len(regions) - len(fitting), len(fitting) - len(kept), left_out)
-        item = replace(item, regions=regions.select(kept), dropped=item.dropped.plus(dropped))
-        if detection_network is not None:
-            score = scores_of_bands(bands, item.regions.box, settings.network_least)
-            item = replace(item, network_score=score)
-        yield item
+        yield replace(
+            item,
+            regions=regions.select(kept),
+            dropped=item.dropped.plus(dropped),
+            network_score=None if score is None else score[kept],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +77,6 @@ class Band:
     size: tuple[int, int]
     top: int
     scale: int
-
-    def of_image(self, box: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Boxes (n, 4) of the image in pixels of the band."""
-        return (box - np.array([0, self.top, 0, self.top], np.float32)) / np.float32(self.scale)
 
     def in_image(self, box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Boxes (n, 4) of the band in pixels of the image."""
@@ -129,27 +124,20 @@ def boxes_of_bands(bands: Sequence[Band], height: int, settings: CandidateSettin
         )
         for band in bands
     ]
+    if not parts:
+        return NetworkBoxes.none()
     box = np.concatenate([band.in_image(one.box) for band, one in zip(bands, parts, strict=True)])
-    score = np.concatenate([one.score for one in parts])
     whole = [band.whole(one.box, height) for band, one in zip(bands, parts, strict=True)]
+    score, front, color, shape = (
+        np.concatenate([getattr(one, name) for one in parts])
+        for name in ("score", "front", "color", "shape")
+    )
     order = np.argsort(-score, kind="stable")
     order = order[np.concatenate(whole)[order]]
     apart = order[non_maximum_suppression(box[order], settings.network_iou)]
     best = apart[: settings.network_most]
-    back, color, shape = (
-        np.concatenate([getattr(one, name) for one in parts])[best]
-        for name in ("is_back", "color", "shape")
-    )
     left_out = len(apart) - len(best) + sum(one.left_out for one in parts)
-    return NetworkBoxes(box[best], score[best], back, color, shape, left_out)
-
-
-def scores_of_bands(
-    bands: Sequence[Band], box: NDArray[np.float32], least: float
-) -> NDArray[np.float32]:
-    """Log odds (n,) of fronts at the middles of boxes (n, 4) of the image, in the band that has the highest."""
-    scores = [middle_scores(band.maps, band.of_image(box), least) for band in bands]
-    return np.asarray(np.max([np.full(len(box), least, np.float32), *scores], axis=0))
+    return NetworkBoxes(box[best], score[best], front[best], color[best], shape[best], left_out)
 
 
 def network_regions(

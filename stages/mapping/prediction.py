@@ -138,7 +138,7 @@ def _scores(frame: WindowFrame, regions: Regions, classifier: BoxClassifier) -> 
     levels = frame.image_pyramid()
     if levels is None:
         return np.full(len(regions), -np.inf, np.float32)
-    return classifier.scores(levels, regions, frame.camera)
+    return classifier.scores(levels, regions.box)
 
 
 def _extended(

@@ -1,7 +1,13 @@
 """What sign it is: the class of its face by the pixels, and its code by all that was measured."""
 
 from wayside.stages.sign_codes.codes import assign_codes
-from wayside.stages.sign_codes.face_classes import class_log_probabilities, classify_faces
+from wayside.stages.sign_codes.face_classes import (
+    CLASSES,
+    FACE_OUTPUT,
+    FACES,
+    FaceClassifier,
+    classify_faces,
+)
 from wayside.stages.sign_codes.face_patches import (
     OTHER_FACE,
     PATCH_SIDE,
@@ -10,10 +16,13 @@ from wayside.stages.sign_codes.face_patches import (
 )
 
 __all__ = [
+    "CLASSES",
+    "FACES",
+    "FACE_OUTPUT",
     "OTHER_FACE",
     "PATCH_SIDE",
+    "FaceClassifier",
     "assign_codes",
-    "class_log_probabilities",
     "classify_faces",
     "face_patch",
     "face_samples",

@@ -7,17 +7,38 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
-from wayside.schemas.models import ConvolutionModel
 from wayside.schemas.settings import CodeSettings
-from wayside.stages.classifiers import convolution_output
-from wayside.stages.sign_codes.face_patches import face_patch, face_samples
+from wayside.stages.classifiers import OnnxNetwork
+from wayside.stages.sign_codes.face_patches import PATCH_SIDE, face_patch, face_samples
+
+FACES, FACE_OUTPUT, CLASSES = "faces", "scores", "classes"
+"""Names of the input and of the output of a network, and of its metadata that lists the classes, in lines."""
+
+
+class FaceClassifier:
+    """A network that says which of its `classes` a face is, from an ONNX file; raises ValueError where it is none."""
+
+    def __init__(self, path: str) -> None:
+        self._network = OnnxNetwork(path, (FACE_OUTPUT,))
+        self.classes = tuple(self._network.metadata.get(CLASSES, "").split("\n"))
+        found = self.log_probabilities(np.zeros((1, PATCH_SIDE, PATCH_SIDE, 3), np.uint8)).shape
+        if found != (1, len(self.classes)):
+            raise ValueError(
+                f"wanted a score for each of {len(self.classes)} classes, found {found[1:]}"
+            )
+
+    def log_probabilities(self, patches: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Log probability (n, classes) of each class for patches (n, 32, 32, 3)."""
+        scores = self._network.run({FACES: face_samples(patches)})[FACE_OUTPUT]
+        return np.asarray(log_softmax(scores.astype(np.float64), axis=1))
 
 
 def classify_faces(
-    frames: Iterator[TrackedFrame], *, model: ConvolutionModel, settings: CodeSettings
+    frames: Iterator[TrackedFrame], *, model: FaceClassifier, settings: CodeSettings
 ) -> Iterator[TrackedFrame]:
     """Give every landmark whose face was measured the log probability of each class of the classifier.
 
@@ -43,26 +64,17 @@ def classify_faces(
         yield replace(frame, landmarks=landmarks)
 
 
-def class_log_probabilities(
-    model: ConvolutionModel, patches: NDArray[np.uint8]
-) -> NDArray[np.float64]:
-    """Log probability (n, classes) of each class for patches (n, 32, 32, 3)."""
-    features = np.zeros((len(patches), 0), np.float32)
-    raw = convolution_output(model, face_samples(patches), features).astype(np.float64)
-    return np.asarray(raw - np.logaddexp.reduce(raw, axis=1, keepdims=True))
-
-
 def _classified(
     landmark: Landmark,
     measured: Measurement | None,
-    model: ConvolutionModel,
+    model: FaceClassifier,
     settings: CodeSettings,
 ) -> Landmark:
     """The mean over the views of the log probability of each class; views of one face err together."""
     if landmark.back or measured is None or measured.outline is None:
         return landmark
     patches = np.stack(_face_patches(measured)[: settings.face_views])
-    each = np.maximum(class_log_probabilities(model, patches), settings.least_log_probability)
+    each = np.maximum(model.log_probabilities(patches), settings.least_log_probability)
     mean = each.mean(axis=0)
     return replace(
         landmark, face_log_probability=tuple((mean - np.logaddexp.reduce(mean)).tolist())

@@ -35,11 +35,11 @@ def face_patch(rgb: NDArray[Any], box: NDArray[np.float64]) -> NDArray[np.uint8]
 
 
 def face_samples(patches: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Patches (n, 32, 32, 3) as float32 samples: brightness of mean 0 and scatter 1, log R/G, log B/G."""
+    """Patches (n, 32, 32, 3) as samples (n, 3, 32, 32): brightness of mean 0 and scatter 1, log R/G, log B/G."""
     logarithm = np.log(patches.astype(np.float32) + np.float32(_DARK_LEVEL))
     bright = logarithm.mean(axis=-1)
     middle = bright.mean(axis=(1, 2), keepdims=True)
     scatter = bright.std(axis=(1, 2), keepdims=True)
     bright = (bright - middle) / (scatter + np.float32(_FLAT))
     red, green, blue = (logarithm[..., k] for k in range(3))
-    return np.ascontiguousarray(np.stack([bright, red - green, blue - green], axis=-1))
+    return np.stack([bright, red - green, blue - green], axis=1)

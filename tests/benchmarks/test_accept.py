@@ -111,13 +111,13 @@ def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept: ModuleT
         accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
         for name, evaluation in (
             ("clean", replace(GOOD, learned_by=())),
-            ("seen", replace(GOOD, learned_by=("judge", "place"))),
+            ("seen", replace(GOOD, learned_by=("box", "place"))),
             ("road", real),
             ("lost", None),
         )
     ]
     assert list(accept.learned_from({"default": outcomes})) == [
-        "default: judge, place learned from seen"
+        "default: box, place learned from seen"
     ]
 
 

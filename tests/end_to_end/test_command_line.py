@@ -47,7 +47,7 @@ def test_0_a_run_that_is_done_says_what_it_found_and_leaves_its_tables(tmp_path)
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
     # a log of that name is among those that the models say they were learned from
     about = json.loads((tmp_path / "out" / "run.json").read_text())
-    assert "judge" in about["learned_from_log"]
+    assert "location" in about["learned_from_log"]
 
 
 def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(command, tmp_path, monkeypatch):

@@ -1,21 +1,29 @@
 """Models of one's own folder take part in the decisions of a run."""
 
 import json
-from importlib.resources import files
 
+import numpy as np
 import pytest
+
+from wayside.pipeline.model_files import shipped_models
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.stages.detection import BOX_VALUES, COLOR_AT, SHAPE_AT
 
 SHORT = ("--until", "0.4")
 
 
 @pytest.fixture(scope="module")
 def run_with(run_demo, tmp_path_factory):
-    """Run the first frames of the demo with some model files changed by a function each."""
+    """Run the first frames of the demo with some model files changed by a function each; `box`: its content."""
 
     def run(**changes):
         folder = tmp_path_factory.mktemp("models")
         for name, change in changes.items():
-            text = (files("wayside.pipeline") / "models" / f"{name}.json").read_text()
+            if name == "box":
+                content = (shipped_models() / "box.onnx").read_bytes()
+                (folder / "box.onnx").write_bytes(change(content))
+                continue
+            text = (shipped_models() / f"{name}.json").read_text()
             (folder / f"{name}.json").write_text(json.dumps(change(json.loads(text))))
         return run_demo(*SHORT, "--set", f"models.folder={folder}")
 
@@ -45,18 +53,42 @@ def test_a_panel_larger_than_the_settings_allow_is_none(run_demo):
     assert result.verdicts["panel_size"] > 0
 
 
-def name_everything(name):
-    """A change of a network that makes it sure of one class."""
+def with_bias(added):
+    """A change of the box network that adds to values of a box, by their position."""
 
-    def change(model):
-        place = model["classes"].index(name)
-        bias = [30.0 if k == place else -30.0 for k in range(len(model["classes"]))]
-        return model | {"output_bias": bias}
+    def change(content):
+        # the bias of the last layer in an ONNX file: its name (field 8), then its numbers (field 9)
+        head = b"\x42\x08out.bias\x4a" + bytes([4 * BOX_VALUES])
+        start = content.index(head) + len(head)
+        bias = np.frombuffer(content, np.float32, BOX_VALUES, start).copy()
+        for position, value in added.items():
+            bias[position] += value
+        return content[:start] + bias.tobytes() + content[start + bias.nbytes :]
 
     return change
 
 
-def test_the_networks_of_faces_name_colors_and_shapes(run_with):
-    result = run_with(face_color=name_everything("blue"), face_shape=name_everything("circle"))
+def test_the_box_network_names_colors_and_shapes(run_with):
+    blue, circle = COLOR_AT + COLORS.index("blue"), SHAPE_AT + SHAPES.index("circle")
+    result = run_with(box=with_bias({blue: 60.0, circle: 60.0}))
     faces = [row for row in result.signs if row["status"] == "sign"]
     assert {(row["color"], row["shape"]) for row in faces} == {("blue", "circle")}
+
+
+def test_where_the_box_network_sees_no_front_there_is_no_face(run_with):
+    usual, blind = run_with(), run_with(box=with_bias({0: -60.0}))
+    assert usual.signs
+    assert not [row for row in blind.signs if row["color"] is not None]
+    assert blind.verdicts.get("sign", 0) < usual.verdicts["sign"]
+
+
+def strict(model):
+    """The same scores, none of which is enough."""
+    return model | {"threshold": 99.0}
+
+
+def test_the_thresholds_decide_which_boxes_are_faces_and_backs(run_with):
+    result = run_with(front=strict, back=strict)
+    assert result.signs == []
+    assert result.verdicts["score"] > 0
+    assert not result.verdicts.keys() & {"sign", "unmatched", "few_views", "overlap"}

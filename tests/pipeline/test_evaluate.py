@@ -390,7 +390,7 @@ def test_a_result_says_whether_its_models_were_learned_from_the_log(tmp_path: Pa
     evaluation = evaluated_on_labels(tmp_path, [], [], labels(LABEL))
     assert evaluation.learned_by is None
     assert "learned" not in format_evaluation(evaluation)
-    for models, words in (([], "no model"), (["judge", "network"], "judge, network")):
+    for models, words in (([], "no model"), (["box", "network"], "box, network")):
         (tmp_path / "out" / "run.json").write_text(json.dumps({"learned_from_log": models}))
         evaluation = evaluate(tmp_path / "out", tmp_path / "labels.json")
         assert evaluation.learned_by == tuple(models)

@@ -1,31 +1,20 @@
 """The learning script on tiny drives: flat faces pasted on noise, written as real logs."""
 
 import json
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
+from wayside.pipeline import learn
 from wayside.pipeline.importing import import_images
-from wayside.pipeline.learn import gather, main
-from wayside.pipeline.learning import detector
-from wayside.pipeline.learning.backs import learn_back_classifier
+from wayside.pipeline.learn import main
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
-from wayside.pipeline.learning.samples import (
-    CandidateSamples,
-    face_weights,
-    read_truth,
-    sign_positions,
-)
-from wayside.schemas.detections import Regions
+from wayside.pipeline.learning.samples import read_drive, read_truth, sign_positions
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json
-from wayside.schemas.models import TreeModel
 from wayside.schemas.settings import Settings
-
-pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 600.0
 CALIBRATION = f"""image_width: {WIDTH}
@@ -104,17 +93,8 @@ def write_drive(folder, name, seed):
     return truth
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_trees():
-    """Two dozen trees separate flat faces from noise as well as hundreds."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detector, "TREES", replace(detector.TREES, trees=24))
-        yield
-
-
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory):
-    pytest.importorskip("torch", reason="PyTorch is only needed for learning: make .venv/.learn")
     folder = tmp_path_factory.mktemp("drives")
     for seed, name in enumerate(("learn_a", "learn_b", "measured")):
         write_drive(folder, name, seed)
@@ -127,11 +107,7 @@ def learned(tmp_path_factory):
 def test_the_script_writes_every_model_with_its_provenance(learned):
     files = sorted(path.name for path in (learned / "models").iterdir())
     assert files == [
-        "back.json",
         "color_rgb.json",
-        "face_box.json",
-        "face_color.json",
-        "judge.json",
         "location.json",
         "shape.json",
     ]
@@ -157,33 +133,41 @@ def test_the_colours_learned_are_those_painted(learned):
         assert mean == pytest.approx(COLORS[name], abs=4)
 
 
-@pytest.mark.slow
-def test_the_box_classifier_has_a_patch_cnn_and_held_out_figures(learned):
-    model = model_from_json((learned / "models" / "judge.json").read_text())
-    assert isinstance(model, TreeModel)
-    assert model.patch_cnn is not None
-    assert "with the patch CNN, held out by drive" in model.provenance
-
-
-def test_drives_without_backs_teach_none(tmp_path):
+def test_the_samples_of_a_drive_are_its_clear_faces_and_the_colours_of_what_is_none(tmp_path):
     truth = write_drive(tmp_path, "learn_a", 0)
-    truth["signs"] = [sign for sign in truth["signs"] if sign["faces_travel"]]
-    path = tmp_path / "learn_a.truth.json"
-    path.write_text(json.dumps(truth))
-    drive = gather([tmp_path / "learn_a.mcap"], None, Settings(), 1, print).drives[0]
-    one = detector.FeaturedDrive(
-        drive, drive.candidates, np.zeros((len(drive.candidates.label), 0), np.float32)
-    )
-    with pytest.raises(InputError, match="found 0; add drives"):
-        learn_back_classifier([one], 1, "", 0.4)
+    images = learn.images(tmp_path / "learn_a.mcap")
+    drive = read_drive(images, truth, tmp_path / "learn_a.masks", Settings())
+    assert (drive.name, drive.frames, drive.size) == ("learn_a", 6, (WIDTH, HEIGHT))
+    assert len(drive.faces) == 6 * len(COLORS)
+    for face in drive.faces:
+        assert face.rgb == pytest.approx(COLORS[face.color], abs=4)
+    assert drive.places.tolist() == [[5.0, 0.5], [6.0, 0.5], [7.0, 0.5]]
+    for painted in COLORS.values():
+        assert np.linalg.norm(drive.background - painted, axis=1).min() > 30
+    assert np.abs(drive.background - 190).max(axis=1).min() < 10  # the back is no face
 
 
-@pytest.mark.slow
-def test_the_network_names_the_colours_painted_and_one_shape_is_not_learned(learned):
-    model = model_from_json((learned / "models" / "face_color.json").read_text())
-    assert set(model.classes) == set(COLORS)
-    assert "named right: 6 of 6 signs" in model.provenance
-    assert not (learned / "models" / "face_shape.json").exists()
+def test_invented_faces_are_no_samples_of_the_classes_of_the_report(tmp_path):
+    truth = write_drive(tmp_path, "learn_a", 0)
+    truth["signs"][1]["kind"] = "invented"
+    images = learn.images(tmp_path / "learn_a.mcap")
+    drive = read_drive(images, truth, tmp_path / "learn_a.masks", Settings())
+    assert {face.color for face in drive.faces} == {"red", "yellow"}
+    assert np.linalg.norm(drive.background - COLORS["green"], axis=1).min() > 30
+
+
+def test_a_drive_without_images_is_refused(tmp_path):
+    truth = write_drive(tmp_path, "learn_a", 0)
+    with pytest.raises(InputError, match="learn_a: wanted images, found none"):
+        read_drive([], truth, tmp_path / "learn_a.masks", Settings())
+
+
+@pytest.mark.parametrize("steps", ["--network-steps", "--box-steps"])
+def test_the_training_of_a_network_wants_real_images(tmp_path, capsys, steps):
+    with pytest.raises(SystemExit) as end:
+        main(["--drives", str(tmp_path), "-o", str(tmp_path), steps, "1"])
+    assert end.value.code == 2
+    assert "wants --real" in capsys.readouterr().err
 
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
@@ -255,24 +239,3 @@ def test_signs_stand_right_left_and_above_of_the_road():
     named = {one.name: one for one in model.classes}
     assert list(named) == ["right", "left", "overhead"]
     assert named["right"].mean == pytest.approx([6, 0.5], abs=0.3)
-
-
-def test_each_view_of_a_face_weighs_the_same_and_background_weighs_one():
-    n = 6
-    regions = Regions(
-        np.zeros((n, 4), np.float32),
-        np.zeros(n, np.int32),
-        np.zeros((n, 3), np.float32),
-        np.zeros(n, np.uint8),
-    )
-    candidates = CandidateSamples(
-        regions,
-        np.zeros(n, np.int32),
-        np.array([1, 1, 1, 1, 0, -1], np.int8),
-        np.zeros(n, np.float32),
-        np.array([7, 7, 7, 8, -1, 8], np.int32),
-    )
-    weight = face_weights(candidates)
-    assert weight[:3].sum() == pytest.approx(weight[3])
-    assert weight[:4].sum() == pytest.approx(4)
-    assert weight[4:].tolist() == [1, 1]

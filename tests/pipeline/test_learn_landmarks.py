@@ -1,9 +1,6 @@
 """Learning of the landmark classifiers: what it refuses, and what its models say of themselves."""
 
 import numpy as np
-import pytest
-
-pytest.importorskip("sklearn", reason="scikit-learn is only needed for learning")
 
 from wayside.pipeline.learn_landmarks import main, provenance
 from wayside.pipeline.learning.landmarks import SIGN, LandmarkSamples

@@ -10,10 +10,8 @@ import pytest
 from wayside.pipeline.model_files import load_models, shipped_digests, shipped_models
 from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.settings_file import load_settings
-from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import digest, model_from_json, model_to_json
-from wayside.stages.detection import box_feature_names
 from wayside.stages.mapping import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
 
@@ -21,17 +19,17 @@ NAMES = (
     "back.json",
     "back_place.json",
     "color_rgb.json",
-    "face_box.json",
-    "face_color.json",
-    "face_shape.json",
-    "judge.json",
+    "front.json",
     "location.json",
     "location_report.json",
     "outline.json",
     "place.json",
     "report-kansas.json",
     "shape.json",
+    "trajectory.json",
+    "trajectory_compensated.json",
 )
+NETWORKS = {"box.onnx": "box", "face_code.onnx": "face_code", "network.onnx": "network"}
 
 
 def settings(preset="default", folder="", **more):
@@ -66,19 +64,38 @@ def test_a_model_that_ships_says_where_it_comes_from(name):
 
 
 def test_the_models_of_the_default_preset_saw_nothing_that_is_for_tests_only(shipped):
-    assert shipped.box_classifier.with_network is not None
+    said = shipped.provenances()
     only_tests = ("scenes/mb", "de_road_kitti0015", "de_city_kitti0001", "de_autobahn")
     for source in only_tests:
-        assert learned_from(source, shipped.provenances()) == ()
+        assert learned_from(source, said) == ()
+    for network in ("box", "network"):
+        assert network in learned_from("us_freeway_challenge", said)
 
 
-def test_the_box_classifier_knows_the_features_that_the_stage_computes(shipped):
-    assert shipped.box_classifier.features == box_feature_names()
+def test_every_model_that_ships_and_is_used_says_what_it_was_learned_from(shipped):
+    for models in (shipped, models_of("report"), models_of("report-shape")):
+        said = models.provenances()
+        assert all(said.values())
+        assert said.keys() == models.digests().keys()
 
 
-def test_the_classifiers_of_backs_know_the_features_that_the_stages_compute(shipped):
-    assert shipped.back_classifier is not None
-    assert shipped.back_classifier.features == box_feature_names()
+def test_the_scores_of_the_box_network_are_joined_with_those_of_the_detection_network(shipped):
+    joined = shipped.front_scores.with_network
+    assert joined is not None
+    assert joined.own > 0
+    assert joined.network > 0
+    assert shipped.back_scores.with_network is None
+
+
+@pytest.mark.parametrize("side", ["front_scores", "back_scores"])
+def test_thresholds_of_boxes_name_their_rule_and_interval(shipped, side):
+    model = getattr(shipped, side)
+    assert model.threshold_rule.startswith("alpha: ")
+    low, high = model.threshold_interval
+    assert low <= model.threshold <= high
+
+
+def test_the_classifier_of_backs_knows_the_features_that_the_stage_computes(shipped):
     assert shipped.back_landmark_classifier is not None
     assert set(shipped.back_landmark_classifier.features) == set(FEATURES)
 
@@ -94,17 +111,10 @@ def test_the_model_of_outlines_knows_the_features_that_the_stage_computes():
         assert models_of(preset).outline_weights.features == OUTLINE_FEATURES
 
 
-def test_the_networks_that_name_faces_know_features_and_names_of_the_stages(shipped):
-    for network, names in ((shipped.color_network, COLORS), (shipped.shape_network, SHAPES)):
-        assert network is not None
-        assert set(network.features) <= set(box_feature_names())
-        assert set(network.classes) <= set(names)
-
-
-def test_the_report_names_faces_by_its_own_classifiers_alone():
+def test_the_report_classifies_boxes_and_names_faces_by_its_own_classifiers_alone():
     models = models_of("report")
-    assert models.color_network is None
-    assert models.shape_network is None
+    assert models.box_network is models.front_scores is models.back_scores is None
+    assert models.face_network is None
 
 
 @pytest.mark.parametrize("form", ["image", "compensated"])
@@ -219,13 +229,15 @@ def test_a_false_alarm_rate_trades_the_trajectory_gate(tmp_path):
 def test_digests_are_those_of_the_files_and_the_same_each_time(shipped):
     one = shipped.digests()
     assert one == load_models(settings()).digests()
-    assert one["judge"] == digest((shipped_models() / "judge.json").read_text())
+    assert one["front"] == digest((shipped_models() / "front.json").read_text())
+    for name, network in NETWORKS.items():
+        assert one[network] == sha256((shipped_models() / name).read_bytes()).hexdigest()
 
 
 def test_a_changed_model_has_the_digest_of_its_new_text(shipped):
-    trees = replace(shipped.box_classifier, threshold=7.0)
-    found = replace(shipped, box_classifier=trees).digests()
-    assert found["judge"] == digest(model_to_json(trees)) != shipped.digests()["judge"]
+    front = replace(shipped.front_scores, threshold=7.0)
+    found = replace(shipped, front_scores=front).digests()
+    assert found["front"] == digest(model_to_json(front)) != shipped.digests()["front"]
     assert found["back"] == shipped.digests()["back"]
 
 
@@ -235,7 +247,33 @@ def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path, shipped):
     (tmp_path / "location.json").write_text(json.dumps(data))
     models = load_models(settings(folder=tmp_path))
     assert models.location_classes.provenance == "my own"
-    assert models.box_classifier.provenance == shipped.box_classifier.provenance
+    assert models.front_scores.provenance == shipped.front_scores.provenance
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_network_of_ones_own_replaces_the_one_that_ships(tmp_path, shipped, name):
+    content = (shipped_models() / name).read_bytes() + with_metadata("seed", "my own")
+    (tmp_path / name).write_bytes(content)
+    models = load_models(settings(folder=tmp_path))
+    assert models.digests() == shipped.digests() | {NETWORKS[name]: sha256(content).hexdigest()}
+    assert "my own" in models.provenances()[NETWORKS[name]]
+
+
+def with_metadata(key, value):
+    """Bytes that a model in ONNX's format may end in: field 14 of a protocol buffer, a pair of strings."""
+    pair = b"".join(
+        bytes([tag, len(text)]) + text.encode() for tag, text in ((0x0A, key), (0x12, value))
+    )
+    return bytes([0x72, len(pair)]) + pair
+
+
+@pytest.mark.parametrize("name", ["box.onnx", "face_code.onnx"])
+@pytest.mark.parametrize("content", ["nothing", "network.onnx"])
+def test_a_network_of_ones_own_that_is_none_of_its_kind_is_refused(tmp_path, name, content):
+    other = shipped_models() / content
+    (tmp_path / name).write_bytes(other.read_bytes() if other.is_file() else b"no network")
+    with pytest.raises(InputError, match=rf"models\.folder: wanted an ONNX file .* at {name}: "):
+        load_models(settings(folder=tmp_path))
 
 
 def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_path, monkeypatch):
@@ -262,22 +300,14 @@ def changed_model(name, change):
 
 
 DAMAGED = {
-    "a link out of a tree": ("back.json", lambda d: d["trees"][0]["left"].__setitem__(0, 10**6)),
-    "a link far before it": (
-        "back.json",
-        lambda d: d["trees"][0]["right"].__setitem__(0, -(2**30)),
-    ),
-    "a feature that is not there": (
-        "back.json",
-        lambda d: d["trees"][0]["feature"].__setitem__(0, 2**20),
-    ),
-    "a number too large": ("back.json", lambda d: d["trees"][0]["left"].__setitem__(0, 2**40)),
-    "short arrays": ("back.json", lambda d: [t["value"].pop() for t in d["trees"]]),
-    "one short array": ("back.json", lambda d: d["trees"][3]["value"].pop()),
-    "nan in a tree": ("back.json", lambda d: d["trees"][0]["value"].__setitem__(0, math.nan)),
-    "nan as bias": ("back.json", lambda d: d.update(bias=math.nan)),
-    "no trees": ("back.json", lambda d: d.update(trees=[])),
-    "a list as part": ("back.json", lambda d: d.update(network=[1])),
+    "nan as threshold": ("front.json", lambda d: d.update(threshold=math.nan)),
+    "words as threshold": ("back.json", lambda d: d.update(threshold="high")),
+    "an interval of three": ("front.json", lambda d: d.update(threshold_interval=[0.1, 0.2, 0.3])),
+    "an endless interval": ("back.json", lambda d: d.update(threshold_interval=[0.0, math.inf])),
+    "a sum of one score": ("front.json", lambda d: d["with_network"].pop("own")),
+    "nan in a sum": ("front.json", lambda d: d["with_network"].update(shift=math.nan)),
+    "a list as sum": ("front.json", lambda d: d.update(with_network=[1, 2, 3])),
+    "no threshold": ("back.json", lambda d: d.pop("threshold")),
     "evidence without a weight": ("place.json", lambda d: d["features"][0].pop("weight")),
     "a weight of nan": ("place.json", lambda d: d["features"][0].update(weight=math.nan)),
     "bounds out of order": ("place.json", lambda d: d["features"][0].update(low=9.0, high=1.0)),
@@ -290,7 +320,7 @@ DAMAGED = {
         "outline.json",
         lambda d: d["weights"].update(dict.fromkeys(d["weights"], math.nan)),
     ),
-    "a scale of zero": ("face_color.json", lambda d: d["scale"].__setitem__(0, 0.0)),
+    "a share above all": ("trajectory.json", lambda d: d["weight"].__setitem__(0, 2.0)),
 }
 
 
@@ -304,10 +334,10 @@ def test_a_damaged_model_is_refused_with_its_name(what):
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("back.json", lambda d: d["features"].reverse()),
         ("place.json", lambda d: d["features"][0].update(name="glitter")),
+        ("back_place.json", lambda d: d["features"][0].update(name="glitter")),
         ("place.json", lambda d: d["features"][0].update(term="mood")),
-        ("face_color.json", lambda d: d["classes"].__setitem__(0, "mauve")),
+        ("outline.json", lambda d: d["weights"].update(glitter=1.0)),
     ],
 )
 def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_path, name, change):
@@ -317,7 +347,7 @@ def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_
 
 
 @pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "trees", "network": ' * 2000]
+    "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "score", "with_network": ' * 2000]
 )
 def test_a_model_file_of_endless_depth_is_refused(text):
     with pytest.raises(InputError, match=r"location\.json"):
@@ -330,8 +360,8 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
 
 
 def test_a_file_of_the_wrong_kind_is_refused_with_its_name(tmp_path):
-    (tmp_path / "judge.json").write_text((shipped_models() / "location.json").read_text())
-    with pytest.raises(InputError, match=r"judge\.json: wanted a model of kind 'trees'"):
+    (tmp_path / "front.json").write_text((shipped_models() / "location.json").read_text())
+    with pytest.raises(InputError, match=r"front\.json: wanted a model of kind 'score'"):
         load_models(settings(folder=tmp_path))
 
 

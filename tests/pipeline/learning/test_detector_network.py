@@ -1,14 +1,22 @@
-"""The detection network learns, and goes on from a checkpoint as if it had not stopped.
+"""The detection network learns, begins from an earlier one, and gives the same maps as a file.
 
 PyTorch takes seconds to import, and every process of the tests imports every file of them: fixtures import it.
 """
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.detector_crops import CELLS, CROP_PX, STRIDE
+from wayside.pipeline.learning.detector_crops import (
+    CELLS,
+    CROP_PX,
+    KNOWN,
+    STRIDE,
+    UNKNOWN,
+    UNSURE,
+)
 from wayside.schemas.detections import NONE
 from wayside.schemas.errors import InputError
 from wayside.stages.detection import MAPS
@@ -59,7 +67,7 @@ def batch(training):
     }
     held["color"][:, 0], held["shape"][:, 0] = 1, 2
     assert tuple(held) == training.BATCH_FIELDS
-    return training.as_tensors(held)
+    return held
 
 
 def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, network):
@@ -70,12 +78,12 @@ def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, network
 
 
 @pytest.mark.slow
-def test_losses_fall_and_the_average_follows(training, batch):
-    learner = training.Training(1)
-    first = learner.learn(batch, 100000)
+def test_losses_fall(network, training, batch):
+    learner = training.Training(network.DetectionNetwork, training.DESCENT, 1)
+    first = learner.learn(training.batch_losses, batch, 100000)
     for _ in range(25):
         learner.step += 20  # past the slow start
-        last = learner.learn(batch, 100000)
+        last = learner.learn(training.batch_losses, batch, 100000)
     assert last["heat"] < 0.5 * first["heat"]
     assert last["box"] < first["box"]
     assert last["color"] < first["color"]
@@ -85,40 +93,22 @@ def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network
     torch, network, training, batch
 ):
     maps = torch.zeros(2, MAPS, SIDE, SIDE)
-    held = {name: getattr(batch, name) for name in training.BATCH_FIELDS}
-    doubt = {"known": 0, "unsure": 1, "unknown": 2}
     heat = {}
-    for name, value in doubt.items():
-        held["doubt"] = torch.full_like(batch.doubt, value)
-        heat[name] = float(network.losses(maps, type(batch)(**held), sure=True)["heat"])
-    assert heat["unknown"] < heat["unsure"] < heat["known"]
+    for doubt in (KNOWN, UNSURE, UNKNOWN):
+        held = training.as_tensors(batch | {"doubt": np.full_like(batch["doubt"], doubt)})
+        heat[doubt] = float(network.losses(maps, held, sure=True)["heat"])
+    assert heat[UNKNOWN] < heat[UNSURE] < heat[KNOWN]
 
 
-@pytest.mark.slow
-def test_training_goes_on_from_a_checkpoint_as_if_it_had_not_stopped(
-    torch, training, batch, tmp_path: Path
-):
-    whole = training.Training(1)
-    for _ in range(4):
-        whole.learn(batch, 10)
-    half = training.Training(1)
-    for _ in range(2):
-        half.learn(batch, 10)
-    half.save(tmp_path / "checkpoint.pt")
-    resumed = training.Training(2)
-    resumed.load(tmp_path / "checkpoint.pt")
-    for _ in range(2):
-        resumed.learn(batch, 10)
-    assert resumed.step == 4
-    for one, other in zip(
-        whole.average.state_dict().values(), resumed.average.state_dict().values(), strict=True
-    ):
-        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
-
-
-def test_the_learning_rate_rises_stays_and_falls(training):
-    rates = [training.learning_rate(step, 10000) for step in (0, 250, 600, 2900, 8000, 9999)]
-    assert rates[0] < rates[1] < rates[2] == rates[3] > rates[4] > rates[5] > 0
+def test_a_batch_comes_a_second_time_when_others_have_come(training):
+    made = ({"number": k} for k in itertools.count())
+    used = training.used_twice(made, 0)
+    numbers = [next(used)["number"] for _ in range(4 * training.REUSED_AFTER)]
+    first = {number: numbers.index(number) for number in numbers}
+    again = [(k, number) for k, number in enumerate(numbers) if first[number] < k]
+    assert len(again) > training.REUSED_AFTER
+    assert all(numbers.count(number) == 2 for _, number in again)
+    assert min(k - first[number] for k, number in again) >= training.REUSED_AFTER
 
 
 def test_drives_and_sets_are_kinds_of_their_own(training):

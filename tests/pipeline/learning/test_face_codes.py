@@ -1,9 +1,7 @@
-"""Which class drawings and crops teach the face classifier, and that it learns them."""
+"""Which class drawings and crops teach the face classifier."""
 
-from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from wayside.pipeline.learning.face_classes import (
@@ -15,7 +13,6 @@ from wayside.pipeline.learning.face_classes import (
     class_of_drawing,
     drawings,
 )
-from wayside.pipeline.learning.face_codes import best_names, fit
 from wayside.schemas.sign_catalogue import CATALOGUE
 from wayside.stages.sign_codes import OTHER_FACE
 
@@ -60,15 +57,3 @@ def test_every_face_of_the_catalogue_has_a_drawing():
     without = {"A19", "C14 60", "C14 70"}  # crops alone, or on a yellow ground
     assert CATALOGUED - drawn - without == set()
     assert drawn <= CATALOGUED | {OTHER_FACE}
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_spec("torch") is None, reason="make .venv/.learn")
-def test_the_classifier_learns_what_it_is_shown():
-    random = np.random.default_rng(0)
-    names = np.array(["R1-1", "D9", OTHER_FACE])[np.arange(600) % 3]
-    patches = random.integers(60, 120, (600, 32, 32, 3)).astype(np.uint8)
-    patches[names == "R1-1", 8:24, 8:24] = (200, 30, 40)
-    patches[names == "D9", :, 12:20] = (20, 60, 200)
-    model = fit(patches, names, seed=1)
-    assert (best_names(model, patches) == names).mean() > 0.95

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-pytest.importorskip("sklearn", reason="learning needs scikit-learn")
-
 from wayside.pipeline.learning import landmarks as module
 from wayside.pipeline.learning.landmarks import (
     NEITHER,

@@ -1,40 +1,69 @@
+"""What a rendered drive says that its images show, and the labels of boxes by it."""
+
 import numpy as np
 
-from wayside.pipeline.learning.samples import TrueFaces, labelled, read_box_features, read_patches
-from wayside.schemas.detections import Regions
-from wayside.schemas.frame import USED, Camera, Frame, Image
-from wayside.stages.detection.detector import box_feature_names
+from wayside.pipeline.learning.samples import (
+    FACE_PX,
+    NEITHER,
+    OFF,
+    ON,
+    box_labels,
+    for_each,
+    sign_positions,
+    views_by_frame,
+)
 
-CAMERA = Camera(100, 80, 90.0, 90.0, 49.5, 39.5)
-
-
-def plain(index, grey):
-    rgb = np.full((80, 100, 3), grey, np.uint8)
-    return Image(Frame(index, index, None, USED, "jpeg", b"", CAMERA), rgb, rgb[..., 0])
-
-
-def candidates(frames):
-    n = len(frames)
-    regions = Regions(
-        np.tile(np.array([[20, 20, 60, 50]], np.float32), (n, 1)),
-        np.full(n, 50, np.int32),
-        np.full((n, 3), 90, np.float32),
-        np.zeros(n, np.uint8),
-    )
-    true_faces = TrueFaces(
-        np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros(0, bool), np.ones(2, bool)
-    )
-    return labelled(regions, np.array(frames, np.int32), true_faces)
+SIGN = [100, 100, 140, 140]
 
 
-def test_what_boxes_show_comes_in_the_order_of_the_boxes_not_of_the_images():
-    images, asked = [plain(0, 30), plain(1, 200)], candidates([1, 0, 1, 0])
-    assert read_patches(images, asked)[:, 16, 16, 0].tolist() == [200, 30, 200, 30]
-    bright = read_box_features(images, asked)[
-        :, box_feature_names().index("inside_mean_brightness")
-    ]
-    assert bright[0] == bright[2] > bright[1] == bright[3]
+def view(frame=0, box=SIGN, side="front", visible=1.0):
+    return {"frame": frame, "box": box, "side": side, "visible_fraction": visible}
 
 
-def test_boxes_of_images_that_are_missing_show_nothing():
-    assert not read_patches([plain(0, 30)], candidates([1])).any()
+def sign(*views, faces_travel=True):
+    return {"faces_travel": faces_travel, "frames": list(views)}
+
+
+def labels(boxes, *views):
+    found, overlap = box_labels(np.array(boxes, np.float32), [({}, one) for one in views])
+    return found.tolist(), overlap.tolist()
+
+
+def test_a_drive_shows_signs_that_face_the_travel_and_panels_from_behind():
+    ahead, away = sign(view(3), view(4)), sign(view(4, side="back"), faces_travel=False)
+    across = sign(view(3), view(5), faces_travel=False)
+    seen, behind = views_by_frame({"signs": [ahead, away, across]})
+    assert seen == {k: [(ahead, one)] for k, one in zip((3, 4), ahead["frames"], strict=True)}
+    assert behind == {4: [(away, away["frames"][0])]}
+
+
+def test_boxes_are_labelled_by_the_panel_that_they_overlap_most():
+    assert labels([SIGN, [300, 100, 340, 140]], view()) == ([ON, OFF], [1, 0])
+
+
+def test_where_an_image_shows_no_panel_every_box_is_off():
+    assert labels([SIGN, SIGN]) == ([OFF, OFF], [0, 0])
+
+
+def test_faces_that_are_small_or_hidden_make_no_examples_of_what_is_near_them():
+    small = [100, 100, 140, 100 + FACE_PX - 1]
+    assert labels([small], view(box=small)) == ([NEITHER], [1])
+    assert labels([SIGN], view(visible=0.3)) == ([NEITHER], [1])
+
+
+def test_a_back_is_an_example_whatever_is_known_of_its_visible_fraction():
+    assert labels([SIGN], view(side="back", visible=None)) == ([ON], [1])
+
+
+def test_signs_that_no_image_may_show_have_no_place():
+    placed = {"faces_travel": True, "lateral_m": 4.0, "up_m": 2.0}
+    truth = {
+        "camera": {"mount": {"height_m": 1.5}},
+        "signs": [placed | {"eligible_frames": count} for count in (0, 2)],
+    }
+    assert sign_positions(truth).tolist() == [[4.0, 0.5]]
+    assert sign_positions(truth | {"signs": []}).shape == (0, 2)
+
+
+def test_results_come_in_the_order_of_the_drives():
+    assert for_each(lambda drive: drive * 2, range(9)) == list(range(0, 18, 2))

@@ -1,46 +1,56 @@
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from wayside.schemas.detections import (
     COLORS,
+    SHAPES,
     SOURCES,
     VERDICTS,
     Regions,
     Segmentation,
 )
-from wayside.schemas.errors import InputError
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
-from wayside.schemas.models import NetworkModel, TreeModel
+from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection.box_regression import SIDES
-from wayside.stages.detection.detector import detect
-from wayside.stages.detection.feature_vectors import (
-    box_feature_names,
-    region_features,
-)
+from wayside.stages.detection.box_network import BoxScores
+from wayside.stages.detection.detector import detect, regressed_boxes
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
+FRONT = ScoreModel(0.0, "made by hand")
 
 
-def by_height(names, threshold):
-    """A box classifier that scores by the height of the box alone: 1 from 12 px, 3 from 20 px, else -1."""
-    column = names.index("log_height")
-    return TreeModel(
-        names,
-        0.0,
-        np.array([[column, 0, column, 0, 0]], np.int32),
-        np.array([[np.log(11.9 / 300), 0, np.log(19.9 / 300), 0, 0]], np.float32),
-        np.array([[1, -1, 3, -1, -1]], np.int32),
-        np.array([[2, -1, 4, -1, -1]], np.int32),
-        np.array([[0, -1, 0, 1, 3]], np.float32),
-        threshold,
-        "made by hand",
-    )
+def log_of_one(names, name, rows):
+    """Log probabilities of the rows by which it is that name."""
+    sure = np.full((rows, len(names)), -np.inf, np.float32)
+    sure[:, names.index(name)] = 0
+    return sure
 
 
-CLASSIFIER = by_height(box_feature_names(), 0.0)
+@dataclass(frozen=True)
+class ByHeight:
+    """A network that sees boxes alone: a front of 1 from 12 px, of 3 from 20 px, else -1; wider than tall is blue.
+
+    behind: log odds of a back above those of a front; offset: of the four sides, of every box; shift: of all log odds.
+    """
+
+    behind: float = -9.0
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    shift: float = 0.0
+
+    def scores(self, levels, box):
+        wide, tall = (box[:, 2:] - box[:, :2]).T
+        front = np.select([tall >= 20, tall >= 12], [3.0, 1.0], -1.0).astype(np.float32)
+        front += np.float32(self.shift)
+        blue, red = (log_of_one(COLORS, name, len(box)) for name in ("blue", "red"))
+        return BoxScores(
+            front,
+            front + np.float32(self.behind),
+            np.tile(np.array(self.offset, np.float32), (len(box), 1)),
+            np.where((wide > tall)[:, None], blue, red),
+            log_of_one(SHAPES, "octagon", len(box)),
+        )
 
 
 def unclassified(boxes, status=USED):
@@ -61,8 +71,15 @@ def verdicts(item):
     return [VERDICTS[v] for v in item.candidates.verdict]
 
 
-def run(item, model=CLASSIFIER, **settings):
-    return next(detect(iter([item]), classifier=model, settings=CandidateSettings(**settings)))
+def run(item, network=None, *, front=FRONT, back=None, **settings):
+    found = detect(
+        iter([item]),
+        settings=CandidateSettings(**settings),
+        network=network or ByHeight(),
+        front=front,
+        back=back,
+    )
+    return next(found)
 
 
 def test_a_score_below_the_threshold_is_a_verdict():
@@ -86,45 +103,41 @@ def test_at_most_the_best_few_are_kept():
     assert verdicts(found) == ["open", "open", "score"]
 
 
-def test_a_segment_where_the_network_sees_no_face_gets_no_score():
+def test_beside_boxes_of_the_detection_network_a_segment_gets_no_score():
     item = unclassified([[10, 10, 30, 25], [100, 10, 120, 40], [200, 10, 220, 40]])
-    item.regions.source[2] = SOURCES.index("network")
-    scored = replace(item, network_score=np.array([-4, -1, -4], np.float32))
-    found = run(scored, segment_score=-2.0)
+    scored = replace(item, network_score=np.array([np.nan, -1, -4], np.float32))
+    found = run(scored)
     assert verdicts(found) == ["glance", "open", "open"]
     assert np.isnan(found.candidates.score[0])
     assert found.candidates.score[1:].tolist() == [3, 3]
 
 
-def test_an_image_in_which_the_network_sees_no_face_has_no_candidate_open():
-    nothing = replace(unclassified([[10, 10, 30, 25]]), network_score=np.array([-6], np.float32))
+def test_an_image_in_which_the_detection_network_has_no_box_has_no_candidate_open():
+    item = unclassified([[10, 10, 30, 25]])
+    nothing = replace(item, network_score=np.array([np.nan], np.float32))
     assert verdicts(run(nothing)) == ["glance"]
 
 
+def test_scores_of_both_networks_are_joined_where_it_was_learned_how():
+    boxes = [[10, 10, 30, 25], [100, 10, 120, 40]]
+    joined = ScoreModel(1.0, "made by hand", NetworkSum(0.5, 2.0, -1.0))
+    scored = replace(unclassified(boxes), network_score=np.array([2, -2.5], np.float32))
+    found = run(scored, front=joined)
+    assert found.candidates.score.tolist() == [3.5, -4.5]
+    assert verdicts(found) == ["open", "score"]
+    assert run(unclassified(boxes), front=joined).candidates.score.tolist() == [1, 3]
+
+
 def test_a_back_score_stands_where_it_exceeds_the_score_of_a_face():
-    lower = replace(by_height(box_feature_names(), 0.5), bias=0.5)
     boxes = [[10, 10, 30, 20], [100, 10, 120, 25], [200, 10, 230, 40]]
-    found = next(
-        detect(
-            iter([unclassified(boxes)]),
-            classifier=CLASSIFIER,
-            settings=CandidateSettings(),
-            back=lower,
-        )
-    )
-    # the classifier of backs scores -.5, 1.5 and 3.5, that of faces -1, 1 and 3
+    back = ScoreModel(0.5, "made by hand")
+    # scores of backs are -.5, 1.5 and 3.5, those of faces -1, 1 and 3
+    found = run(unclassified(boxes), ByHeight(behind=0.5), back=back)
     np.testing.assert_allclose(found.candidates.back_score, [np.nan, 1.5, 3.5])
     assert verdicts(found) == ["score", "open", "open"]
-    higher = replace(by_height(box_feature_names(), 0.5), bias=-0.5)
-    found = next(
-        detect(
-            iter([unclassified(boxes)]),
-            classifier=CLASSIFIER,
-            settings=CandidateSettings(),
-            back=higher,
-        )
-    )
+    found = run(unclassified(boxes), ByHeight(behind=-0.5), back=back)
     assert found.candidates.back_rows().tolist() == []
+    assert run(unclassified(boxes), ByHeight(behind=0.5)).candidates.back_score is None
 
 
 @pytest.mark.parametrize("item", [unclassified([]), unclassified([[1, 1, 20, 20]], status=THINNED)])
@@ -135,80 +148,24 @@ def test_images_without_regions_or_pixels_travel_undecided(item):
     assert (found.candidates.verdict == 0).all()
 
 
-def test_sizes_and_places_are_angles_whatever_the_camera():
-    small = unclassified([[60, 50, 80, 90]]).regions
-    large = replace(small, box=small.box * 2, area_px=small.area_px * 4)
-    doubled = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
-    assert region_features(small, CAMERA) == pytest.approx(
-        region_features(large, doubled), abs=0.002
-    )
-
-
-def test_the_same_candidates_get_the_same_scores():
-    boxes = [[10, 10, 26, 25], [100, 10, 127, 32]]
-    one, other = run(unclassified(boxes)), run(unclassified(boxes))
-    assert one.candidates.score.tobytes() == other.candidates.score.tobytes()
-
-
-def by_aspect(features=("log_aspect",), classes=("red", "blue")):
-    """A network that calls what is wider than tall blue."""
-    one = np.ones(1, np.float32)
-    wide = np.array([[0, 1]], np.float32)
-    return NetworkModel(
-        features, classes, 0 * one, one, one[None], 0 * one, 20 * wide, -wide[0], "made by hand"
-    )
-
-
 def test_what_passes_the_threshold_is_named_and_the_rest_is_not():
-    item = unclassified([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]])
-    settings = CandidateSettings()
-    found = next(detect(iter([item]), classifier=CLASSIFIER, settings=settings, color=by_aspect()))
+    found = run(unclassified([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]]))
     odds = found.candidates.color_log_probability
     assert [COLORS[k] for k in odds[:2].argmax(axis=1)] == ["blue", "red"]
     assert np.isnan(odds[2]).all()
     assert [COLORS[k] for k in found.candidates.color[:2]] == ["blue", "red"]
-    assert found.candidates.color[2] == -1
-    assert (found.candidates.shape == -1).all()
+    assert [SHAPES[k] for k in found.candidates.shape[:2]] == ["octagon", "octagon"]
+    assert found.candidates.color[2] == found.candidates.shape[2] == -1
     assert np.isneginf(odds[0, COLORS.index("white")])
-    assert found.candidates.shape_log_probability is None
 
 
-@pytest.mark.parametrize("strange", [{"features": ("smell",)}, {"classes": ("red", "plaid")}])
-def test_a_network_of_unknown_features_or_names_is_refused(strange):
-    with pytest.raises(InputError, match=r"smell|plaid"):
-        next(
-            detect(
-                iter([]),
-                classifier=CLASSIFIER,
-                settings=CandidateSettings(),
-                color=by_aspect(**strange),
-            )
-        )
-
-
-def grown(by):
-    """A network that lowers the bottom of every box by a fraction of its height."""
-    names = box_feature_names()
-    n = len(names)
-    return NetworkModel(
-        names,
-        SIDES,
-        np.zeros(n, np.float32),
-        np.ones(n, np.float32),
-        np.zeros((n, 1), np.float32),
-        np.zeros(1, np.float32),
-        np.zeros((1, 4), np.float32),
-        np.array([0, 0, 0, by], np.float32),
-        "made by hand",
-    )
+GROWN = ByHeight(offset=(0, 0, 0, 0.5))
+"""Lowers the bottom of every box by half its height."""
 
 
 def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
     item = unclassified([[20, 20, 36, 36], [100, 20, 130, 50]])
-    settings = CandidateSettings()
-    moved = next(
-        detect(iter([item]), classifier=CLASSIFIER, settings=settings, regressor=grown(0.5))
-    )
+    moved = run(item, GROWN)
     assert moved.candidates.regions.box.tolist() == [[20, 20, 36, 44], [100, 20, 130, 50]]
     assert [SOURCES[s] for s in moved.candidates.regions.source] == ["moved", "pass1"]
     assert moved.candidates.score.tolist() == [3, 3]
@@ -216,32 +173,59 @@ def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
     assert item.regions.box[0].tolist() == [20, 20, 36, 36]
 
 
+def test_a_moved_box_has_the_names_of_where_it_is_now():
+    wide = unclassified([[20, 20, 38, 36]])
+    assert COLORS[run(wide).candidates.color[0]] == "blue"
+    assert COLORS[run(wide, GROWN).candidates.color[0]] == "red"
+
+
+def test_a_box_on_part_of_a_back_is_moved_too():
+    item = unclassified([[20, 20, 36, 36]])
+    back = ScoreModel(0.0, "made by hand")
+    moved = run(item, replace(GROWN, behind=2.0, shift=-4.0), back=back)
+    assert moved.candidates.regions.box.tolist() == [[20, 20, 36, 44]]
+    assert moved.candidates.back_score.tolist() == [1]
+    assert verdicts(moved) == ["score"]
+
+
 def test_a_box_that_would_score_less_elsewhere_stays():
     item = unclassified([[20, 20, 44, 44]])
-    moved = next(
-        detect(
-            iter([item]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=grown(-0.5)
-        )
-    )
+    moved = run(item, ByHeight(offset=(0, 0, 0, -0.5)))
     assert np.array_equal(moved.candidates.regions.box, item.regions.box)
     assert moved.candidates.score.tolist() == [3]
 
 
-def test_boxes_far_below_the_threshold_are_not_moved():
+def test_boxes_of_low_scores_are_not_moved():
     item = unclassified([[20, 20, 36, 31]])
-    hopeless = replace(CLASSIFIER, bias=-CandidateSettings().regression_margin - 1)
-    moved = next(
-        detect(
-            iter([item]), classifier=hopeless, settings=CandidateSettings(), regressor=grown(1.0)
-        )
-    )
-    assert np.array_equal(moved.candidates.regions.box, item.regions.box)
+    for shift, bottom in ((0.0, 36.5), (-0.5, 31.0)):
+        found = run(item, replace(GROWN, shift=shift), regressed_from=-1.2)
+        assert found.candidates.regions.box[0, 3] == bottom
 
 
-def test_a_regressor_for_other_outputs_is_refused():
-    other = replace(grown(0.5), classes=("a", "b", "c", "d"))
-    with pytest.raises(InputError, match=r"box network.*found a, b, c, d"):
-        next(detect(iter([]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=other))
-    other = replace(grown(0.5), features=("smell",))
-    with pytest.raises(InputError, match=r"box network.*smell"):
-        next(detect(iter([]), classifier=CLASSIFIER, settings=CandidateSettings(), regressor=other))
+BOX = np.array([[100, 80, 120, 100], [10, 20, 50, 40]], np.float32)
+
+
+def moved_boxes(*by):
+    offset = np.tile(np.array(by, np.float32), (len(BOX), 1))
+    return regressed_boxes(BOX, offset, CAMERA, CandidateSettings())
+
+
+def test_a_box_is_moved_by_fractions_of_its_size():
+    moved = moved_boxes(-0.5, 0.1, 0.25, 1.0)
+    assert moved == pytest.approx(np.array([[90, 82, 125, 120], [0, 22, 60, 60]]))
+    assert moved.dtype == np.float32
+
+
+def test_a_box_ends_at_the_border_of_the_image():
+    assert moved_boxes(-1.0, -1.2, 0.0, 0.0)[1].tolist() == [0, 0, 50, 40]
+
+
+@pytest.mark.parametrize(
+    "by", [(0.9, 0.0, -0.9, 0.0), (0.0, 0.45, 0.0, -0.45), (0.45, -1.0, -0.45, 1.0)]
+)
+def test_a_box_that_no_face_can_have_is_not_taken(by):
+    assert np.array_equal(moved_boxes(*by), BOX)
+
+
+def test_sides_move_no_farther_than_the_settings_say():
+    assert moved_boxes(-9.0, 0.0, 0.0, 0.0)[0, 0] == 100 - CandidateSettings().largest_offset * 20

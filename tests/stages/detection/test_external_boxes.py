@@ -1,15 +1,16 @@
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wayside.pipeline.detector_file import load_detector
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, verdict_code
 from wayside.schemas.detectors import BoxFile, ExternalBoxes
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
-from wayside.schemas.settings import CandidateSettings, ModelSettings, Settings
-from wayside.stages.detection import detect_externally
+from wayside.schemas.settings import CandidateSettings, ModelSettings
+from wayside.stages.detection import BoxNetwork, detect_externally
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
@@ -38,10 +39,15 @@ def file_of(key="frame", **by_number):
     return BoxFile("boxes.parquet", "", key, found, sum(map(len, found.values())))
 
 
-def detections(items, source, **networks):
-    return list(
-        detect_externally(iter(items), source=source, settings=CandidateSettings(), **networks)
-    )
+@cache
+def network():
+    """The box network that ships."""
+    return BoxNetwork(str(shipped_models() / "box.onnx"))
+
+
+def detections(items, source):
+    settings = CandidateSettings()
+    return list(detect_externally(iter(items), source=source, settings=settings, network=network()))
 
 
 def test_the_boxes_are_the_candidates_with_their_scores():
@@ -82,13 +88,11 @@ def test_boxes_are_cut_at_the_border_and_dropped_outside():
     assert one.candidates.regions.box.tolist() == [[300, 60, 320, 100]]
 
 
-def test_the_networks_name_what_the_classes_leave_open():
-    models = load_models(Settings())
-    networks = {"color": models.color_network, "shape": models.shape_network}
+def test_the_network_names_what_the_classes_leave_open():
     blue = COLORS.index("blue")
     rows = (200, 60, 240, 100, 2.0)
-    (named,) = detections([image()], file_of(_0=boxes(rows)), **networks)
-    (known,) = detections([image()], file_of(_0=boxes(rows, color=blue)), **networks)
+    (named,) = detections([image()], file_of(_0=boxes(rows)))
+    (known,) = detections([image()], file_of(_0=boxes(rows, color=blue)))
     assert COLORS[named.candidates.color[0]] in ("yellow", "orange")
     assert known.candidates.color.tolist() == [blue]
     assert known.candidates.color_log_probability is not None

@@ -14,7 +14,6 @@ from wayside.stages.detection.network_proposals import (
     SIDE_PX,
     DetectionNetwork,
     boxes_of_maps,
-    middle_scores,
 )
 
 ONNX = str(Path(__file__).parent / "red_cells.onnx")
@@ -35,9 +34,9 @@ def boxes_in(rgb):
 def test_a_face_is_found_where_it_is_with_its_side_colour_and_shape():
     found = boxes_in(cells(64, 96, red=(5, 7), blue=(12, 3)))
     expected = [[30 - 8, 22 - 8, 30 + 8, 22 + 8], [14 - 8, 50 - 8, 14 + 8, 50 + 8]]
-    rows = np.argsort(found.is_back)
+    rows = np.argsort(-found.front)
     np.testing.assert_allclose(found.box[rows], expected, atol=1e-3)
-    assert found.is_back[rows].tolist() == [False, True]
+    assert (found.front == found.score)[rows].tolist() == [True, False]
     assert {COLORS[k] for k in found.color.argmax(axis=1)} == {"yellow"}
     assert {SHAPES[k] for k in found.shape.argmax(axis=1)} == {"octagon"}
     np.testing.assert_allclose(np.exp(found.color).sum(axis=1), 1, atol=1e-5)
@@ -81,8 +80,8 @@ def test_of_boxes_on_one_face_the_best_stays_and_the_best_are_first():
     assert len(boxes_of_maps(maps_with(*one), (64, 64), 4.0, 9, 0.5).score) == 0
 
 
-def test_a_box_scores_as_the_cell_of_its_middle_or_a_neighbour_and_never_below_the_least():
-    maps = maps_with((4, 6, 2.0, (0, 0, 0, 0)))
-    box = [[18, 10, 34, 26], [22, 10, 38, 26], [34, 10, 50, 26], [90, 10, 99, 26], [-40, 0, -9, 9]]
-    scores = middle_scores(maps, np.array(box, np.float32), -5.0)
-    np.testing.assert_array_equal(scores, [2, 2, -5, -5, -5])
+def test_a_box_of_a_back_has_the_log_odds_of_a_face_at_its_middle_beside_its_own():
+    maps = maps_with((4, 6, -2.0, (0, 0, 0, 0)))
+    maps[1, 4, 6] = 3.0
+    found = boxes_of_maps(maps, (64, 64), 0.0, 10, 0.5)
+    assert (found.score.tolist(), found.front.tolist()) == ([3], [-2])

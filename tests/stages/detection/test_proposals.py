@@ -52,14 +52,9 @@ def test_boxes_of_the_network_are_in_pixels_of_the_image_whatever_rows_it_sees(r
 
 
 def test_a_face_outside_of_the_rows_of_the_network_is_not_looked_for():
-    below = CandidateSettings(full_size_px=40, half_size_above=0, half_size_below=0)
-    boxes = [[308, 228, 336, 256]], [[308, 168, 336, 196]]
-    (seen,), (hidden,) = (
-        proposed(segmented(box, red=[(row, 80)]), settings=below).network_score[-1:]
-        for row, box in zip((60, 45), boxes, strict=True)
-    )
-    assert seen > 0
-    assert hidden == SETTINGS.network_least
+    near = CandidateSettings(full_size_px=40, half_size_above=0, half_size_below=0, network_least=0)
+    for row, count in ((60, 1), (45, 0)):
+        assert len(of_network(proposed(segmented(red=[(row, 80)]), settings=near))) == count
 
 
 def test_of_a_face_that_the_border_of_the_full_size_rows_cuts_the_box_at_half_size_stays():
@@ -105,13 +100,13 @@ def test_every_region_has_a_row_or_is_counted_with_its_reason():
     assert len(both.regions) - len(of_network(both)) == 1
 
 
-def test_a_segment_scores_as_the_network_does_at_its_middle():
+def test_boxes_of_the_network_have_its_log_odds_of_a_face_and_segments_none():
     found = proposed(segmented([[308, 180, 336, 224], [100, 100, 130, 130]], red=[(50, 80)]))
-    on, off = (
-        int(np.flatnonzero((found.regions.box == box).all(axis=1))[0])
-        for box in ([308, 180, 336, 224], [100, 100, 130, 130])
-    )
-    assert found.network_score[on] > 0 > found.network_score[off]
+    own = found.regions.source == SOURCES.index("network")
+    np.testing.assert_array_equal(np.isnan(found.network_score), ~own)
+    on = iou_matrix(found.regions.box, np.array([[314, 194, 330, 210]], np.float32))[:, 0] > 0.7
+    assert found.network_score[on & own] > 0
+    assert (~own).sum() == 2
 
 
 def test_no_more_boxes_of_the_network_than_asked_for():
@@ -132,7 +127,7 @@ def test_an_image_without_rows_near_the_horizon_keeps_its_segments():
     looking_up = Camera(640, 480, 700.0, 700.0, 319.5, 5000.0)
     found = proposed(segmented([[10, 20, 40, 50]], camera=looking_up))
     assert found.regions.box.tolist() == [[10, 20, 40, 50]]
-    assert found.network_score.tolist() == [SETTINGS.network_least]
+    assert np.isnan(found.network_score).tolist() == [True]
 
 
 def test_a_face_that_is_seen_at_both_sizes_has_one_box():

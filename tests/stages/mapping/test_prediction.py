@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
-from wayside.schemas.models import TreeModel
+from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import (
     AdjustmentSettings,
     LandmarkSettings,
     MappingSettings,
     TrackSettings,
 )
-from wayside.stages.detection import BoxClassifier, box_feature_names
+from wayside.stages.detection import BoxClassifier
+from wayside.stages.detection.box_network import BoxScores
 from wayside.stages.mapping import SideClassifiers
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
@@ -19,37 +20,39 @@ from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
 SETTINGS = MappingSettings()
+RED = (200, 40, 40)
 
 
-def reddish():
-    """A classifier of views: what is red in its middle is a face."""
-    names = box_feature_names()
-    column = next(k for k, name in enumerate(names) if name == "region_red_green")
-    one = np.array([[column, 0, 0]], np.int32)
-    return TreeModel(
-        names,
-        0.0,
-        one,
-        np.array([[0.5, 0, 0]], np.float32),
-        np.array([[1, -1, -1]], np.int32),
-        np.array([[2, -1, -1]], np.int32),
-        np.array([[0, -3, 3]], np.float32),
-        0.0,
-        "made up",
-    )
+class Reddish:
+    """A box network to which what is red in its middle is a face, and the rest is none."""
+
+    def scores(self, levels, box):
+        column, row = ((box[:, :2] + box[:, 2:]) / 2).astype(int).T
+        red = levels[0][row, column, 0] > 2.0 * levels[0][row, column, 1]
+        front = np.where(red, 3.0, -3.0).astype(np.float32)
+        none = np.zeros((len(box), 1), np.float32)
+        return BoxScores(front, -front, none, none, none)
+
+
+def reddish(threshold=0.0):
+    """A classifier of views by that network."""
+    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"))
 
 
 @pytest.fixture
 def shown(drive):
-    """Frames of a drive with images: panels red on grey; regions know that they are red."""
+    """Frames of a drive with images: panels red on grey, those that are hidden from the candidates as well."""
 
     def make(panels, frames):
         made = []
-        for moved in drive(panels, frames):
+        everywhere = [replace(panel, hidden_in=(), only_in=None) for panel in panels]
+        for moved, whole in zip(drive(panels, frames), drive(everywhere, frames), strict=True):
             before = moved.detections
             rgb = np.full((1200, 1600, 3), 110, np.uint8)
+            for x0, y0, x1, y1 in whole.detections.candidates.regions.box.round().astype(int):
+                rgb[y0:y1, x0:x1] = RED
             regions = before.candidates.regions
-            red = np.tile(np.array([200, 40, 40], np.float32), (len(regions), 1))
+            red = np.tile(np.array(RED, np.float32), (len(regions), 1))
             table = replace(before.candidates, regions=replace(regions, rgb=red))
             table = replace(table, ideal=table.center)
             image = replace(before.image, rgb=rgb, grey=rgb[..., 0])
@@ -78,10 +81,9 @@ def predicted(fit, frame):
     return predicted_box(fit, frame, SETTINGS.prediction, SETTINGS.association.nearest_m)
 
 
-def with_predicted_views(fit, held, model):
-    classifiers = {False: BoxClassifier(model)}
+def with_predicted_views(fit, held, classifier):
     (found,) = add_predicted_views(
-        [fit], held, classifiers, SETTINGS.prediction, SETTINGS.association
+        [fit], held, {fit.back: classifier}, SETTINGS.prediction, SETTINGS.association
     )
     return found
 
@@ -126,17 +128,45 @@ def test_views_without_a_candidate_are_predicted(shown, panel):
 def test_a_predicted_box_that_the_classifier_refuses_is_no_view(shown, panel):
     held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
     fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
-    never = replace(reddish(), threshold=99.0)
     before = [len(h.candidates) for h in held]
-    found = with_predicted_views(fit, held, never)
+    found = with_predicted_views(fit, held, reddish(99.0))
     assert found.rows.tolist() == fit.rows.tolist()
     assert [len(h.candidates) for h in held] == before
 
 
+def test_a_landmark_is_not_predicted_where_nothing_is_seen_of_it(shown, panel):
+    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
+    for covered in (3, 5):
+        frames[covered].detections.image.rgb[:] = 110
+    held = holding(frames)
+    found = with_predicted_views(
+        fit_of(held, [k for k, h in enumerate(held) if len(h.followed)]), held, reddish()
+    )
+    assert {4, 6} <= set(found.frames.tolist())
+    assert not {3, 5} & set(found.frames.tolist())
+
+
+def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
+    held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
+    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
+    behind = replace(reddish(-4.0), back=True)
+    found = with_predicted_views(replace(fit, back=True), held, behind)
+    (new,) = {held[f].candidates.back_score[0] for f in set(found.frames) - set(fit.frames)}
+    assert new == -3
+    (same,) = add_predicted_views(
+        [replace(fit, back=True)],
+        held,
+        {False: reddish()},
+        SETTINGS.prediction,
+        SETTINGS.association,
+    )
+    assert same.rows.tolist() == fit.rows.tolist()
+
+
 def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
-    def tracked(model):
+    def tracked(classifier):
         frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
-        return list(track(iter(frames), SETTINGS, SideClassifiers(model and BoxClassifier(model))))
+        return list(track(iter(frames), SETTINGS, SideClassifiers(classifier)))
 
     (alone,) = [p for s in tracked(None) for p in s.landmarks]
     followed = tracked(reddish())
@@ -151,7 +181,7 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
 
 def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    tracked = track(iter(frames), SETTINGS, SideClassifiers(BoxClassifier(reddish())))
+    tracked = track(iter(frames), SETTINGS, SideClassifiers(reddish()))
     assert {p.verdict for s in tracked for p in s.landmarks} == {"residual"}
 
 

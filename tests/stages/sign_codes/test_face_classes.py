@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Alignment, Measurement, PanelView
-from wayside.schemas.model_json import model_from_json, model_to_json
-from wayside.schemas.models import ConvolutionModel
 from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
+    OTHER_FACE,
     PATCH_SIDE,
-    class_log_probabilities,
+    FaceClassifier,
     classify_faces,
     face_patch,
     face_samples,
@@ -23,18 +23,15 @@ CLASSES = ("other", "stop", "R2-1 45")
 SQUARE = np.array([[[20.0, 20], [60, 20]], [[60, 20], [60, 60]], [[60, 60], [20, 60]]])
 
 
-def network(seed=3):
-    random = np.random.default_rng(seed)
+class Linear:
+    """A classifier whose scores are sums of the pixels, each by a weight; it is sure of most faces."""
 
-    def some(*shape):
-        return random.normal(0, 0.3, shape).astype(np.float32)
+    classes = CLASSES
 
-    none = np.zeros(0, np.float32)
-    samples = (PATCH_SIDE // 4) ** 2 * 4
-    return ConvolutionModel(
-        (), PATCH_SIDE, 0.0, 0.0, 1.0, (some(3, 3, 3, 4), some(3, 3, 4, 4)), (some(4), some(4)),
-        (True, True), none, none, some(samples, 5), some(5), some(5, 3), some(3), "made up", CLASSES,
-    )  # fmt: skip
+    def log_probabilities(self, patches):
+        weight = np.random.default_rng(3).normal(0, 0.01, (3 * PATCH_SIDE**2, len(CLASSES)))
+        scores = patches.reshape(len(patches), -1) @ weight
+        return scores - np.logaddexp.reduce(scores, axis=1, keepdims=True)
 
 
 def pixels(seed=0, side=81):
@@ -53,7 +50,7 @@ def classified(landmark, *views, outline=SQUARE, settings=None):
         Frame(0, 0, None, "used", "jpeg", b"", None), None, None, None, None, 0, (landmark,),
         measurements=(measured,),
     )  # fmt: skip
-    (seen,) = classify_faces(iter([frame]), model=network(), settings=settings or CodeSettings())
+    (seen,) = classify_faces(iter([frame]), model=Linear(), settings=settings or CodeSettings())
     return seen.landmarks[0]
 
 
@@ -81,21 +78,12 @@ def test_the_samples_do_not_depend_on_the_exposure():
     assert np.corrcoef(face_samples(patch).ravel(), face_samples(brighter).ravel())[0, 1] > 0.99
 
 
-def test_a_network_with_classes_survives_its_file():
-    model = network()
-    again = model_from_json(model_to_json(model))
-    assert again.classes == CLASSES
-    patches = pixels(side=32).astype(np.uint8)[None]
-    found = class_log_probabilities(again, patches)
-    np.testing.assert_allclose(found, class_log_probabilities(model, patches), atol=1e-2)
-    assert np.exp(found).sum() == pytest.approx(1)
-
-
 def test_a_landmark_has_the_mean_of_its_views_and_one_bad_view_rules_nothing_out(landmark):
     views, settings = (view(pixels(1)), view(pixels(2))), CodeSettings()
     found = np.array(classified(landmark, *views).face_log_probability)
     box = np.array([20.5, 20.5, 60.5, 60.5])
-    each = class_log_probabilities(network(), np.stack([face_patch(v.rgb, box) for v in views]))
+    each = Linear().log_probabilities(np.stack([face_patch(v.rgb, box) for v in views]))
+    assert each.min() < settings.least_log_probability
     wanted = np.maximum(each, settings.least_log_probability).mean(axis=0)
     np.testing.assert_allclose(found, wanted - np.logaddexp.reduce(wanted))
 
@@ -113,3 +101,23 @@ def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
 def test_a_back_and_a_face_without_outline_stay_as_they_are(landmark):
     assert classified(replace(landmark, back=True), view(pixels())).face_log_probability == ()
     assert classified(landmark, view(pixels()), outline=None).face_log_probability == ()
+
+
+def test_the_classifier_that_ships_knows_its_classes_and_their_probabilities():
+    model = FaceClassifier(str(shipped_models() / "face_code.onnx"))
+    assert OTHER_FACE in model.classes
+    assert len(set(model.classes)) == len(model.classes)
+    patches = np.random.default_rng(2).integers(0, 256, (5, 32, 32, 3)).astype(np.uint8)
+    found = model.log_probabilities(patches)
+    assert found.shape == (5, len(model.classes))
+    np.testing.assert_allclose(np.exp(found).sum(axis=1), 1)
+    np.testing.assert_allclose(model.log_probabilities(patches[2:3])[0], found[2], atol=1e-4)
+    assert model.log_probabilities(patches[:0]).shape == (0, len(model.classes))
+
+
+def test_a_file_that_is_no_classifier_of_faces_is_refused(tmp_path):
+    broken = tmp_path / "face_code.onnx"
+    broken.write_bytes(b"no network")
+    for path in (shipped_models() / "box.onnx", broken, tmp_path / "missing.onnx"):
+        with pytest.raises(ValueError, match=r"."):
+            FaceClassifier(str(path))

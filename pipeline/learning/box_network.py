@@ -1,0 +1,133 @@
+"""The box network in PyTorch: a residual network on a patch, its losses, and its export."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import (
+    BOX_OUTPUT,
+    BOX_VALUES,
+    COLOR_AT,
+    INNER,
+    OFFSET_AT,
+    PATCHES,
+    SHAPE_AT,
+    SIDE,
+    SIZES,
+)
+
+CHANNELS, BLOCKS, HIDDEN, DROPOUT = (16, 32, 64, 96), (0, 1, 1, 1), 160, 0.2
+"""Filters and residual blocks at 32, 16, 8 and 4 samples; units behind them, and the fraction dropped in training."""
+
+DARK_LEVEL = 16.0
+"""Added to a grey value before its logarithm, so that noise of dark pixels is no contrast."""
+
+USUAL_PX, USUAL_BRIGHTNESS = 24.0, 4.5
+"""Height of a box, and logarithm of its brightness, that count as 0."""
+
+OFFSET_WEIGHT, CLASS_WEIGHT, BEND = 0.5, 0.15, 0.05
+"""Weights of the losses of offsets and of colour and shape; offset up to which its loss is a square."""
+
+
+def _layer(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False), nn.BatchNorm2d(outputs)
+    )
+
+
+class Residual(nn.Module):  # type: ignore[misc]
+    """Two 3 x 3 convolutions beside the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            _layer(channels, channels), nn.ReLU(), _layer(channels, channels)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """The same shape."""
+        return torch.relu(x + self.layers(x))
+
+
+class BoxNetwork(nn.Module):  # type: ignore[misc]
+    """Patches (n, 32, 32, 3) of levels 0 to 255 and sizes (n, 2) in pixels to values (n, `BOX_VALUES`)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        for level, (before, after) in enumerate(zip((3, *CHANNELS), CHANNELS, strict=False)):
+            layers += [_layer(before, after, 2 if level else 1), nn.ReLU()]
+            layers += [Residual(after) for _ in range(BLOCKS[level])]
+        self.layers = nn.Sequential(*layers)
+        samples = CHANNELS[-1] * (SIDE // 8) ** 2
+        self.hidden = nn.Sequential(nn.Linear(samples + 3, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT))
+        self.out = nn.Linear(HIDDEN, BOX_VALUES)
+
+    def forward(self, patches: Tensor, sizes: Tensor) -> Tensor:
+        """Values in the order of `stages.detection.box_network`."""
+        colors, brightness = relative_colors(patches.float())
+        width, height = sizes.float().unbind(1)
+        beside = [torch.log(height / USUAL_PX), torch.log(width / height)]
+        beside.append(brightness - USUAL_BRIGHTNESS)
+        seen = self.layers(colors).flatten(1)
+        with torch.autocast("cpu", enabled=False):
+            return self.out(self.hidden(torch.cat([seen.float(), torch.stack(beside, 1)], 1)))
+
+
+def relative_colors(patches: Tensor) -> tuple[Tensor, Tensor]:
+    """Colours (n, 3, 32, 32) of patches (n, 32, 32, 3), and the log brightness (n,) of the box inside.
+
+    Logarithms of brightness over that of the box, of R/G and of B/G: illumination multiplies colours, so it is an
+    offset of their logarithms.
+    """
+    red, green, blue = torch.log(patches + DARK_LEVEL).unbind(3)
+    bright = torch.log(patches.mean(3) + DARK_LEVEL)
+    edge = (SIDE - INNER) // 2
+    inside = bright[:, edge : edge + INNER, edge : edge + INNER].mean((1, 2))
+    return torch.stack([bright - inside[:, None, None], red - green, blue - green], 1), inside
+
+
+def losses(values: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Losses of the sides of a panel, of offsets, of colour and of shape; the columns of `BoxSamples`."""
+    panel = nn.functional.binary_cross_entropy_with_logits(
+        values[:, :OFFSET_AT], batch["panel"], reduction="none"
+    )
+    near = ~torch.isnan(batch["offset"][:, 0])
+    moved = nn.functional.smooth_l1_loss(
+        values[near, OFFSET_AT:COLOR_AT], batch["offset"][near], reduction="sum", beta=BEND
+    )
+    return {
+        "panel": (panel * batch["weight"]).sum() / len(values),
+        "offset": OFFSET_WEIGHT * moved / near.sum().clamp(min=1),
+        "color": CLASS_WEIGHT * _class_loss(values[:, COLOR_AT:SHAPE_AT], batch["color"]),
+        "shape": CLASS_WEIGHT * _class_loss(values[:, SHAPE_AT:], batch["shape"]),
+    }
+
+
+def _class_loss(scores: Tensor, true: Tensor) -> Tensor:
+    loss = nn.functional.cross_entropy(scores, true, ignore_index=NONE, reduction="sum")
+    return loss / (true != NONE).sum().clamp(min=1)
+
+
+def export(network: BoxNetwork, path: Path, provenance: dict[str, Any]) -> None:
+    """Write the network as ONNX for any number of boxes, with its provenance as metadata; needs the package onnx."""
+    import onnx
+
+    network.eval()
+    torch.onnx.export(
+        network,
+        (torch.zeros(2, SIDE, SIDE, 3, dtype=torch.uint8), torch.ones(2, 2)),
+        str(path),
+        dynamo=False,
+        input_names=[PATCHES, SIZES],
+        output_names=[BOX_OUTPUT],
+        dynamic_axes={name: {0: "boxes"} for name in (PATCHES, SIZES, BOX_OUTPUT)},
+    )
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, {key: str(value) for key, value in provenance.items()})
+    onnx.save(model, str(path))

@@ -1,0 +1,45 @@
+"""Networks of ONNX files, run by onnxruntime."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+ERRORS = 3
+"""Severity from which onnxruntime writes to the terminal."""
+
+
+class OnnxNetwork:
+    """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
+
+    Raises ValueError where the file is none that can be run.
+    """
+
+    def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = ERRORS
+        try:
+            self._session = onnxruntime.InferenceSession(
+                path, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # the engine has a class of its own for each fault of a file
+            raise ValueError(str(error)) from error
+        self._outputs = outputs
+        self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
+
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
+        """Outputs by name; raises ValueError where the inputs are none that the network takes."""
+        try:
+            values = self._session.run(list(self._outputs), dict(inputs))
+        except Exception as error:
+            raise ValueError(str(error)) from error
+        return {
+            name: np.asarray(value, np.float32)
+            for name, value in zip(self._outputs, values, strict=True)
+        }

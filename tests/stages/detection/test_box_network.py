@@ -1,0 +1,148 @@
+"""The box network that ships, on boxes of drawn faces and of textured ground."""
+
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.pipeline.model_files import shipped_models
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.models import ScoreModel
+from wayside.stages.detection import BoxClassifier, BoxNetwork
+from wayside.stages.detection.box_network import TOGETHER
+from wayside.stages.geometry import iou_matrix
+from wayside.stages.imaging import pyramid
+
+GROUND = np.array([[40, 200, 72, 232], [300, 20, 340, 60], [420, 280, 450, 330]], np.float32)
+"""Boxes off all faces."""
+
+DIAMOND, PLATE, STOP = [100, 100, 148, 148], [220, 90, 256, 135], [340, 150, 380, 190]
+
+
+@cache
+def network():
+    return BoxNetwork(str(shipped_models() / "box.onnx"))
+
+
+@cache
+def scene():
+    """A yellow diamond, a white plate with a legend and a red octagon before green texture."""
+    random = np.random.default_rng(4)
+    coarse = random.normal(0, 1, (46, 64)).astype(np.float32)
+    texture = cv2.resize(coarse, (512, 368), interpolation=cv2.INTER_CUBIC)[..., None]
+    rgb = np.array([95.0, 110, 80]) + 14 * texture + random.normal(0, 4, (368, 512, 3))
+    rgb = np.ascontiguousarray(np.clip(rgb, 0, 255).astype(np.uint8))
+    for size, color in ((24, (30, 30, 25)), (22, (240, 190, 30))):
+        corners = [(124, 124 - size), (124 + size, 124), (124, 124 + size), (124 - size, 124)]
+        cv2.fillPoly(rgb, [np.array(corners, np.int32)], color, cv2.LINE_AA)
+    cv2.line(rgb, (124, 134), (124, 114), (30, 30, 25), 3, cv2.LINE_AA)
+    cv2.rectangle(rgb, (220, 90), (255, 134), (230, 230, 228), -1)
+    cv2.rectangle(rgb, (222, 92), (253, 132), (30, 30, 30), 1)
+    cv2.putText(rgb, "50", (225, 125), cv2.FONT_HERSHEY_SIMPLEX, 0.75, (30, 30, 30), 2, cv2.LINE_AA)
+    angles = np.pi / 8 + np.pi / 4 * np.arange(8)
+    for size, color in ((21.5, (230, 230, 230)), (20, (190, 25, 35))):
+        corners = np.stack([360 + size * np.cos(angles), 170 + size * np.sin(angles)], 1)
+        cv2.fillPoly(rgb, [np.round(corners).astype(np.int32)], color, cv2.LINE_AA)
+    cv2.putText(rgb, "STOP", (344, 175), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (240, 240, 240), 1, 16)
+    return pyramid(cv2.GaussianBlur(rgb, (0, 0), 0.6))
+
+
+def some_boxes(count, seed=1):
+    random = np.random.default_rng(seed)
+    corner, size = random.uniform(0, 330, (count, 2)), random.uniform(8, 60, (count, 2))
+    return np.concatenate([corner, corner + size], 1).astype(np.float32)
+
+
+def columns(found):
+    return {name: getattr(found, name) for name in ("front", "back", "offset", "color", "shape")}
+
+
+def test_a_box_scores_the_same_however_many_others_are_asked_about():
+    boxes = some_boxes(TOGETHER + 3)
+    together = columns(network().scores(scene(), boxes))
+    for rows in ([0], [5, 2], [TOGETHER - 1, TOGETHER, TOGETHER + 2]):
+        apart = columns(network().scores(scene(), boxes[rows]))
+        for name, values in apart.items():
+            np.testing.assert_allclose(values, together[name][rows], rtol=1e-5, atol=1e-4)
+
+
+def test_the_same_boxes_get_the_same_bytes(bits):
+    boxes = some_boxes(20)
+    again = BoxNetwork(str(shipped_models() / "box.onnx"))
+    assert bits(network().scores(scene(), boxes)) == bits(again.scores(scene(), boxes))
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_every_box_has_a_row_of_each_column(count):
+    found = network().scores(scene(), some_boxes(count))
+    assert found.front.shape == found.back.shape == found.best.shape == (count,)
+    assert found.offset.shape == (count, 4)
+    assert found.color.shape == (count, len(COLORS))
+    assert found.shape.shape == (count, len(SHAPES))
+    assert all(values.dtype == np.float32 for values in columns(found).values())
+
+
+def test_colours_and_shapes_are_log_probabilities():
+    found = network().scores(scene(), some_boxes(30))
+    for odds in (found.color, found.shape):
+        assert (odds <= 0).all()
+        np.testing.assert_allclose(np.exp(odds).sum(axis=1), 1, atol=1e-5)
+
+
+def test_a_clear_face_scores_far_higher_than_the_ground():
+    faces = np.array([DIAMOND, PLATE, STOP], np.float32)
+    shown = network().scores(scene(), np.concatenate([faces, GROUND]))
+    assert shown.front[:3].min() > shown.front[3:].max() + 4
+    assert (shown.front[:3] > shown.back[:3]).all()
+
+
+def test_a_clear_face_has_its_colour_and_shape():
+    shown = network().scores(scene(), np.array([DIAMOND, PLATE, STOP], np.float32))
+    assert [COLORS[k] for k in shown.color.argmax(axis=1)] == ["yellow", "white", "red"]
+    assert [SHAPES[k] for k in shown.shape.argmax(axis=1)] == ["diamond", "rectangle", "octagon"]
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_offsets_lead_a_box_towards_its_face(side):
+    face = np.array(DIAMOND, np.float32)
+    off = face.copy()
+    off[side] += 14 if side < 2 else -14
+    (offset,) = network().scores(scene(), off[None]).offset
+    moved = off + offset * np.tile(off[2:] - off[:2], 2)
+    before, after = iou_matrix(np.stack([off, moved]), face[None])[:, 0]
+    assert after > before + 0.05
+
+
+def test_a_box_too_small_or_beyond_the_image_has_finite_scores():
+    strange = np.array([[50, 50, 50.5, 50.5], [-30, -20, 10, 15], [500, 360, 600, 400]], np.float32)
+    found = columns(network().scores(scene(), strange))
+    assert all(np.isfinite(values).all() for values in found.values())
+
+
+def test_rows_are_selected_and_replaced():
+    found = network().scores(scene(), some_boxes(4))
+    other = network().scores(scene(), some_boxes(2, seed=9))
+    rows = np.array([3, 1])
+    changed = found.replaced(rows, other)
+    for name, values in columns(changed).items():
+        np.testing.assert_array_equal(values[rows], getattr(other, name))
+        np.testing.assert_array_equal(values[[0, 2]], getattr(found, name)[[0, 2]])
+    np.testing.assert_array_equal(changed.select(rows).best, other.best)
+
+
+def test_a_classifier_has_the_log_odds_of_its_side():
+    found, boxes = network().scores(scene(), GROUND), GROUND
+    for back, wanted in ((False, found.front), (True, found.back)):
+        side = BoxClassifier(network(), ScoreModel(1.5, "made up"), back=back)
+        assert side.threshold == 1.5
+        np.testing.assert_array_equal(side.scores(scene(), boxes), wanted)
+
+
+def test_a_file_that_is_no_network_of_boxes_is_refused(tmp_path: Path):
+    broken = tmp_path / "box.onnx"
+    broken.write_bytes(b"no network")
+    for path in (shipped_models() / "network.onnx", broken, tmp_path / "missing.onnx"):
+        with pytest.raises(ValueError, match=r"."):
+            BoxNetwork(str(path))
