@@ -67,8 +67,8 @@ class Models:
 
     color_classes, shape_classes: the report's Gaussian classes of regions; trajectory_density: of the motion of signs
     in the image; these are None where a preset does not ask for them. location_classes: where signs stand;
-    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: finds boxes
-    and says which segments are classified; box_network: classifies boxes, moves them onto panels, names their colour
+    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: finds the
+    boxes that are classified; box_network: classifies boxes, moves them onto panels, names their colour
     and shape; front_scores, back_scores: which of its scores are accepted, of panels from the front and from behind;
     landmark_classifier, back_landmark_classifier: of a landmark by all its observations; face_network: what sign a face
     shows. None where there is no such file, or the report's chain needs none. external: another detector, or its boxes,

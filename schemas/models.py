@@ -185,6 +185,11 @@ class NetworkSum:
     network: float
     shift: float
 
+    def of(self, own: NDArray[np.float32], network: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The sum (n,) of scores by the box network (n,) and by the detection network (n,)."""
+        joined = np.float32(self.own) * own + np.float32(self.network) * network
+        return np.asarray(joined + np.float32(self.shift), np.float32)
+
 
 @dataclass(frozen=True, slots=True)
 class ScoreModel(ModelText):

@@ -9,8 +9,10 @@ import numpy as np
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.fitting.sources import LabelledDrive, sign_of_view
 from wayside.pipeline.learning.gates import OVERHEAD_M
+from wayside.pipeline.learning.samples import NEITHER, ON
 from wayside.pipeline.model_files import Models
-from wayside.pipeline.roc.samples import NEITHER, ON, ClassifierSamples, gather_samples
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples
+from wayside.pipeline.roc.samples import gather_samples
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import SIGN
 from wayside.schemas.settings import Settings

@@ -27,9 +27,10 @@ from wayside.pipeline.learning.detector_crops import (
 )
 from wayside.pipeline.learning.detector_images import LabelledImage
 from wayside.pipeline.learning.face_drawings import FaceLibrary
+from wayside.pipeline.learning.samples import UNION, second_faces
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps, drawn_patches
-from wayside.stages.geometry import intersection_areas, iou_matrix
+from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
 
 AS_TAKEN = 0.3
@@ -55,13 +56,6 @@ NARROWEST_PX, SHORTEST_PX = 3.0, 5.0
 
 NO_FACE, WHOLE_FACE = 0.25, 0.75
 """Overlap (IoU) with a face up to which a box is none, and from which it is wholly one."""
-
-SECOND_FACE, BOTH = 0.5, 0.8
-"""Fraction of a second face in a box from which the box is no face unless it overlaps one by so much: a network that
-accepts boxes around a sign and its plaque loses the plaque."""
-
-APART = 0.3
-"""Fraction of the smaller of two faces that both may share: more, and one lies on the other."""
 
 REGRESSED, NAMED = 0.3, 0.45
 """Overlap from which the sides of a box, and its colour and shape, are those of the face."""
@@ -169,16 +163,6 @@ def negative_weights(doubt: NDArray[np.uint8], seen: NDArray[np.float32]) -> NDA
     return known.astype(np.float32)
 
 
-def shows_second_face(
-    box: NDArray[np.float32], faces: NDArray[np.float32], nearest: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Which boxes (n, 4) show another face (m, 4) than the `nearest` (n,), apart from it."""
-    area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
-    apart = intersection_areas(faces, faces) < APART * np.minimum(area[:, None], area[None])
-    shown = intersection_areas(box, faces) > SECOND_FACE * area
-    return np.asarray((shown & apart[nearest]).any(axis=1))
-
-
 def _targets(
     patch: NDArray[np.uint8],
     box: NDArray[np.float32],
@@ -196,7 +180,8 @@ def _targets(
         every = iou_matrix(box, faces)
         nearest, overlap = every.argmax(axis=1), every.max(axis=1)
         share = np.clip((overlap - NO_FACE) / (WHOLE_FACE - NO_FACE), 0, 1)
-        share[(overlap < BOTH) & shows_second_face(box, faces, nearest)] = 0
+        # a network that accepts boxes around a sign and its plaque loses the plaque
+        share[(overlap < UNION) & second_faces(box, faces, nearest).any(axis=1)] = 0
         panel[np.arange(n), labels.side[shown][nearest]] = share
         near, named = overlap >= REGRESSED, overlap >= NAMED
         offset[near] = ((faces[nearest] - box) / np.tile(size, 2))[near]

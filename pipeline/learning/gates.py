@@ -21,13 +21,9 @@ from numpy.typing import NDArray
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples, join_drives
 from wayside.pipeline.roc.operating import with_learned_thresholds, with_score_threshold
-from wayside.pipeline.roc.samples import (
-    TRAJECTORIES,
-    ClassifierSamples,
-    gather_samples,
-    join_drives,
-)
+from wayside.pipeline.roc.samples import TRAJECTORIES, gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError

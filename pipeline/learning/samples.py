@@ -30,6 +30,10 @@ TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
 """Overlap (IoU) from which a box is tight on a face; fraction of a box from which it lies inside one; overlap from
 which a box that shows a second face as well is no example rather than a bad one."""
 
+SHOWN, APART = 0.5, 0.3
+"""Fraction of a second face in a box from which the box shows it; fraction of the smaller of two faces that both may
+share: more, and one lies on the other."""
+
 BACKGROUND_OVERLAP = 0.05
 """Segments that overlap no face by more are background."""
 
@@ -199,10 +203,17 @@ def face_labels(
     own = np.prod(box[:, 2:] - box[:, :2], axis=1)
     part = (shared[rows, best] > INSIDE * own) & (nearest < ON_FACE)
     label[part & tight & is_example[best]] = OFF
-    # a second face in the box, that does not itself lie on the first
-    area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
-    apart = intersection_areas(faces, faces) < 0.3 * np.minimum(area[:, None], area[None])
-    second = ((shared > 0.5 * area) & apart[best] & is_example).any(axis=1)
+    second = (second_faces(box, faces, best) & is_example).any(axis=1)
     label[second & (nearest < UNION) & tight] = OFF
     label[second & (nearest >= UNION)] = NEITHER
     return label
+
+
+def second_faces(
+    box: NDArray[np.floating[Any]], faces: NDArray[np.floating[Any]], nearest: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Which faces (m, 4) each box (n, 4) shows beside its `nearest` (n,), and that do not lie on that: (n, m)."""
+    area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
+    apart = intersection_areas(faces, faces) < APART * np.minimum(area[:, None], area[None])
+    shown = intersection_areas(box, faces) > SHOWN * area
+    return np.asarray(shown & apart[nearest])

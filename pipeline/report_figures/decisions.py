@@ -12,6 +12,7 @@ from wayside.pipeline.report_figures.gather import Drive
 from wayside.pipeline.report_figures.numbers import share_words
 from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
+from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.roc.curves import Scores, resampled_groups, roc_curve
 from wayside.pipeline.roc.neyman_pearson import (
     Densities,
@@ -21,7 +22,6 @@ from wayside.pipeline.roc.neyman_pearson import (
     report_power,
     report_threshold,
 )
-from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
 from wayside.schemas.detections import COLOR_RGB
 
 CAPTIONS = {0.1: 172, 0.03: 207}

@@ -13,8 +13,9 @@ from wayside.pipeline.labels import FrameLabels, labels_by_frame, read_labels
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples
 from wayside.pipeline.roc.faces import Faces, labelled_faces
-from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples
+from wayside.pipeline.roc.samples import gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation

@@ -14,7 +14,7 @@ from wayside.pipeline.report_figures.gather import Drive, Scene
 from wayside.pipeline.report_figures.numbers import share_words
 from wayside.pipeline.report_figures.page import Figure, Picture, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
-from wayside.pipeline.roc.samples import ClassifierSamples
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples
 from wayside.schemas.detections import SOURCES
 
 REPORT_GATE_PX = (50, 20_000)

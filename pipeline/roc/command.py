@@ -14,11 +14,12 @@ from wayside.pipeline.labels import read_labels
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.parquet import ParquetFile, record_batch
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples, join_drives
 from wayside.pipeline.roc.curves import RocCurve, roc_curve
 from wayside.pipeline.roc.pictures import draw_curves, png
 from wayside.pipeline.roc.questions import Question, confusion, questions
 from wayside.pipeline.roc.recording import record_curves
-from wayside.pipeline.roc.samples import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.roc.samples import gather_samples
 from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import Labels

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.roc.curves import KNEE_RULE, Scores, resampled_groups, roc_curve
-from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.roc.score_points import counted_tail, rates_of, score_points
 from wayside.pipeline.statistics import CONFIDENCE
 from wayside.schemas.errors import InputError

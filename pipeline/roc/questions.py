@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models
+from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.roc.curves import RocCurve, Scores, resampled_groups
-from wayside.pipeline.roc.samples import NO_CLASS, ClassifierSamples
 from wayside.schemas.models import EvidenceModel, GaussianModel
 from wayside.schemas.settings import Settings
 

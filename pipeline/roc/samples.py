@@ -7,8 +7,8 @@ landmarks for the location, and in preset `default` the boxes and landmarks that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.labels import labels_by_frame
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.samples import NEITHER
 from wayside.pipeline.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.pipeline.workers import Item, StageClock
 from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation, verdict_code
@@ -35,54 +36,6 @@ from wayside.stages.segmentation import regions_before_gate
 
 _LABELS = 3
 TRAJECTORIES = {form: file.removesuffix(".json") for form, file in TRAJECTORY_FILES.items()}
-NO_CLASS = ""
-"""Class of what is no sign, and of what a classifier refuses."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClassifierSamples:
-    """What one classifier was asked about, n rows, in order of drive and frame.
-
-    classifier: its name; space: of its values; values (n, d) float64; label (n,) int8 `OFF`, `ON` or `NEITHER` a sign;
-    kind (n,): class of the labelled sign in this classifier's terms, `NO_CLASS` where there is none; accepted (n,)
-    bool: what it decided; named (n,): the class that it gave, `NO_CLASS` where it refused; drive (n,), frame (n,)
-    int32, box (n, 4) float32: where it came from (of a landmark its best view), pixels; count (n,) int64: how many
-    equal ones of the same frame the row stands for (of the size gate; else 1), their boxes nan.
-    """
-
-    classifier: str
-    space: str
-    values: NDArray[np.float64]
-    label: NDArray[np.int8]
-    kind: NDArray[np.str_]
-    accepted: NDArray[np.bool_]
-    named: NDArray[np.str_]
-    drive: NDArray[np.str_]
-    frame: NDArray[np.int32]
-    box: NDArray[np.float32]
-    count: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        """Count rows."""
-        return len(self.label)
-
-    def select(self, rows: NDArray[Any]) -> ClassifierSamples:
-        """Those rows, in that order."""
-        columns = (getattr(self, f.name)[rows] for f in fields(self)[2:])
-        return ClassifierSamples(self.classifier, self.space, *columns)
-
-    def known(self) -> ClassifierSamples:
-        """Those that are on a sign or off all signs."""
-        return self.select(self.label != NEITHER)
-
-    @staticmethod
-    def joined(parts: Sequence[ClassifierSamples]) -> ClassifierSamples:
-        """The rows of several, at least one, in that order."""
-        columns = (
-            np.concatenate([getattr(part, f.name) for part in parts])
-            for f in fields(ClassifierSamples)[2:]
-        )
-        return ClassifierSamples(parts[0].classifier, parts[0].space, *columns)
 
 
 def gather_samples(
@@ -135,17 +88,6 @@ def gather_samples(
     for sign in flow.signs(flow.georeference()):
         collector.see_sign(sign)
     return collector.samples()
-
-
-def join_drives(
-    drives: Iterable[Mapping[str, ClassifierSamples]],
-) -> dict[str, ClassifierSamples]:
-    """The samples of several drives together, by classifier."""
-    parts: dict[str, list[ClassifierSamples]] = {}
-    for drive in drives:
-        for name, samples in drive.items():
-            parts.setdefault(name, []).append(samples)
-    return {name: ClassifierSamples.joined(own) for name, own in parts.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,12 +332,6 @@ CLASSIFIERS = (
 
 __all__ = [
     "CLASSIFIERS",
-    "NEITHER",
-    "NO_CLASS",
-    "OFF",
-    "ON",
     "TRAJECTORIES",
-    "ClassifierSamples",
     "gather_samples",
-    "join_drives",
 ]

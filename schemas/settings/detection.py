@@ -90,7 +90,7 @@ class CandidateSettings:
     network_least: float = setting(
         -6.0,
         "log odds",
-        "of a face by the detection network: lower ones count as this and are no boxes",
+        "of a panel by the detection network: lower ones are no boxes",
         origin=_CHOSEN,
         expert=True,
     )

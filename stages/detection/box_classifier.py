@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import ScoreModel
-from wayside.stages.detection.box_network import BoxNetwork, BoxScores
+from wayside.stages.detection.box_network import BoxNetwork
 from wayside.stages.imaging import Pyramid
 
 
@@ -27,18 +27,5 @@ class BoxClassifier:
 
     def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""
-        return self.of(self.network.scores(levels, box))
-
-    def of(self, found: BoxScores) -> NDArray[np.float32]:
-        """The log odds (n,) of this side."""
+        found = self.network.scores(levels, box)
         return found.back if self.back else found.front
-
-    def with_network(
-        self, scores: NDArray[np.float32], network: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """The `scores` (n,) joined with those of a detection network (n,), where it was learned how."""
-        how = self.model.with_network
-        if how is None:
-            return scores
-        joined = np.float32(how.own) * scores + np.float32(how.network) * network
-        return np.asarray(joined + np.float32(how.shift), np.float32)

@@ -23,7 +23,6 @@ from wayside.schemas.detections import (
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection.box_classifier import BoxClassifier
 from wayside.stages.detection.box_network import BoxNetwork, BoxScores
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import pyramid
@@ -61,7 +60,6 @@ def detect(
     ------
     One item an image, in order.
     """
-    faces = BoxClassifier(network, front)
     for item in items:
         image, regions = item.image, item.regions
         candidates = Candidates.of(regions)
@@ -79,9 +77,9 @@ def detect(
         better = again.best > found.best[near]
         found = found.replaced(near[better], again.select(better))
         candidates = candidates.with_boxes(rows[near[better]], moved[better])
-        scores = faces.of(found)
-        if item.network_score is not None:
-            scores = faces.with_network(scores, item.network_score[rows])
+        scores = found.front
+        if item.network_score is not None and front.with_network is not None:
+            scores = front.with_network.of(scores, item.network_score[rows])
         candidates = with_scores(candidates, rows, scores, front.threshold, settings)
         above = scores >= front.threshold
         candidates = with_names(candidates, rows[above], found.select(above))

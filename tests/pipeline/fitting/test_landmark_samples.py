@@ -8,8 +8,9 @@ import pytest
 from wayside.pipeline.fitting.landmarks import by_side, landmark_samples, run_drives
 from wayside.pipeline.fitting.sources import LabelledDrive, sign_numbers
 from wayside.pipeline.labels import FrameLabels
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples
 from wayside.pipeline.roc.faces import labelled_faces
-from wayside.pipeline.roc.samples import NEITHER, OFF, ON, ClassifierSamples
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import SIGN, Label, LabelledImage
 

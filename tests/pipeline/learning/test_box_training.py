@@ -1,7 +1,4 @@
-"""The box network learns, goes on from a checkpoint, and gives the same values as a file.
-
-PyTorch takes seconds to import, and every process of the tests imports every file of them: fixtures import it.
-"""
+"""The box network learns, goes on from a checkpoint, and gives the same values as a file."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,15 +15,6 @@ from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, SIDE, drawn_patches
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
 from wayside.stages.imaging import pyramid
-
-
-@pytest.fixture
-def torch():
-    found = pytest.importorskip(
-        "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
-    )
-    found.set_num_threads(1)
-    return found
 
 
 @pytest.fixture

@@ -1,7 +1,4 @@
-"""The detection network learns, begins from an earlier one, and gives the same maps as a file.
-
-PyTorch takes seconds to import, and every process of the tests imports every file of them: fixtures import it.
-"""
+"""The detection network learns, begins from an earlier one, and gives the same maps as a file."""
 
 import itertools
 from pathlib import Path
@@ -22,15 +19,6 @@ from wayside.schemas.errors import InputError
 from wayside.stages.detection import MAPS
 
 SIDE = CROP_PX // STRIDE
-
-
-@pytest.fixture
-def torch():
-    found = pytest.importorskip(
-        "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
-    )
-    found.set_num_threads(1)
-    return found
 
 
 @pytest.fixture

@@ -1,7 +1,4 @@
-"""The face classifier learns what it is shown, is as sure as it is right, and says the same as a file.
-
-PyTorch takes seconds to import, and every process of the tests imports every file of them: fixtures import it.
-"""
+"""The face classifier learns what it is shown, is as sure as it is right, and says the same as a file."""
 
 from pathlib import Path
 
@@ -12,15 +9,6 @@ from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.sign_codes import OTHER_FACE, FaceClassifier
 
 NAMES = np.array(["R1-1", "D9", OTHER_FACE])
-
-
-@pytest.fixture
-def torch():
-    found = pytest.importorskip(
-        "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
-    )
-    found.set_num_threads(1)
-    return found
 
 
 @pytest.fixture

@@ -1,7 +1,4 @@
-"""The training that both networks share: how it descends, stops, and goes on as if it had not stopped.
-
-PyTorch takes seconds to import, and every process of the tests imports every file of them: fixtures import it.
-"""
+"""The training that both networks share: how it descends, stops, and goes on as if it had not stopped."""
 
 from functools import partial
 from itertools import repeat
@@ -9,15 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-
-@pytest.fixture
-def torch():
-    found = pytest.importorskip(
-        "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
-    )
-    found.set_num_threads(1)
-    return found
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.model_files import load_models
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples, join_drives
 from wayside.pipeline.roc.command import (
     _write,
     characteristics,
@@ -20,12 +21,7 @@ from wayside.pipeline.roc.command import (
     measure_roc,
 )
 from wayside.pipeline.roc.questions import confusion, questions
-from wayside.pipeline.roc.samples import (
-    TRAJECTORIES,
-    ClassifierSamples,
-    gather_samples,
-    join_drives,
-)
+from wayside.pipeline.roc.samples import TRAJECTORIES, gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels

@@ -8,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from wayside.pipeline.learning.samples import OFF, ON
+from wayside.pipeline.roc.classifier_samples import ClassifierSamples
 from wayside.pipeline.roc.operating import (
     class_points,
     component_points,
@@ -15,7 +16,6 @@ from wayside.pipeline.roc.operating import (
     with_learned_thresholds,
     with_score_threshold,
 )
-from wayside.pipeline.roc.samples import ClassifierSamples
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
