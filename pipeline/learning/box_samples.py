@@ -23,7 +23,6 @@ from wayside.pipeline.learning.detector_crops import (
     drawn_crop,
     shown_faces,
     targets,
-    through_a_camera,
 )
 from wayside.pipeline.learning.detector_images import LabelledImage
 from wayside.pipeline.learning.face_drawings import FaceLibrary
@@ -33,9 +32,6 @@ from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps, dr
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
 
-AS_TAKEN = 0.3
-"""Fraction of the crops that are not altered: runs see images as one camera takes them."""
-
 PROPOSED, LEAST_SCORE, SAME_IOU = 14, -6.0, 0.6
 """Boxes of the detection network in a crop, its best; least log odds; overlap above which the lower is left out."""
 
@@ -43,7 +39,7 @@ MOVED_EACH = 3
 """One of so many of these comes once more, moved."""
 
 FACES, AROUND = 4, 4
-"""Faces of a crop that boxes are laid around, and how many around each."""
+"""Faces of a crop, and things labelled as none, that boxes are laid around, and how many around each."""
 
 LAID = (0.02, 0.5)
 """How far boxes around a face are off: sigma of middle and of log size, log-uniform."""
@@ -103,19 +99,17 @@ def samples_of(
 ) -> BoxSamples:
     """Boxes of a crop of an image."""
     pixels, labels = drawn_crop(image, library, noise, rng)
-    if rng.random() >= AS_TAKEN:
-        pixels = through_a_camera(pixels, noise, rng)
     maps = network.maps(pixels)
     found = boxes_of_maps(maps, (CROP_PX, CROP_PX), LEAST_SCORE, PROPOSED, SAME_IOU).box
     shown = shown_faces(labels)
-    faces = np.clip(labels.box[shown], 0, CROP_PX)
-    chosen = rng.permutation(len(faces))[:FACES]
+    named = np.clip(np.concatenate([labels.box[shown], labels.other]), 0, CROP_PX)
+    chosen = rng.permutation(len(named))[:FACES]
     size = _log_uniform(ANYWHERE_PX, (ANYWHERE, 2), rng)
     box = np.concatenate(
         [
             found,
             laid_around(found[::MOVED_EACH], 1, rng),
-            laid_around(faces[chosen], AROUND, rng),
+            laid_around(named[chosen], AROUND, rng),
             _boxes(rng.uniform(0, CROP_PX, (ANYWHERE, 2)), size),
         ]
     )

@@ -120,10 +120,11 @@ def rule_threshold(
     scores, drive_of = np.concatenate(false)[falling], drive_of[falling]
 
     def at(times: NDArray[np.int64]) -> float:
-        """The threshold, each drive counted so many times."""
+        """The threshold, each drive counted so many times: between the last that passes and the next."""
         allowed = round(accepted * int(images @ times))
         row = int(np.searchsorted(np.cumsum(times[drive_of]), allowed, side="right"))
-        return float(scores[min(row, len(scores) - 1)])
+        last, following = scores[max(row - 1, 0)], scores[min(row, len(scores) - 1)]
+        return float((last + following) / 2)
 
     return at(np.ones(len(drives), np.int64)), resampled_interval(len(drives), at)
 

@@ -22,8 +22,11 @@ from wayside.schemas.detections import NONE
 CROP_PX, STRIDE = 256, 4
 """Side of a crop; pixels a cell of the maps."""
 
+AS_TAKEN = 0.3
+"""Fraction of the crops that are not altered: runs see images as one camera takes them."""
+
 ANCHOR_FRACTION = 0.8
-"""Fraction of the crops that are cut around a face of their image; the others lie anywhere."""
+"""Fraction of the crops cut around a face of their image, or what is labelled as none; the others lie anywhere."""
 
 HEIGHTS_PX, SCALES = (7.0, 160.0), (0.22, 1.7)
 """Heights that faces are scaled to, log-uniform; limits of the scale."""
@@ -87,13 +90,14 @@ def make_noise(rng: np.random.Generator, side: int = 768) -> Noise:
 
 @dataclass(frozen=True, slots=True)
 class Labels:
-    """Faces of a crop while it is made: box (n, 4), side, color, shape (n,), ignored (m, 4)."""
+    """Faces of a crop while it is made: box (n, 4), side, color, shape (n,), ignored (m, 4), other (k, 4)."""
 
     box: NDArray[np.float32]
     side: NDArray[np.int8]
     color: NDArray[np.int8]
     shape: NDArray[np.int8]
     ignored: NDArray[np.float32]
+    other: NDArray[np.float32]
 
 
 def make_crop(
@@ -106,17 +110,20 @@ def make_crop(
     """A crop of one of the images, drawn by `probability` (images,), with its targets."""
     image = images[int(rng.choice(len(images), p=probability))]
     pixels, labels = drawn_crop(image, library, noise, rng)
-    return targets(through_a_camera(pixels, noise, rng), labels, image)
+    return targets(pixels, labels, image)
 
 
 def drawn_crop(
     image: LabelledImage, library: FaceLibrary, noise: Noise, rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], Labels]:
-    """A window of an image with faces and other things drawn in: pixels (side, side, 3), and what they show."""
+    """A window of an image with faces and other things drawn in, as some camera takes it.
+
+    Pixels (side, side, 3), and what they show.
+    """
     pixels, labels = _cut(image, rng)
     if rng.random() < 0.55:
         posts = int(rng.integers(1, 5))
-        known = np.concatenate([labels.box, labels.ignored])
+        known = np.concatenate([labels.box, labels.ignored, labels.other])
         drawn = draw_faces(pixels, known, library, noise.smooth, rng, posts)
         labels = Labels(
             np.concatenate(
@@ -126,9 +133,12 @@ def drawn_crop(
             np.append(labels.color, [d.color for d in drawn]).astype(np.int8),
             np.append(labels.shape, [d.shape for d in drawn]).astype(np.int8),
             labels.ignored,
+            labels.other,
         )
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
         draw_distractor(pixels, np.concatenate([labels.box, labels.ignored]), rng)
+    if rng.random() >= AS_TAKEN:
+        pixels = through_a_camera(pixels, noise, rng)
     return pixels, labels
 
 
@@ -136,8 +146,9 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
     """A window of the image at some scale, mirrored or not, with the faces in it."""
     height, width = image.rgb.shape[:2]
     wanted = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
-    if len(image.box) and rng.random() < ANCHOR_FRACTION:
-        box = image.box[rng.integers(len(image.box))]
+    anchors = np.concatenate([image.box, image.other])
+    if len(anchors) and rng.random() < ANCHOR_FRACTION:
+        box = anchors[rng.integers(len(anchors))]
         scale = np.clip(wanted / max(box[3] - box[1], 1), *SCALES)
         scale = min(scale, 1.4 * CROP_PX / max(box[2] - box[0], 1))
         middle = (box[:2] + box[2:]) / 2 + rng.uniform(-0.42, 0.42, 2) * CROP_PX / scale
@@ -167,12 +178,14 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
         pixels = np.ascontiguousarray(scaled[:CROP_PX, :CROP_PX])
     factor = to / (np.array([x1, y1]) - [x0, y0])
     shift, by = np.tile([x0, y0], 2), np.tile(factor, 2)
-    box = ((image.box - shift) * by + np.tile(at, 2)).astype(np.float32)
-    ignored = ((image.ignored - shift) * by + np.tile(at, 2)).astype(np.float32)
+    box, ignored, other = (
+        ((known - shift) * by + np.tile(at, 2)).astype(np.float32)
+        for known in (image.box, image.ignored, image.other)
+    )
     if rng.random() < 0.5:
         pixels = np.ascontiguousarray(pixels[:, ::-1])
-        box, ignored = _mirrored(box), _mirrored(ignored)
-    return pixels, Labels(box, image.side, image.color, image.shape, ignored)
+        box, ignored, other = _mirrored(box), _mirrored(ignored), _mirrored(other)
+    return pixels, Labels(box, image.side, image.color, image.shape, ignored, other)
 
 
 def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -270,11 +283,11 @@ def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Cro
     inside = np.clip(labels.box, 0, CROP_PX)
     area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
     positive = shown_faces(labels)
-    for x0, y0, x1, y1 in np.concatenate([labels.ignored, inside[~positive & (area > 0)]]):
-        left, top = max(0, int(x0 // STRIDE)), max(0, int(y0 // STRIDE))
-        doubt[:, top : max(0, int(-(-y1 // STRIDE))), left : max(0, int(-(-x1 // STRIDE)))] = (
-            UNKNOWN
-        )
+    unknown = np.concatenate([labels.ignored, inside[~positive & (area > 0)]])
+    for boxes, what in ((unknown, UNKNOWN), (labels.other, KNOWN)):
+        for x0, y0, x1, y1 in np.clip(boxes, 0, CROP_PX):
+            rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
+            doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = what
     for x0, y0, x1, y1 in inside[positive]:
         rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
         doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = KNOWN

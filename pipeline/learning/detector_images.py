@@ -32,6 +32,14 @@ BAND = (0.52, 0.22)
 LEFT_OUT_RUN = 157
 """Pictures of `scenes_mixed` below this number are of doubtful origin."""
 
+CHECKED_BOXES = Path(__file__).with_name("checked_boxes.json")
+"""Boxes of an earlier detector in real images, off all that have a label, looked at one by one: signs, with colour and
+shape where that detector was sure of them; other things; what is unsure or shows part of a sign. By folder and file, or
+by drive and number of the image."""
+
+MAY_BE_SIGN = ("plate", "sign")
+"""Words in the description of a distractor of a real drive that may be a sign after all."""
+
 POST_WIDTHS, POST_HEIGHTS = 1.2, 4.0
 """Around a boxed face of an incomplete image nothing is a negative: widths to the sides, heights up and down."""
 
@@ -41,8 +49,9 @@ class LabelledImage:
     """An image with its faces.
 
     source: the camera or data set that it is from; rgb (height, width, 3) uint8; box (n, 4) float32; side (n,) `FRONT`
-    or `BACK`; color, shape (n,) classes or `NONE`; ignored (m, 4): where nothing is known; fronts_complete,
-    backs_complete: whether every face of that side has a box; camera: where it is known and the image is whole.
+    or `BACK`; color, shape (n,) classes or `NONE`; ignored (m, 4): where nothing is known; other (k, 4): what is
+    labelled and no sign; fronts_complete, backs_complete: whether every face of that side has a box; camera: where it
+    is known and the image is whole.
     """
 
     source: str
@@ -53,6 +62,7 @@ class LabelledImage:
     color: NDArray[np.int8]
     shape: NDArray[np.int8]
     ignored: NDArray[np.float32]
+    other: NDArray[np.float32]
     fronts_complete: bool
     backs_complete: bool
     camera: Camera | None = None
@@ -71,6 +81,7 @@ def labelled_image(
     *,
     fronts_complete: bool,
     backs_complete: bool,
+    other: Sequence[Sequence[float]] = (),
     camera: Camera | None = None,
 ) -> LabelledImage:
     """An image with its faces as arrays; names of colours and shapes that are no classes become `NONE`."""
@@ -83,6 +94,7 @@ def labelled_image(
         np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
         np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
         np.array(ignored, np.float32).reshape(-1, 4),
+        np.array(other, np.float32).reshape(-1, 4),
         fronts_complete,
         backs_complete,
         camera,
@@ -136,7 +148,8 @@ def real_drive_images(
 ) -> Iterator[LabelledImage]:
     """The images of a real drive with hand-made labels, every n-th one; `complete` where hardly a sign has no box.
 
-    Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong.
+    Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong;
+    nor are distractors whose description has a word of `MAY_BE_SIGN`.
     """
     labels = json.loads(log.with_suffix(".labels.json").read_text(encoding="utf-8"))
     faces: dict[int, list[Face]] = {}
@@ -149,16 +162,25 @@ def real_drive_images(
                 faces.setdefault(view["i"], []).append((view["box"], side, sign["colour"], shape))
             else:
                 ignored.setdefault(view["i"], []).append(view["box"])
+    others: dict[int, list[Sequence[float]]] = {}
+    index = {frame["source_frame"]: frame["i"] for frame in labels["frames"]}
+    for thing in labels["distractors"]:
+        there = ignored if any(word in thing["what"] for word in MAY_BE_SIGN) else others
+        for view in thing.get("boxes", [thing] if "box" in thing else []):
+            there.setdefault(index.get(view["source_frame"], -1), []).append(view["box"])
+    checked = _checked_boxes(log.stem)
     frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
     for frame, rgb in _decoded(frames):
+        also = checked.get(str(frame.index), {})
         yield labelled_image(
             log.stem,
             f"{log.stem}/{frame.index}",
             rgb,
-            faces.get(frame.index, []),
-            ignored.get(frame.index, []),
+            [*faces.get(frame.index, []), *_checked_faces(also)],
+            [*ignored.get(frame.index, []), *also.get("unsure", ())],
             fronts_complete=complete,
             backs_complete=False,
+            other=[*others.get(frame.index, []), *also.get("other", ())],
             camera=frame.camera,
         )
 
@@ -172,6 +194,7 @@ def _decoded(frames: Iterator[Frame]) -> Iterator[tuple[Frame, NDArray[np.uint8]
 def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterator[LabelledImage]:
     """The single images of a folder with a `scenes.json` whose names start with one of `prefixes`."""
     listed = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))
+    checked = _checked_boxes(folder.name)
     for scene in listed:
         name = scene["file"]
         if not name.startswith(prefixes) or _is_doubtful(name):
@@ -180,17 +203,30 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
         if rgb is None:
             raise InputError(f"{folder / name}: wanted an image, found none that can be read")
         complete = bool(scene["complete"])
-        things = [one["box"] for one in scene.get("distractors", ()) if _may_be_sign(scene, one)]
+        things, also = scene.get("distractors", ()), checked.get(name, {})
+        unsure = [one["box"] for one in things if _may_be_sign(scene, one)]
+        other = [one["box"] for one in things if not _may_be_sign(scene, one)]
+        faces = [(sign["box"], FRONT, sign["color"], sign["shape"]) for sign in scene["signs"]]
         around = [] if complete else [_post_region(sign["box"]) for sign in scene["signs"]]
         yield labelled_image(
             f"{folder.name}/{name.split('_')[0]}",
             name,
             np.ascontiguousarray(rgb, np.uint8),
-            [(sign["box"], FRONT, sign["color"], sign["shape"]) for sign in scene["signs"]],
-            [*things, *around],
+            [*faces, *_checked_faces(also)],
+            [*unsure, *also.get("unsure", ()), *around],
             fronts_complete=complete,
             backs_complete=False,
+            other=[*other, *also.get("other", ())],
         )
+
+
+def _checked_boxes(name: str) -> dict[str, Any]:
+    """Those of a folder or drive, by file or number of the image."""
+    return dict(json.loads(CHECKED_BOXES.read_text(encoding="utf-8")).get(name, {}))
+
+
+def _checked_faces(boxes: dict[str, Any]) -> list[Face]:
+    return [(box, FRONT, color, shape) for *box, color, shape in boxes.get("signs", ())]
 
 
 def _is_doubtful(name: str) -> bool:

@@ -16,10 +16,13 @@ from torch import Tensor, nn
 
 from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
 from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.stages.detection import CENTRE_PX, MAPS, SIDE_PX, STRIDE
+from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 
 CHANNELS, BLOCKS, HEAD = (24, 40, 64, 80), (1, 2, 2, 1), 32
 """Filters and residual blocks at stride 4, 8, 16 and 32; filters of the head."""
+
+LEVELS = 255
+"""Steps of a colour of an image from none to full."""
 
 PRIOR = 0.01
 """Probability of a middle that a cell starts with."""
@@ -53,7 +56,7 @@ class Residual(nn.Module):  # type: ignore[misc]
 
 
 class DetectionNetwork(nn.Module):  # type: ignore[misc]
-    """RGB (n, 3, height, width) in 0 to 1, multiples of 32, to maps (n, `MAPS`, height / 4, width / 4)."""
+    """RGB (n, height, width, 3) uint8, multiples of 32, to maps (n, `MAPS`, height / 4, width / 4)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -81,7 +84,7 @@ class DetectionNetwork(nn.Module):  # type: ignore[misc]
 
     def forward(self, x: Tensor) -> Tensor:
         """Maps in the order of `network_proposals`: heat of fronts and backs as log odds, box, colour, shape."""
-        levels = [self.stem(x)]
+        levels = [self.stem(x.permute(0, 3, 1, 2).float() / LEVELS)]
         for down in self.down:
             levels.append(down(levels[-1]))
         found = levels[-1]
@@ -189,12 +192,12 @@ def export(network: DetectionNetwork, path: Path, provenance: dict[str, Any]) ->
     network.eval()
     torch.onnx.export(
         network,
-        (torch.zeros(1, 3, 256, 512),),
+        (torch.zeros(1, 256, 512, 3, dtype=torch.uint8),),
         str(path),
         dynamo=False,
-        input_names=["image"],
-        output_names=["maps"],
-        dynamic_axes={"image": {2: "height", 3: "width"}, "maps": {2: "rows", 3: "columns"}},
+        input_names=[IMAGE],
+        output_names=[OUTPUT],
+        dynamic_axes={IMAGE: {1: "height", 2: "width"}, OUTPUT: {2: "rows", 3: "columns"}},
     )
     model = onnx.load(str(path))
     onnx.helper.set_model_props(model, {key: str(value) for key, value in provenance.items()})

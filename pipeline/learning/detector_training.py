@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from wayside.pipeline.learning.detector_crops import Crop, Noise, make_crop, make_noise
 from wayside.pipeline.learning.detector_images import LabelledImage, rendered_images
 from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, export, losses
-from wayside.pipeline.learning.detector_weights import load_weights
+from wayside.pipeline.learning.detector_weights import load_weights, move_halfway
 from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
 from wayside.pipeline.learning.network_training import (
     Arrays,
@@ -52,13 +52,13 @@ RANGED = 100
 """Images, about, that tell the range of values of the network in 8-bit integers."""
 
 WEIGHTS = {
-    "rendered": 0.38,
-    "us_freeway_challenge": 0.04,
-    "us_freeway_white_right": 0.04,
+    "rendered": 0.35,
+    "us_freeway_challenge": 0.03,
+    "us_freeway_white_right": 0.03,
     "ca_city_garmin": 0.14,
-    "scenes": 0.14,
+    "scenes": 0.10,
     "scenes_speed_us": 0.12,
-    "scenes_mixed": 0.14,
+    "scenes_mixed": 0.23,
 }
 """How often an image of a kind of source is drawn; within a kind, sources are alike."""
 
@@ -127,9 +127,8 @@ def batch_maker(drives: Path | None, real: Path, seed: int) -> Make:
 def as_tensors(batch: dict[str, NDArray[Any]]) -> Batch:
     """A batch as the network wants it."""
     held = {name: torch.from_numpy(values) for name, values in batch.items()}
-    rgb = held["rgb"].permute(0, 3, 1, 2).to(torch.float32).mul_(1 / 255)
     return Batch(
-        rgb.contiguous(memory_format=torch.channels_last),
+        held["rgb"],
         held["heat"].float(),
         held["doubt"],
         held["cell"].long(),
@@ -218,8 +217,8 @@ def learn_network(
 ) -> None:
     """Train up to `steps` and write the averaged network with what it was learned from.
 
-    `float.onnx` is the network as it was learned, `network.onnx` the same in 8-bit integers. A checkpoint of so many
-    steps is written as it is.
+    `float.onnx` is the network as it was learned, of one that began from another halfway between the two;
+    `network.onnx` the same in 8-bit integers. A checkpoint of so many steps is written as it is.
     """
     training = train(drives, real, folder, steps, seed, start)
     images, library = training_images(drives, real), read_face_library(real)
@@ -227,5 +226,7 @@ def learn_network(
     if training.begun_from:
         seen["begun from"] = training.begun_from
     export(training.average, folder / "float.onnx", seen)
+    if start is not None:
+        move_halfway(folder / "float.onnx", start)
     some = (image.rgb for image in images[:: max(1, len(images) // RANGED)])
     quantize(folder / "float.onnx", folder / "network.onnx", some)

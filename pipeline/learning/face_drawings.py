@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -52,7 +54,7 @@ WORDS = (
     "ROAD WORK",
 )
 
-KINDS = (("vector", 0.60), ("cut", 0.17), ("board", 0.12), ("back", 0.11))
+KINDS = (("vector", 0.59), ("cut", 0.17), ("board", 0.11), ("crossbuck", 0.02), ("back", 0.11))
 """What is drawn, and how often."""
 
 
@@ -67,10 +69,25 @@ class FaceDrawing:
 
 @dataclass(frozen=True, slots=True)
 class FaceLibrary:
-    """All faces that can be drawn: vector faces and cut-out real ones."""
+    """All faces that can be drawn: vector faces and cut-out real ones.
+
+    A kind of face (a colour of a shape) of n drawings comes by their square root: some have hundreds, some one.
+    """
 
     vector: tuple[FaceDrawing, ...]
     cut: tuple[FaceDrawing, ...]
+    vector_share: NDArray[np.float64] = field(init=False)
+    cut_share: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vector_share", _shares(self.vector))
+        object.__setattr__(self, "cut_share", _shares(self.cut))
+
+
+def _shares(faces: Sequence[FaceDrawing]) -> NDArray[np.float64]:
+    count = Counter((face.color, face.shape) for face in faces)
+    share = np.array([count[face.color, face.shape] ** -0.5 for face in faces])
+    return np.asarray(share / share.sum() if len(share) else share, np.float64)
 
 
 def read_face_library(real: Path) -> FaceLibrary:
@@ -140,16 +157,16 @@ def chosen_face(
 ) -> tuple[FaceDrawing, int]:
     """A face of a kind and the side of it that is seen."""
     if kind == "vector" and library.vector:
-        face = library.vector[rng.integers(len(library.vector))]
+        face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
         return _recolored(face, rng), FRONT
     if kind == "cut" and library.cut:
-        face = library.cut[rng.integers(len(library.cut))]
+        face = library.cut[rng.choice(len(library.cut), p=library.cut_share)]
         return (
             FaceDrawing(_relit(face.rgba, rng), face.color, face.shape),
             FRONT,
         )
     if kind == "back" and library.vector:
-        face = library.vector[rng.integers(len(library.vector))]
+        face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
         rgba = face.rgba.copy()
         grey = rng.uniform(70, 190)
         rgba[..., :3] = np.clip(grey + rng.normal(0, 6, 3), 0, 255).astype(np.uint8)
@@ -157,7 +174,7 @@ def chosen_face(
             middle, half = rgba.shape[1] // 2, max(2, int(rgba.shape[1] * rng.uniform(0.02, 0.06)))
             rgba[:, middle - half : middle + half, :3] = int(grey * rng.uniform(0.5, 0.9))
         return FaceDrawing(rgba, face.color, face.shape), BACK
-    return _board(rng), FRONT
+    return _crossbuck(rng) if kind == "crossbuck" else _board(rng), FRONT
 
 
 def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
@@ -202,15 +219,9 @@ def _board(rng: np.random.Generator) -> FaceDrawing:
     rows = int(rng.integers(1, 4))
     for row in range(rows):
         text = str(rng.choice(WORDS)) if rng.random() < 0.85 else str(rng.integers(1, 999))
-        scale = height / rows / 45 * rng.uniform(0.7, 1.2)
-        weight = max(1, round(scale * 2 * rng.uniform(0.7, 1.8)))
-        (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, weight)
-        scale *= min(1.0, 0.85 * width / max(wide, 1))
-        high = round(high * min(1.0, 0.85 * width / max(wide, 1)))
-        y = round(height * (row + 0.5) / rows + high / 2)
-        x = round(width * rng.uniform(0.06, 0.15))
         font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX]))
-        cv2.putText(pixels, text, (x, y), font, scale, ink, weight, cv2.LINE_AA)
+        middle, tall = height * (row + 0.5) / rows, height / rows * rng.uniform(0.36, 0.62)
+        lettered(pixels, text, middle, tall, ink, font, rng)
     if rng.random() < 0.4:
         x, tip = round(width * rng.uniform(0.6, 0.9)), height * rng.uniform(0.1, 0.3)
         tail = (x + round(rng.normal(0, width * 0.1)), round(height * 0.85))
@@ -225,3 +236,58 @@ def _board(rng: np.random.Generator) -> FaceDrawing:
         for y in (radius, height - 1 - radius):
             cv2.circle(alpha, (x, y), radius, 255, -1)
     return FaceDrawing(np.dstack([pixels, alpha]), _code(COLORS, color), SHAPES.index("rectangle"))
+
+
+def lettered(
+    pixels: NDArray[np.uint8],
+    text: str,
+    middle: float,
+    tall: float,
+    ink: tuple[int, ...],
+    font: int,
+    rng: np.random.Generator,
+) -> None:
+    """A line of text about a row of a board (h, w, 3), in place: `tall` pixels high, or as wide as the board."""
+    scale, width = tall / 22, pixels.shape[1]
+    weight = max(1, round(scale * 2 * rng.uniform(0.7, 1.8)))
+    (wide, high), _ = cv2.getTextSize(text, font, scale, weight)
+    fitted = min(1.0, 0.85 * width / max(wide, 1))
+    at = round(width * rng.uniform(0.06, 0.15)), round(middle + high * fitted / 2)
+    cv2.putText(pixels, text, at, font, scale * fitted, ink, weight, cv2.LINE_AA)
+
+
+def _crossbuck(rng: np.random.Generator) -> FaceDrawing:
+    """The cross of a railway crossing: plain, with red ends or a coloured edge, or with words."""
+    steep = np.radians(rng.uniform(28, 62))
+    thick = rng.uniform(0.14, 0.24)
+    along = np.array([np.cos(steep), np.sin(steep)])
+    half = 128 / (along + thick / 2 * along[::-1]).max()
+    side = np.ceil(2 * half * (along + thick / 2 * along[::-1])).astype(int) + 2
+    pixels = np.empty((side[1], side[0], 3), np.uint8)
+    pixels[:] = SHEETING["white"]
+    alpha = np.zeros((side[1], side[0]), np.uint8)
+    ends, has_words = rng.random() < 0.5, rng.random() < 0.5
+    edge = SHEETING[str(rng.choice(["red", "black", "white"]))]
+    for down in (1, -1):
+        way = along * [1, down]
+        across = np.array([-way[1], way[0]]) * thick / 2
+        strip = np.array([-way - across, way - across, way + across, -way + across])
+        corners = np.round((side - 1) / 2 + half * strip).astype(np.int32)
+        cv2.fillPoly(alpha, [corners], 255, cv2.LINE_AA)
+        cv2.fillPoly(pixels, [corners], SHEETING["white"], cv2.LINE_AA)
+        cv2.polylines(pixels, [corners], True, edge, 2, cv2.LINE_AA)
+        reach = rng.uniform(0.25, 0.5)
+        for end in (-1, 1):
+            inner = end * (1 - reach) * way
+            part = np.array(
+                [inner - across, end * way - across, end * way + across, inner + across]
+            )
+            place = np.round((side - 1) / 2 + half * part).astype(np.int32)
+            if ends:
+                cv2.fillPoly(pixels, [place], SHEETING["red"], cv2.LINE_AA)
+            elif has_words:  # letters are no more than spots at the size of most views
+                for share in (0.35, 0.55, 0.75):
+                    spot = np.round((side - 1) / 2 + half * end * share * way).astype(int)
+                    at = int(spot[0]), int(spot[1])
+                    cv2.circle(pixels, at, max(1, round(half * thick / 5)), SHEETING["black"], 2)
+    return FaceDrawing(np.dstack([pixels, alpha]), COLORS.index("white"), SHAPES.index("crossbuck"))

@@ -24,7 +24,7 @@ MAXIMA = 4
 """Boxes are made of so many times the maxima that are wanted: most of the others are next to better ones."""
 
 IMAGE, OUTPUT = "image", "maps"
-"""Names of the input and of the output of a network."""
+"""Names of the input of a network, (1, height, width, 3) uint8, and of its output, (1, `MAPS`, rows, columns)."""
 
 
 class DetectionNetwork:
@@ -38,16 +38,18 @@ class DetectionNetwork:
 
     def maps(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Maps (`MAPS`, rows, columns) of an image, padded at the right and below to whole multiples of 32."""
-        return np.asarray(self._network.run({IMAGE: as_blob(rgb)})[OUTPUT][0], np.float32)
+        return np.asarray(self._network.run({IMAGE: padded(rgb)})[OUTPUT][0], np.float32)
 
 
-def as_blob(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """An image as the network takes it: (1, 3, height, width), 0 to 1, padded to whole multiples of 32."""
+def padded(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An image as the network takes it: (1, height, width, 3), its border repeated to whole multiples of 32."""
     height, width = rgb.shape[:2]
-    padded = cv2.copyMakeBorder(
-        rgb, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE
-    )
-    return np.asarray(cv2.dnn.blobFromImage(padded, 1 / 255), np.float32)
+    more = -height % MULTIPLE, -width % MULTIPLE
+    if any(more):
+        rgb = np.asarray(
+            cv2.copyMakeBorder(rgb, 0, more[0], 0, more[1], cv2.BORDER_REPLICATE), np.uint8
+        )
+    return np.ascontiguousarray(rgb)[None]
 
 
 def boxes_of_maps(

@@ -55,10 +55,16 @@ def test_what_is_no_onnx_file_is_refused(tmp_path):
 
 
 def test_a_network_with_other_outputs_is_refused_with_them():
-    words = refused(Path(str(shipped_models())) / "network.onnx")
+    words = refused(DETECTORS.parent / "other_outputs.onnx")
     assert "wanted outputs of the YOLO or RT-DETR family" in words
-    assert "maps [1, 24, 160, 160]" in words
+    assert "heat [1, 2, 64, 64]" in words
     assert "docs/detectors.md" in words
+
+
+def test_a_network_that_takes_no_floating_point_is_refused_with_what_it_takes():
+    words = refused(Path(str(shipped_models())) / "network.onnx")
+    assert "wanted an input of one RGB image, float32" in words
+    assert "[1, 0, 0, 3]" in words
 
 
 def with_header(monkeypatch, **changes):

@@ -62,6 +62,7 @@ def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):
         np.full(count, RED, np.int8),
         np.full(count, OCTAGON, np.int8),
         np.array(ignored, np.float32).reshape(-1, 4),
+        np.zeros((0, 4), np.float32),
     )
     box = np.array(boxes, np.float32)
     weights = np.full((len(box), 2), weight, np.float32)
@@ -169,13 +170,20 @@ def test_boxes_around_a_face_are_nearly_the_same_or_far_off():
     assert laid_around(faces[:0], 4, np.random.default_rng(1)).shape == (0, 4)
 
 
-def image(faces=((SIGN, FRONT, "yellow", "diamond"),), *, complete=True, ignored=()):
+def image(faces=((SIGN, FRONT, "yellow", "diamond"),), *, complete=True, ignored=(), other=()):
     rgb = np.full((CROP_PX, CROP_PX, 3), 90, np.uint8)
     for box, *_ in faces:
         x0, y0, x1, y1 = box
         rgb[y0:y1, x0:x1] = (250, 200, 20)
     return labelled_image(
-        "set", "one", rgb, faces, ignored, fronts_complete=complete, backs_complete=False
+        "set",
+        "one",
+        rgb,
+        faces,
+        ignored,
+        fronts_complete=complete,
+        backs_complete=False,
+        other=other,
     )
 
 
@@ -232,6 +240,15 @@ def test_negatives_of_an_image_of_unboxed_signs_count_less():
         middle = (found.size == 32).all(axis=1) if weight == UNSURE_WEIGHTS[1] else off
         np.testing.assert_allclose(found.weight[off & middle, FRONT], weight)
     assert (samples(11, image(())).weight[:, FRONT] == 1).all()
+
+
+def test_boxes_are_laid_around_what_is_labelled_as_no_sign_and_are_known_negatives():
+    def known_negatives(**labelled):
+        shown = image((), complete=False, **labelled)
+        seen = [samples(seed, shown) for seed in range(30)]
+        return sum(((s.weight[:, FRONT] == 1) & (s.panel[:, FRONT] == 0)).sum() for s in seen)
+
+    assert known_negatives(other=[SIGN]) > known_negatives() + 30
 
 
 def test_where_all_is_unknown_no_box_counts():

@@ -91,7 +91,7 @@ def test_the_threshold_lets_through_the_stated_rate_of_boxes_off_any_face(accept
     drives = [drive(0.0, seed) for seed in range(6)]
     threshold, _ = threshold_of(drives, accepted)
     off = np.concatenate([one.score[one.label == OFF] for images in drives for one in images])
-    assert (off > threshold).sum() == round(accepted * 6 * IMAGES)
+    assert (off >= threshold).sum() == round(accepted * 6 * IMAGES)
     assert f"{accepted:g} boxes off any face" in false_boxes_rule(accepted)
 
 

@@ -24,19 +24,33 @@ CELLS = CROP_PX // STRIDE
 NOISE = make_noise(np.random.default_rng(0))
 
 
-def image(faces=(), ignored=(), complete=True, size=(400, 500)):
+def image(faces=(), ignored=(), complete=True, size=(400, 500), other=()):
     rgb = np.full((*size, 3), 90, np.uint8)
     for box, *_ in faces:
         x0, y0, x1, y1 = (round(v) for v in box)
         rgb[y0:y1, x0:x1] = (250, 200, 20)
     return labelled_image(
-        "set", "one", rgb, faces, ignored, fronts_complete=complete, backs_complete=False
+        "set",
+        "one",
+        rgb,
+        faces,
+        ignored,
+        fronts_complete=complete,
+        backs_complete=False,
+        other=other,
     )
 
 
-def crop_of(faces=(), ignored=(), complete=True):
-    labelled = image(faces, ignored, complete, (CROP_PX, CROP_PX))
-    labels = Labels(labelled.box, labelled.side, labelled.color, labelled.shape, labelled.ignored)
+def crop_of(faces=(), ignored=(), complete=True, other=()):
+    labelled = image(faces, ignored, complete, (CROP_PX, CROP_PX), other)
+    labels = Labels(
+        labelled.box,
+        labelled.side,
+        labelled.color,
+        labelled.shape,
+        labelled.ignored,
+        labelled.other,
+    )
     return targets(labelled.rgb, labels, labelled)
 
 
@@ -88,6 +102,34 @@ def test_what_is_off_the_boxes_is_known_only_where_the_labels_are_complete():
     assert incomplete.doubt[FRONT, 0, 0] == UNSURE
     assert incomplete.doubt[FRONT, 15, 15] == UNKNOWN
     assert (incomplete.doubt[:, 25:35, 25:35] == KNOWN).all()
+
+
+def test_what_is_labelled_as_no_sign_is_known_to_be_none_where_the_labels_are_incomplete():
+    crop = crop_of(complete=False, other=[(40, 40, 80, 80), (250, -20, 300, 10)])
+    assert (crop.doubt[:, 10:20, 10:20] == KNOWN).all()
+    assert (crop.doubt[:, :2, 63] == KNOWN).all()
+    assert crop.doubt[FRONT, 30, 30] == UNSURE
+    assert crop.heat.max() == 0
+
+
+def test_crops_are_cut_around_what_is_labelled_as_no_sign():
+    images = [image(complete=False, size=(900, 1200), other=[(600, 300, 630, 320)])]
+    empty = FaceLibrary((), ())
+    known = [
+        (make_crop(images, np.ones(1), empty, NOISE, np.random.default_rng(seed)).doubt == KNOWN)
+        for seed in range(20)
+    ]
+    assert sum(cells.any() for cells in known) > 12
+
+
+def test_some_crops_are_as_taken():
+    images, empty = [image()], FaceLibrary((), ())
+    crops = [
+        make_crop(images, np.ones(1), empty, NOISE, np.random.default_rng(seed)).rgb
+        for seed in range(60)
+    ]
+    plain = [(rgb == 90).all(axis=2).mean() > 0.3 for rgb in crops]
+    assert 8 < sum(plain) < 40
 
 
 @pytest.mark.parametrize("box", [(100, 100, 104, 104), (-60, 100, 20, 180)])

@@ -7,15 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
+from wayside.pipeline.learning import detector_images
 from wayside.pipeline.learning.detector_images import (
     BACK,
     FRONT,
+    real_drive_images,
     rendered_images,
     scene_set_images,
 )
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 
+REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 
 
@@ -63,6 +66,53 @@ def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):
         write_set(tmp_path / "set", scene("ro_200.png", distractors=things))
     )
     np.testing.assert_array_equal(image.ignored, [[50, 0, 60, 9]])
+    np.testing.assert_array_equal(image.other, [[0, 0, 5, 9]])
+
+
+def test_boxes_that_were_looked_at_join_the_labels_of_their_image(tmp_path, monkeypatch):
+    boxes = {
+        "signs": [[1, 2, 9, 9, "blue", "circle"], [60, 2, 70, 9, None, None]],
+        "other": [[11, 12, 19, 19]],
+        "unsure": [[50, 50, 59, 59]],
+    }
+    file = tmp_path / "checked.json"
+    file.write_text(json.dumps({"set": {"ro_200.png": boxes}, "another": {"ro_201.png": boxes}}))
+    monkeypatch.setattr(detector_images, "CHECKED_BOXES", file)
+    folder = write_set(tmp_path / "set", scene("ro_200.png"), scene("ro_201.png"))
+    looked_at, as_labelled = scene_set_images(folder)
+    np.testing.assert_array_equal(looked_at.box, [[30, 20, 40, 30], [1, 2, 9, 9], [60, 2, 70, 9]])
+    assert looked_at.color.tolist() == [COLORS.index("white"), COLORS.index("blue"), NONE]
+    assert looked_at.shape.tolist() == [SHAPES.index("circle")] * 2 + [NONE]
+    np.testing.assert_array_equal(looked_at.other, boxes["other"])
+    np.testing.assert_array_equal(looked_at.ignored, boxes["unsure"])
+    assert (len(as_labelled.box), len(as_labelled.other), len(as_labelled.ignored)) == (1, 0, 0)
+
+
+def test_the_boxes_that_were_looked_at_are_sound():
+    checked = json.loads(detector_images.CHECKED_BOXES.read_text())
+    every = [boxes for files in checked.values() for boxes in files.values()]
+    assert {kind for boxes in every for kind in boxes} == {"signs", "other", "unsure"}
+    signs = [sign for boxes in every for sign in boxes.get("signs", ())]
+    assert len(signs) > 900
+    assert {sign[4] for sign in signs} <= {*COLORS, None}
+    assert {sign[5] for sign in signs} <= {*SHAPES, None}
+    for box in (box for boxes in every for kind in boxes.values() for box in kind):
+        assert box[0] < box[2]
+        assert box[1] < box[3]
+
+
+def test_distractors_of_a_real_drive_are_no_signs_unless_their_description_leaves_it_open(
+    monkeypatch,
+):
+    log = REAL / "ca_city_garmin.mcap"
+    if not log.is_file():
+        pytest.skip(f"{log} is not at hand")
+    monkeypatch.setattr(detector_images, "_checked_boxes", lambda name: {})
+    first, later, _ = real_drive_images(log, 123)
+    np.testing.assert_array_equal(first.other, [[0, 697, 862, 719], [901, 283, 1030, 372]])
+    plates = [1152, 287, 1170, 309]
+    assert plates in later.ignored.tolist()
+    assert plates not in later.other.tolist()
 
 
 def test_pictures_of_doubtful_origin_and_of_other_sources_are_left_out(tmp_path):

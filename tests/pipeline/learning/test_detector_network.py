@@ -58,9 +58,13 @@ def batch(training):
     return held
 
 
+def noise(torch, count, height, width):
+    return torch.randint(0, 256, (count, height, width, 3), dtype=torch.uint8)
+
+
 def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, network):
     with torch.no_grad():
-        maps = network.DetectionNetwork().eval()(torch.rand(1, 3, 64, 128))
+        maps = network.DetectionNetwork().eval()(noise(torch, 1, 64, 128))
     assert maps.shape == (1, MAPS, 16, 32)
     assert maps[:, :2].sigmoid().max() < 0.2
 
@@ -111,7 +115,7 @@ def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp
 
     torch.manual_seed(3)
     earlier, begun = network.DetectionNetwork(), network.DetectionNetwork()
-    images = torch.rand(2, 3, 64, 128)
+    images = noise(torch, 2, 64, 128)
     earlier(images)  # statistics of the normalisations
     earlier.eval()
     with pytest.warns():
@@ -123,6 +127,33 @@ def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp
         torch.testing.assert_close(begun(images), earlier(images), rtol=1e-2, atol=1e-2)
 
 
+def test_a_network_is_moved_halfway_to_the_one_it_began_from(torch, network, tmp_path: Path):
+    onnx = pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    from wayside.pipeline.learning.detector_weights import move_halfway, read_convolutions
+
+    files = tmp_path / "earlier.onnx", tmp_path / "later.onnx"
+    for file in files:
+        learned = network.DetectionNetwork()
+        learned(noise(torch, 2, 64, 128))  # statistics of the normalisations
+        with pytest.warns():
+            network.export(learned, file, {"seed": 1})
+    expected = [
+        [(one + other) / 2 for one, other in zip(*layer, strict=True)]
+        for layer in zip(*map(read_convolutions, files), strict=True)
+    ]
+    move_halfway(files[1], files[0])
+    for layer, values in zip(read_convolutions(files[1]), expected, strict=True):
+        for found, value in zip(layer, values, strict=True):
+            np.testing.assert_allclose(found, value, atol=1e-6)
+    said = {one.key: one.value for one in onnx.load(str(files[1])).metadata_props}
+    assert said == {"seed": "1", "averaged": "weights halfway to those begun from"}
+    other = torch.nn.Conv2d(3, 5, 3)
+    with pytest.warns():
+        torch.onnx.export(other, (torch.zeros(1, 3, 8, 8),), tmp_path / "other.onnx", dynamo=False)
+    with pytest.raises(InputError, match=r"other\.onnx"):
+        move_halfway(files[1], tmp_path / "other.onnx")
+
+
 def test_a_file_of_other_layers_is_refused_to_begin_from(torch, network, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     from wayside.pipeline.learning.detector_weights import load_weights
@@ -131,7 +162,7 @@ def test_a_file_of_other_layers_is_refused_to_begin_from(torch, network, tmp_pat
     with pytest.warns():
         torch.onnx.export(other, (torch.zeros(1, 3, 8, 8),), tmp_path / "other.onnx", dynamo=False)
     with pytest.raises(InputError, match=r"other\.onnx"):
-        load_weights(network.DetectionNetwork(), tmp_path / "other.onnx", torch.zeros(1, 3, 64, 64))
+        load_weights(network.DetectionNetwork(), tmp_path / "other.onnx", noise(torch, 1, 64, 64))
 
 
 def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path: Path):
@@ -144,6 +175,6 @@ def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path
         network.export(fresh, tmp_path / "network.onnx", {"seed": 1})
     rgb = np.random.default_rng(0).integers(0, 256, (96, 128, 3)).astype(np.uint8)
     with torch.no_grad():
-        expected = fresh(torch.from_numpy(rgb / 255).float().permute(2, 0, 1)[None])[0]
+        expected = fresh(torch.from_numpy(rgb)[None])[0]
     found = InOnnxRuntime(str(tmp_path / "network.onnx")).maps(rgb)
     np.testing.assert_allclose(found, expected, atol=1e-3)

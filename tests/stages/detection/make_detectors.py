@@ -1,4 +1,4 @@
-"""Writes the networks of `detectors/`, one of each format; needs the package onnx.
+"""Writes the networks of `detectors/`, one of each format, and one of none beside them; needs the package onnx.
 
 All see the same: a face is a red cell (class 0) or a blue cell (class 1) of 16 px of an input of 64 x 64; its score is
 how red (blue) the cell is. Each format says so in its own words.
@@ -152,6 +152,11 @@ def detr_pixels(b):
     return ["labels", "boxes", "scores"]
 
 
+def other(b):
+    """Heat maps: a format of neither family."""
+    return [b.node("Identity", ["ink"], "heat")]
+
+
 FORMATS = (yolov5, yolov8, end_to_end, detr, detr_classes, detr_logits, detr_pixels)
 
 
@@ -163,7 +168,7 @@ def network(make, metadata=None):
     inputs = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, SIDE, SIDE])]
     if make is detr_pixels:
         inputs.append(helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, [1, 2]))
-    kinds, axes = {"labels": TensorProto.INT64}, {"labels": 2, "scores": 2}
+    kinds, axes = {"labels": TensorProto.INT64}, {"labels": 2, "scores": 2, "heat": 4}
     values = [
         helper.make_tensor_value_info(o, kinds.get(o, TensorProto.FLOAT), [None] * axes.get(o, 3))
         for o in outputs
@@ -178,6 +183,7 @@ def network(make, metadata=None):
 def main(folder):
     for make in FORMATS:
         onnx.save(network(make), str(folder / f"{make.__name__}.onnx"))
+    onnx.save(network(other), str(folder.parent / "other_outputs.onnx"))
 
 
 if __name__ == "__main__":

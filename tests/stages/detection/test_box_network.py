@@ -18,7 +18,7 @@ from wayside.stages.imaging import pyramid
 GROUND = np.array([[40, 200, 72, 232], [300, 20, 340, 60], [420, 280, 450, 330]], np.float32)
 """Boxes off all faces."""
 
-DIAMOND, PLATE, STOP = [100, 100, 148, 148], [220, 90, 256, 135], [340, 150, 380, 190]
+DIAMOND, PLATE, STOP = [100, 100, 148, 148], [220, 90, 256, 135], [336, 146, 384, 194]
 
 
 @cache
@@ -42,10 +42,10 @@ def scene():
     cv2.rectangle(rgb, (222, 92), (253, 132), (30, 30, 30), 1)
     cv2.putText(rgb, "50", (225, 125), cv2.FONT_HERSHEY_SIMPLEX, 0.75, (30, 30, 30), 2, cv2.LINE_AA)
     angles = np.pi / 8 + np.pi / 4 * np.arange(8)
-    for size, color in ((21.5, (230, 230, 230)), (20, (190, 25, 35))):
+    for size, color in ((25.8, (230, 230, 230)), (24, (190, 25, 35))):
         corners = np.stack([360 + size * np.cos(angles), 170 + size * np.sin(angles)], 1)
-        cv2.fillPoly(rgb, [np.round(corners).astype(np.int32)], color, cv2.LINE_AA)
-    cv2.putText(rgb, "STOP", (344, 175), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (240, 240, 240), 1, 16)
+        cv2.fillPoly(rgb, [np.round(16 * corners).astype(np.int32)], color, cv2.LINE_AA, 4)
+    cv2.putText(rgb, "STOP", (341, 176), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (240, 240, 240), 2, 16)
     return pyramid(cv2.GaussianBlur(rgb, (0, 0), 0.6))
 
 
