@@ -66,10 +66,10 @@ class CandidateSettings:
 
     # --- boxes of the detection network ---
     full_size_px: int = setting(
-        180,
+        176,
         "px",
         "the detection network sees so many rows above and below the optical axis at full size",
-        origin="a face of half a metre up to 6 m above the camera is at least 15 px tall beyond",
+        origin="a face of half a metre up to 6 m above the camera is at least 15 px tall beyond; no row is padded",
         expert=True,
         low=0,
     )
