@@ -49,8 +49,8 @@ def read_convolutions(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.
 def move_halfway(path: Path, earlier: Path) -> None:
     """Move the weights of a network file in floating point halfway back to those it began from, in place.
 
-    What further training gains on images like those learned from stays for the greater part, and what it loses on
-    others comes back (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models"). The metadata says so.
+    Part of what further training gains stays, and most of what it loses on images unlike those learned from comes back
+    (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models"). The metadata says so.
 
     Raises
     ------
