@@ -38,8 +38,8 @@ PROPOSED, LEAST_SCORE, SAME_IOU = 14, -6.0, 0.6
 MOVED_EACH = 3
 """One of so many of these comes once more, moved."""
 
-FACES, AROUND = 4, 4
-"""Faces of a crop, and things labelled as none, that boxes are laid around, and how many around each."""
+FACES, OTHERS, AROUND = 3, 2, 4
+"""Faces of a crop, and things known as none, that boxes are laid around, at most, and how many around each."""
 
 LAID = (0.02, 0.5)
 """How far boxes around a face are off: sigma of middle and of log size, log-uniform."""
@@ -102,14 +102,13 @@ def samples_of(
     maps = network.maps(pixels)
     found = boxes_of_maps(maps, (CROP_PX, CROP_PX), LEAST_SCORE, PROPOSED, SAME_IOU).box
     shown = shown_faces(labels)
-    named = np.clip(np.concatenate([labels.box[shown], labels.other]), 0, CROP_PX)
-    chosen = rng.permutation(len(named))[:FACES]
+    named = [rng.permutation(labels.box[shown])[:FACES], rng.permutation(labels.other)[:OTHERS]]
     size = _log_uniform(ANYWHERE_PX, (ANYWHERE, 2), rng)
     box = np.concatenate(
         [
             found,
             laid_around(found[::MOVED_EACH], 1, rng),
-            laid_around(named[chosen], AROUND, rng),
+            laid_around(np.clip(np.concatenate(named), 0, CROP_PX), AROUND, rng),
             _boxes(rng.uniform(0, CROP_PX, (ANYWHERE, 2)), size),
         ]
     )

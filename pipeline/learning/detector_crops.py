@@ -6,7 +6,7 @@ A crop is the same for the same seed and number, so that a learning run can be t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -25,8 +25,9 @@ CROP_PX, STRIDE = 256, 4
 AS_TAKEN = 0.3
 """Fraction of the crops that are not altered: runs see images as one camera takes them."""
 
-ANCHOR_FRACTION = 0.8
-"""Fraction of the crops cut around a face of their image, or what is labelled as none; the others lie anywhere."""
+ANCHOR_FRACTION, OTHER_FRACTION = 0.8, 0.3
+"""Fraction of the crops cut around something of their image, the others lie anywhere; of those, around what is labelled
+as no sign where there are faces as well."""
 
 HEIGHTS_PX, SCALES = (7.0, 160.0), (0.22, 1.7)
 """Heights that faces are scaled to, log-uniform; limits of the scale."""
@@ -135,8 +136,13 @@ def drawn_crop(
             labels.ignored,
             labels.other,
         )
+    others = [labels.other]
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
-        draw_distractor(pixels, np.concatenate([labels.box, labels.ignored]), rng)
+        taken = np.concatenate([labels.box, labels.ignored])
+        box = draw_distractor(pixels, taken, noise.smooth, rng)
+        if box is not None:
+            others.append(np.array([box], np.float32))
+    labels = replace(labels, other=np.concatenate(others))
     if rng.random() >= AS_TAKEN:
         pixels = through_a_camera(pixels, noise, rng)
     return pixels, labels
@@ -146,7 +152,9 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
     """A window of the image at some scale, mirrored or not, with the faces in it."""
     height, width = image.rgb.shape[:2]
     wanted = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
-    anchors = np.concatenate([image.box, image.other])
+    anchors = image.box
+    if not len(anchors) or (len(image.other) and rng.random() < OTHER_FRACTION):
+        anchors = image.other
     if len(anchors) and rng.random() < ANCHOR_FRACTION:
         box = anchors[rng.integers(len(anchors))]
         scale = np.clip(wanted / max(box[3] - box[1], 1), *SCALES)

@@ -18,9 +18,13 @@ from wayside.pipeline.learning.face_drawings import (
     FaceLibrary,
     chosen_face,
 )
+from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
+
+ASSEMBLED, SAME_COLOR = 0.15, 0.7
+"""Fraction of the posts whose faces have one width and touch, as direction boards do; how often all have one colour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,41 +53,69 @@ def draw_faces(
     drawn: list[DrawnFace] = []
     boxes: list[tuple[float, ...]] = [tuple(box) for box in taken.tolist()]
     for _ in range(wanted):
-        kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
-        face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
-        left, top = rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
-        light = float(rng.uniform(0.45, 1.6))
-        stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
-        post_from = None
-        beside = stack > 1 and rng.random() < 0.35
-        for number in range(stack):
-            drawing, side = chosen_face(
-                kind if number == 0 or kind == "back" else "board", library, rng
-            )
-            patch = seen_from_an_angle(drawing, face_height, rng)
-            high, wide = patch.shape[:2]
-            x = round(left if beside or number == 0 else left - wide / 2)
-            if number == 0 and not beside:
-                left = left + wide / 2
-            box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
-            if overlaps(box, boxes):
-                break
-            wear(patch, side, light, rgb, box, noise, rng)
-            clipped = blend(rgb, patch, x, round(top))
-            boxes.append(box)
-            if clipped is not None:
-                drawn.append(DrawnFace(clipped, side, drawing.color, drawing.shape))
-            post_from = box
-            if beside:
-                left += wide * rng.uniform(1.0, 1.08) + 1
-                face_height *= rng.uniform(0.9, 1.0)
-                continue
+        at = rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
+        drawn += _draw_post(rgb, at, boxes, library, noise, rng)
+    return drawn
+
+
+def _draw_post(
+    rgb: NDArray[np.uint8],
+    at: tuple[float, float],
+    boxes: list[tuple[float, ...]],
+    library: FaceLibrary,
+    noise: NDArray[np.float32],
+    rng: np.random.Generator,
+) -> list[DrawnFace]:
+    """Draw a post with one face or more, in place, until one would lie on `boxes`; it adds its own to them.
+
+    All are seen from one angle, in one light: below each other, touching or not, or side by side.
+    """
+    kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
+    face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
+    (left, top), light = at, float(rng.uniform(0.45, 1.6))
+    stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
+    beside = stack > 1 and rng.random() < 0.35
+    assembled = not beside and rng.random() < ASSEMBLED
+    stack += int(rng.integers(1, 3)) if assembled else 0
+    angle, color, face_width = int(rng.integers(2**32)), NONE, 0.0
+    others, drawn, post_from = list(boxes), [], None
+    for number in range(stack):
+        is_board = number > 0 and kind != "back"
+        drawing, side = chosen_face("board" if is_board else kind, library, rng, color)
+        rows, columns = drawing.rgba.shape[:2]
+        if assembled and number > 0:
+            face_height = face_width * rows / columns
+        if not HEIGHTS_PX[0] <= face_height <= HEIGHTS_PX[1]:
+            break
+        face_width = face_height * columns / rows
+        if assembled and rng.random() < SAME_COLOR:
+            color = drawing.color
+        patch = seen_from_an_angle(drawing, face_height, np.random.default_rng(angle))
+        high, wide = patch.shape[:2]
+        x = round(left if beside or number == 0 else left - wide / 2)
+        if number == 0 and not beside:
+            left = left + wide / 2
+        box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
+        # the margins of faces that touch overlap
+        if overlaps(box, others if assembled else boxes):
+            break
+        wear(patch, side, light, rgb, box, noise, rng)
+        clipped = blend(rgb, patch, x, round(top))
+        boxes.append(box)
+        if clipped is not None:
+            drawn.append(DrawnFace(clipped, side, drawing.color, drawing.shape))
+        post_from = box
+        if beside:
+            left += wide * rng.uniform(1.0, 1.08) + 1
+            face_height *= rng.uniform(0.9, 1.0)
+        elif assembled:
+            solid = (patch[..., 3] > 0.5).any(axis=1).sum()
+            top += solid + high * rng.uniform(0, 0.03)
+        else:
             top += high * rng.uniform(1.0, 1.12) + 1
             face_height *= rng.uniform(0.3, 1.0)
-            if face_height < HEIGHTS_PX[0]:
-                break
-        if post_from is not None and rng.random() < 0.6:
-            _post(rgb, post_from, max(top, post_from[3]), light, rng)
+    if post_from is not None and rng.random() < 0.6:
+        _post(rgb, post_from, max(top, post_from[3]), others, light, rng)
     return drawn
 
 
@@ -203,20 +235,17 @@ def _post(
     rgb: NDArray[np.uint8],
     box: tuple[float, float, float, float],
     top: float,
+    others: list[tuple[float, ...]],
     light: float,
     rng: np.random.Generator,
 ) -> None:
-    """A post below a face, in place."""
+    """A post below a face, in place, where it does not run over `others`."""
     wide, high = box[2] - box[0], box[3] - box[1]
     half = max(0.5, min(wide, high) * rng.uniform(0.02, 0.06))
     grey = float(np.clip(rng.uniform(60, 160) * light, 20, 230))
     for middle in [0.5] if wide < 2 * high else [0.2, 0.8]:
         x = box[0] + wide * middle
-        bottom = top + high * rng.uniform(0.5, 6)
-        cv2.rectangle(
-            rgb,
-            (round(x - half), round(top - 1)),
-            (round(x + half) - (half < 1), round(bottom)),
-            (grey, grey * 0.99, grey * 0.97),
-            -1,
-        )
+        x0, x1 = round(x - half), round(x + half) - (half < 1)
+        y0, y1 = round(top - 1), round(top + high * rng.uniform(0.5, 6))
+        if not overlaps((x0, y0, x1 + 1, y1 + 1), others):
+            cv2.rectangle(rgb, (x0, y0), (x1, y1), (grey, grey * 0.99, grey * 0.97), -1)

@@ -153,9 +153,9 @@ def _outline(shape: str, *, down: bool = False) -> NDArray[np.float64]:
 
 
 def chosen_face(
-    kind: str, library: FaceLibrary, rng: np.random.Generator
+    kind: str, library: FaceLibrary, rng: np.random.Generator, color: int = NONE
 ) -> tuple[FaceDrawing, int]:
-    """A face of a kind and the side of it that is seen."""
+    """A face of a kind, boards in a colour if one is given, and the side of it that is seen."""
     if kind == "vector" and library.vector:
         face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
         return _recolored(face, rng), FRONT
@@ -174,7 +174,7 @@ def chosen_face(
             middle, half = rgba.shape[1] // 2, max(2, int(rgba.shape[1] * rng.uniform(0.02, 0.06)))
             rgba[:, middle - half : middle + half, :3] = int(grey * rng.uniform(0.5, 0.9))
         return FaceDrawing(rgba, face.color, face.shape), BACK
-    return _crossbuck(rng) if kind == "crossbuck" else _board(rng), FRONT
+    return _crossbuck(rng) if kind == "crossbuck" else _board(rng, color), FRONT
 
 
 def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
@@ -198,9 +198,9 @@ def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint
     return lit
 
 
-def _board(rng: np.random.Generator) -> FaceDrawing:
-    """An invented board of a few words, numbers and arrows."""
-    color = str(rng.choice(list(SHEETING), p=BOARD_WEIGHTS))
+def _board(rng: np.random.Generator, code: int = NONE) -> FaceDrawing:
+    """An invented board of a few words, numbers and arrows, in a colour if one is given."""
+    color = str(rng.choice(list(SHEETING), p=BOARD_WEIGHTS)) if code == NONE else COLORS[code]
     aspect = float(np.exp(rng.uniform(np.log(0.5), np.log(4.5))))
     width = 256 if aspect >= 1 else max(80, round(256 * aspect))
     height = max(48, round(width / aspect))

@@ -220,7 +220,8 @@ def test_samples_of_crops_have_faces_named_and_others():
     assert (front == 0).sum() > 20
     named = columns["color"] != NONE
     least = (NAMED - NO_FACE) / (WHOLE_FACE - NO_FACE)
-    assert columns["panel"][named].max(axis=1).min() >= least - 1e-6
+    share = columns["panel"][named].max(axis=1)
+    assert ((share >= least - 1e-6) | (share == 0)).all()  # one of a second face as well is none
     assert {NONE, COLORS.index("yellow")} <= set(columns["color"])
     assert (columns["size"] >= [3, 5]).all()
 

@@ -1,8 +1,11 @@
 """Crops and targets of the detection network: where faces are, what is known of the rest."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
+from wayside.pipeline.learning import face_compositing
 from wayside.pipeline.learning.detector_crops import (
     CROP_PX,
     KNOWN,
@@ -10,12 +13,14 @@ from wayside.pipeline.learning.detector_crops import (
     UNKNOWN,
     UNSURE,
     Labels,
+    drawn_crop,
     make_crop,
     make_noise,
     targets,
     through_a_camera,
 )
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
+from wayside.pipeline.learning.distractor_drawings import draw_distractor
 from wayside.pipeline.learning.face_compositing import draw_faces
 from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
@@ -177,6 +182,51 @@ def test_drawn_faces_change_the_image_inside_their_boxes_and_spare_what_is_taken
             x0, y0, x1, y1 = (int(v) for v in face.box)
             assert (rgb[y0:y1, x0:x1] != 90).any()
             assert 0 <= x0 < x1 <= 256
+
+
+def test_boards_that_touch_have_one_width_and_are_seen_from_one_angle(monkeypatch):
+    monkeypatch.setattr(face_compositing, "ASSEMBLED", 1.0)
+    widths, gaps = [], []
+    for seed in range(60):
+        rgb = np.full((256, 256, 3), 90, np.uint8)
+        none, rng = np.zeros((0, 4), np.float32), np.random.default_rng(seed)
+        faces = draw_faces(rgb, none, FaceLibrary((), ()), NOISE.smooth, rng, 1)
+        whole = [face.box for face in faces if 0 < face.box[0] and face.box[2] < 256]
+        for above, below in pairwise(whole):
+            if below[1] > above[1]:  # not side by side
+                widths.append((below[2] - below[0]) / (above[2] - above[0]))
+                gaps.append(below[1] - above[3])
+    assert len(gaps) > 20
+    # a face that leans is wider by its height
+    assert np.quantile(widths, [0.2, 0.8]) == pytest.approx(1, abs=0.1)
+    assert np.quantile(gaps, [0.2, 0.8]) == pytest.approx(0, abs=2.5)
+
+
+def test_distractors_change_the_image_inside_their_boxes_and_spare_what_is_taken():
+    taken = np.array([[0, 0, 256, 120]], np.float32)
+    boxes = 0
+    for seed in range(60):
+        rgb = np.random.default_rng(seed).integers(0, 256, (256, 256, 3)).astype(np.uint8)
+        before = rgb.copy()
+        box = draw_distractor(rgb, taken, NOISE.smooth, np.random.default_rng(seed))
+        changed = (rgb != before).any(axis=2)
+        assert not changed[:118].any()
+        if box is not None:
+            x0, y0, x1, y1 = (int(v) for v in box)
+            assert changed[y0:y1, x0:x1].mean() > 0.1
+            changed[max(0, y0 - 2) : y1 + 2, max(0, x0 - 2) : x1 + 2] = False
+            assert not changed.any()
+            boxes += 1
+    assert boxes > 10
+
+
+def test_what_is_drawn_as_no_sign_is_known_to_be_none():
+    incomplete, empty = image(complete=False), FaceLibrary((), ())
+    drawn = [
+        drawn_crop(incomplete, empty, NOISE, np.random.default_rng(seed))[1].other
+        for seed in range(20)
+    ]
+    assert sum(map(len, drawn)) > 5
 
 
 def test_a_camera_changes_the_pixels_but_not_their_number():
