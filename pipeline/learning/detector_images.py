@@ -33,15 +33,12 @@ LEFT_OUT_RUN = 157
 """Pictures of `scenes_mixed` below this number are of doubtful origin."""
 
 CHECKED_BOXES = Path(__file__).with_name("checked_boxes.json")
-"""Boxes of an earlier detector in real images, off all that have a label, looked at one by one: signs, with colour and
-shape where that detector was sure of them; other things; what is unsure or shows part of a sign. By folder and file, or
-by drive and number of the image."""
+"""Boxes of earlier networks in real images, off all that have a label, looked at one by one: signs, with colour and
+shape where the networks were sure of them; other things; what is unsure or shows part of a sign. By folder and file, or
+by drive and number of the image. Of a file that is there, every box down to a low score was looked at."""
 
 MAY_BE_SIGN = ("plate", "sign")
 """Words in the description of a distractor of a real drive that may be a sign after all."""
-
-POST_WIDTHS, POST_HEIGHTS = 1.2, 4.0
-"""Around a boxed face of an incomplete image nothing is a negative: widths to the sides, heights up and down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +175,7 @@ def real_drive_images(
             rgb,
             [*faces.get(frame.index, []), *_checked_faces(also)],
             [*ignored.get(frame.index, []), *also.get("unsure", ())],
-            fronts_complete=complete,
+            fronts_complete=complete or str(frame.index) in checked,
             backs_complete=False,
             other=[*others.get(frame.index, []), *also.get("other", ())],
             camera=frame.camera,
@@ -202,18 +199,17 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
         rgb = cv2.imread(str(folder / name), cv2.IMREAD_COLOR_RGB)
         if rgb is None:
             raise InputError(f"{folder / name}: wanted an image, found none that can be read")
-        complete = bool(scene["complete"])
+        complete = bool(scene["complete"]) or name in checked
         things, also = scene.get("distractors", ()), checked.get(name, {})
         unsure = [one["box"] for one in things if _may_be_sign(scene, one)]
         other = [one["box"] for one in things if not _may_be_sign(scene, one)]
         faces = [(sign["box"], FRONT, sign["color"], sign["shape"]) for sign in scene["signs"]]
-        around = [] if complete else [_post_region(sign["box"]) for sign in scene["signs"]]
         yield labelled_image(
             f"{folder.name}/{name.split('_')[0]}",
             name,
             np.ascontiguousarray(rgb, np.uint8),
             [*faces, *_checked_faces(also)],
-            [*unsure, *also.get("unsure", ()), *around],
+            [*unsure, *also.get("unsure", ())],
             fronts_complete=complete,
             backs_complete=False,
             other=[*other, *also.get("other", ())],
@@ -235,9 +231,3 @@ def _is_doubtful(name: str) -> bool:
 
 def _may_be_sign(scene: dict[str, Any], thing: dict[str, Any]) -> bool:
     return scene["file"].startswith("jd_") or thing.get("kind") != "traffic light"
-
-
-def _post_region(box: Sequence[float]) -> list[float]:
-    x0, y0, x1, y1 = box
-    wide, high = POST_WIDTHS * (x1 - x0), POST_HEIGHTS * (y1 - y0)
-    return [x0 - wide, y0 - high, x1 + wide, y1 + high]

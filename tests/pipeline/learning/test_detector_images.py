@@ -49,15 +49,13 @@ def test_boxes_of_single_images_bear_their_classes(tmp_path):
     assert not first.backs_complete
 
 
-def test_around_the_boxes_of_incomplete_images_nothing_is_known(tmp_path):
-    folder = write_set(tmp_path / "set", scene("mi_1.png"), scene("mi_2.png", complete=False))
-    complete, incomplete = scene_set_images(folder)
-    assert len(complete.ignored) == 0
-    ((x0, y0, x1, y1),) = incomplete.ignored
-    assert x0 < 30
-    assert y0 < 0
-    assert x1 > 40
-    assert y1 > 60
+def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
+    file = tmp_path / "checked.json"
+    file.write_text(json.dumps({"set": {"mi_2.png": {}}}))
+    monkeypatch.setattr(detector_images, "CHECKED_BOXES", file)
+    scenes = [scene(f"mi_{number}.png", complete=number == 1) for number in (1, 2, 3)]
+    images = scene_set_images(write_set(tmp_path / "set", *scenes))
+    assert [image.fronts_complete for image in images] == [True, True, False]
 
 
 def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):
