@@ -49,6 +49,8 @@ LOWERED = 2.0
 LEAST_SCORE, MOST, SAME_IOU = -5.0, 60, 0.5
 FOCAL_FRACTION = 0.9
 """Focal length of the unknown cameras of single images as a fraction of their longer side."""
+ALL_ROWS = 9.0
+"""Tangent above and below the optical axis beyond which no image reaches."""
 ABSENT = (-3.0, -5.0)
 """Scores of product and network where one of them has no box."""
 
@@ -94,8 +96,12 @@ def images_of(name: str, real: Path, drives: Path, every: int) -> list[LabelledI
 
 
 def product_boxes(images: Sequence[LabelledImage]) -> Iterator[Found]:
-    """What the detector of preset `default` keeps, and what it just does not."""
-    settings, _ = load_settings("default")
+    """What the detector of preset `default` keeps, and what it just does not.
+
+    In single images, whose cameras are not known, it sees all rows: where the horizon lies in them, nothing says.
+    """
+    all_rows = {f"candidates.half_size_{side}": ALL_ROWS for side in ("above", "below")}
+    settings, _ = load_settings("default", None, [], {} if images[0].camera else all_rows)
     models = load_models(settings)
     classifier = models.front_scores
     assert classifier is not None

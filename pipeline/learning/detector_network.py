@@ -15,14 +15,12 @@ import torch
 from torch import Tensor, nn
 
 from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
+from wayside.pipeline.learning.quantization import LEVELS
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 
 CHANNELS, BLOCKS, HEAD = (24, 40, 64, 80), (1, 2, 2, 1), 32
 """Filters and residual blocks at stride 4, 8, 16 and 32; filters of the head."""
-
-LEVELS = 255
-"""Steps of a colour of an image from none to full."""
 
 PRIOR = 0.01
 """Probability of a middle that a cell starts with."""

@@ -33,8 +33,8 @@ LAST_LAYER = "/maps/Conv"
 LAYERS = "/layers/"
 """Start of the names of the layers of the box network whose numbers are integers."""
 
-LEVEL = 1 / 255
-"""A level of an image as the networks see it: 0 to 255 become 0 to 1."""
+LEVELS = 255
+"""Steps of a colour of an image from none to full: the networks see 0 to 1."""
 
 Feed = dict[str, NDArray[Any]]
 
@@ -55,7 +55,9 @@ def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) ->
 
     images: (height, width, 3), any size, 32 px and more; needs the package onnx.
     """
-    white = np.full((MULTIPLE, MULTIPLE, 3), 255, np.uint8)  # or the steps of the input are others
+    white = np.full(
+        (MULTIPLE, MULTIPLE, 3), LEVELS, np.uint8
+    )  # or the steps of the input are others
     feeds = ({IMAGE: padded(rgb)} for rgb in chain([white], images))
     _quantize(source, target, feeds, lambda name: name == LAST_LAYER)
 
@@ -117,7 +119,7 @@ def _join_levels(graph: Any) -> None:
         cast = None if divided is None else before(divided, "Cast")
         if divided is None or cast is None:
             continue
-        if np.isclose(stored[node.input[1]], LEVEL) and stored[node.input[2]] == 0:
+        if np.isclose(stored[node.input[1]], 1 / LEVELS) and stored[node.input[2]] == 0:
             node.input[0] = cast.input[0]
             for gone in (levels, divided, cast, made_by[divided.input[1]]):
                 graph.node.remove(gone)
