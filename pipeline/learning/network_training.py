@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.queues import Queue
 from pathlib import Path
-from queue import Full
+from queue import Empty, Full
 from typing import Any
 
 import cv2
@@ -26,8 +26,8 @@ from torch import Tensor, nn
 REPORTED, SAVED = 200, 500
 """Steps between lines of the curve and between checkpoints."""
 
-MOST_WAIT_S = 300.0
-"""A batch that takes longer will never come: the second process has died."""
+LOOK_EVERY_S = 10.0
+"""While one process waits for the other, it looks whether that is alive."""
 
 AVERAGED = 0.999
 """Weight of the past in the average of the weights."""
@@ -175,8 +175,18 @@ def produced(maker: Callable[[], Make], first: int) -> Iterator[Iterator[Arrays]
     queue: Queue[Arrays] = context.Queue(WAITING)
     process = context.Process(target=_produce, args=(queue, maker, first), daemon=True)
     process.start()
+
+    def batches() -> Iterator[Arrays]:
+        while process.is_alive() or not queue.empty():
+            try:
+                batch = queue.get(timeout=LOOK_EVERY_S)
+            except Empty:
+                continue
+            yield batch
+        raise RuntimeError("the process that makes what is learned from has died")
+
     try:
-        yield iter(lambda: queue.get(timeout=MOST_WAIT_S), {})
+        yield batches()
     finally:
         process.terminate()
 
@@ -189,9 +199,10 @@ def _produce(queue: Queue[Arrays], maker: Callable[[], Make], first: int) -> Non
         batch = make(number)
         while True:
             try:
-                queue.put(batch, timeout=10.0)
+                queue.put(batch, timeout=LOOK_EVERY_S)
                 break
             except Full:
                 if parent is not None and not parent.is_alive():
+                    queue.cancel_join_thread()  # nobody reads what it still holds
                     return
         number += 1

@@ -146,3 +146,13 @@ def test_batches_are_made_in_order_by_a_second_process(module):
     made = [{"number": np.array(k)} for k in range(40)]
     with module.produced(partial(getattr, made, "__getitem__"), 3) as batches:
         assert [int(next(batches)["number"]) for _ in range(5)] == [3, 4, 5, 6, 7]
+
+
+@pytest.mark.slow
+def test_the_end_of_the_second_process_ends_the_training(module, monkeypatch):
+    monkeypatch.setattr(module, "LOOK_EVERY_S", 0.1)
+    one = [{"number": np.array(0)}]
+    with module.produced(partial(getattr, one, "__getitem__"), 0) as batches:
+        assert int(next(batches)["number"]) == 0
+        with pytest.raises(RuntimeError, match="has died"):
+            next(batches)
