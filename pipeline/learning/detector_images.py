@@ -145,6 +145,7 @@ def real_drive_images(
 ) -> Iterator[LabelledImage]:
     """The images of a real drive with hand-made labels, every n-th one; `complete` where hardly a sign has no box.
 
+    An image whose boxes were looked at (`CHECKED_BOXES`) is complete, too.
     Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong;
     nor are distractors whose description has a word of `MAY_BE_SIGN`.
     """
