@@ -136,9 +136,8 @@ def drawn_crop(
             labels.ignored,
             labels.other,
         )
-    others = [labels.other]
+    taken, others = np.concatenate([labels.box, labels.ignored]), [labels.other]
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
-        taken = np.concatenate([labels.box, labels.ignored])
         box = draw_distractor(pixels, taken, noise.smooth, rng)
         if box is not None:
             others.append(np.array([box], np.float32))

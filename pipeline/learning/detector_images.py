@@ -35,7 +35,7 @@ LEFT_OUT_RUN = 157
 CHECKED_BOXES = Path(__file__).with_name("checked_boxes.json")
 """Boxes of earlier networks in real images, off all that have a label, looked at one by one: signs, with colour and
 shape where the networks were sure of them; other things; what is unsure or shows part of a sign. By folder and file, or
-by drive and number of the image. Of a file that is there, every box down to a low score was looked at."""
+by drive and number of the image. Of an image that is there, every box above the threshold of faces was looked at."""
 
 MAY_BE_SIGN = ("plate", "sign")
 """Words in the description of a distractor of a real drive that may be a sign after all."""
@@ -140,12 +140,9 @@ def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator
         )
 
 
-def real_drive_images(
-    log: Path, every: int = 1, *, complete: bool = False
-) -> Iterator[LabelledImage]:
-    """The images of a real drive with hand-made labels, every n-th one; `complete` where hardly a sign has no box.
+def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
+    """The images of a real drive with hand-made labels, every n-th one; complete where their boxes were looked at.
 
-    An image whose boxes were looked at (`CHECKED_BOXES`) is complete, too.
     Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong;
     nor are distractors whose description has a word of `MAY_BE_SIGN`.
     """
@@ -176,7 +173,7 @@ def real_drive_images(
             rgb,
             [*faces.get(frame.index, []), *_checked_faces(also)],
             [*ignored.get(frame.index, []), *also.get("unsure", ())],
-            fronts_complete=complete or str(frame.index) in checked,
+            fronts_complete=str(frame.index) in checked,
             backs_complete=False,
             other=[*others.get(frame.index, []), *also.get("other", ())],
             camera=frame.camera,

@@ -41,9 +41,13 @@ SCRIPTS = (
 )
 """Typefaces of advertisements: those of signs have no serifs and stand upright."""
 
+PICTURE_PX = 24
+"""Side of the part of the image that the picture on an advertisement is."""
+
 Pixels = NDArray[np.uint8]
 Draw = Callable[[Pixels, Pixels, np.random.Generator], None]
-"""Draws onto a board (h, w, 3) and its alpha (h, w), 255 all over, in place."""
+"""Draws onto a board (h, w, 3), which shows some other part of the image, and its alpha (h, w), 255 all over, in
+place."""
 
 
 def draw_distractor(
@@ -60,11 +64,10 @@ def draw_distractor(
     _, narrowest, widest, draw = KINDS[str(rng.choice(list(KINDS), p=shares / shares.sum()))]
     aspect = float(np.exp(rng.uniform(np.log(narrowest), np.log(widest))))
     short = DRAWN_PX / min(aspect, 1.0)
-    board = np.empty((round(short), round(short * aspect), 3), np.uint8)
+    y, x = (int(rng.integers(max(1, side - PICTURE_PX))) for side in rgb.shape[:2])
+    part = rgb[y : y + PICTURE_PX, x : x + PICTURE_PX]
+    board = np.asarray(cv2.resize(part, (round(short * aspect), round(short))), np.uint8)
     alpha = np.full(board.shape[:2], 255, np.uint8)
-    if draw is _advertisement:  # it may bear a picture: some other part of the image
-        y, x = (int(rng.integers(max(1, side - 24))) for side in rgb.shape[:2])
-        board[:] = cv2.resize(rgb[y : y + 24, x : x + 24], board.shape[1::-1])
     draw(board, alpha, rng)
     drawing = FaceDrawing(np.dstack([board, alpha]), NONE, NONE)
     high = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
@@ -90,7 +93,6 @@ def _signal(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     housing = board[edge : high - edge, edge : wide - edge]
     housing[:] = np.minimum(paint, 255)
     high, wide = housing.shape[:2]
-    # a housing of three sections has seams, and each lens lies in a dark visor
     radius = max(1, round(min(wide, high, max(wide, high) / 3) * rng.uniform(0.3, 0.48)))
     lit, has_visors, unlit = int(rng.integers(4)), rng.random() < 0.6, rng.uniform(0.04, 0.4)
     visor = tuple((paint * rng.uniform(0.05, 0.7)).tolist())

@@ -23,7 +23,7 @@ from wayside.schemas.detections import NONE
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
 
-ASSEMBLED, SAME_COLOR = 0.15, 0.7
+TOUCHING, SAME_COLOR = 0.15, 0.7
 """Fraction of the posts whose faces have one width and touch, as direction boards do; how often all have one colour."""
 
 
@@ -54,11 +54,11 @@ def draw_faces(
     boxes: list[tuple[float, ...]] = [tuple(box) for box in taken.tolist()]
     for _ in range(wanted):
         at = rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
-        drawn += _draw_post(rgb, at, boxes, library, noise, rng)
+        drawn += _draw_assembly(rgb, at, boxes, library, noise, rng)
     return drawn
 
 
-def _draw_post(
+def _draw_assembly(
     rgb: NDArray[np.uint8],
     at: tuple[float, float],
     boxes: list[tuple[float, ...]],
@@ -75,20 +75,20 @@ def _draw_post(
     (left, top), light = at, float(rng.uniform(0.45, 1.6))
     stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
     beside = stack > 1 and rng.random() < 0.35
-    assembled = not beside and rng.random() < ASSEMBLED
-    stack += int(rng.integers(1, 3)) if assembled else 0
+    touching = not beside and rng.random() < TOUCHING
+    stack += int(rng.integers(1, 3)) if touching else 0
     angle, color, face_width = int(rng.integers(2**32)), NONE, 0.0
     others, drawn, post_from = list(boxes), [], None
     for number in range(stack):
         is_board = number > 0 and kind != "back"
         drawing, side = chosen_face("board" if is_board else kind, library, rng, color)
         rows, columns = drawing.rgba.shape[:2]
-        if assembled and number > 0:
+        if touching and number > 0:
             face_height = face_width * rows / columns
         if not HEIGHTS_PX[0] <= face_height <= HEIGHTS_PX[1]:
             break
         face_width = face_height * columns / rows
-        if assembled and rng.random() < SAME_COLOR:
+        if touching and rng.random() < SAME_COLOR:
             color = drawing.color
         patch = seen_from_an_angle(drawing, face_height, np.random.default_rng(angle))
         high, wide = patch.shape[:2]
@@ -97,7 +97,7 @@ def _draw_post(
             left = left + wide / 2
         box = (float(x), float(round(top)), float(x + wide), float(round(top) + high))
         # the margins of faces that touch overlap
-        if overlaps(box, others if assembled else boxes):
+        if overlaps(box, others if touching else boxes):
             break
         wear(patch, side, light, rgb, box, noise, rng)
         clipped = blend(rgb, patch, x, round(top))
@@ -108,14 +108,14 @@ def _draw_post(
         if beside:
             left += wide * rng.uniform(1.0, 1.08) + 1
             face_height *= rng.uniform(0.9, 1.0)
-        elif assembled:
+        elif touching:
             solid = (patch[..., 3] > 0.5).any(axis=1).sum()
             top += solid + high * rng.uniform(0, 0.03)
         else:
             top += high * rng.uniform(1.0, 1.12) + 1
             face_height *= rng.uniform(0.3, 1.0)
     if post_from is not None and rng.random() < 0.6:
-        _post(rgb, post_from, max(top, post_from[3]), others, light, rng)
+        _draw_post(rgb, post_from, max(top, post_from[3]), others, light, rng)
     return drawn
 
 
@@ -231,7 +231,7 @@ def blend(
     return None if area < 0.5 else (clipped[0], clipped[1], clipped[2], clipped[3])
 
 
-def _post(
+def _draw_post(
     rgb: NDArray[np.uint8],
     box: tuple[float, float, float, float],
     top: float,

@@ -183,7 +183,7 @@ def produced(maker: Callable[[], Make], first: int) -> Iterator[Iterator[Arrays]
             except Empty:
                 continue
             yield batch
-        raise RuntimeError("the process that makes what is learned from has died")
+        raise RuntimeError("the process that makes the training batches has died")
 
     try:
         yield batches()

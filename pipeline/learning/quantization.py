@@ -55,9 +55,8 @@ def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) ->
 
     images: (height, width, 3), any size, 32 px and more; needs the package onnx.
     """
-    white = np.full(
-        (MULTIPLE, MULTIPLE, 3), LEVELS, np.uint8
-    )  # or the steps of the input are others
+    # without white the steps of the input are others
+    white = np.full((MULTIPLE, MULTIPLE, 3), LEVELS, np.uint8)
     feeds = ({IMAGE: padded(rgb)} for rgb in chain([white], images))
     _quantize(source, target, feeds, lambda name: name == LAST_LAYER)
 

@@ -23,10 +23,9 @@ def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]
 
     Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole.
     """
-    drives = {"us_freeway_challenge": True, "us_freeway_white_right": True, "ca_city_garmin": False}
+    drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
     sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
-        name: partial(real_drive_images, folder / f"{name}.mcap", complete=complete)
-        for name, complete in drives.items()
+        name: partial(real_drive_images, folder / f"{name}.mcap") for name in drives
     }
     for prefix in ("jd", "mi"):
         read = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))

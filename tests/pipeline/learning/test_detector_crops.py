@@ -185,7 +185,7 @@ def test_drawn_faces_change_the_image_inside_their_boxes_and_spare_what_is_taken
 
 
 def test_boards_that_touch_have_one_width_and_are_seen_from_one_angle(monkeypatch):
-    monkeypatch.setattr(face_compositing, "ASSEMBLED", 1.0)
+    monkeypatch.setattr(face_compositing, "TOUCHING", 1.0)
     widths, gaps = [], []
     for seed in range(60):
         rgb = np.full((256, 256, 3), 90, np.uint8)
