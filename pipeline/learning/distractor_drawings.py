@@ -11,13 +11,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.board_drawings import SHEETING, lettered, some_words
 from wayside.pipeline.learning.detector_images import FRONT
 from wayside.pipeline.learning.face_compositing import blend, overlaps, seen_from_an_angle, wear
-from wayside.pipeline.learning.face_drawings import SHEETING, WORDS, FaceDrawing, lettered
+from wayside.pipeline.learning.face_drawings import FaceDrawing
 from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (8.0, 110.0)
 """Heights, log-uniform."""
+
+BESIDE = 0.4
+"""Fraction of them that touch a face, where there is one: the face ends there, and does not become another thing."""
 
 DRAWN_PX = 96
 """Length of the shorter side of a drawing before it is scaled."""
@@ -71,14 +75,38 @@ def draw_distractor(
     draw(board, alpha, rng)
     drawing = FaceDrawing(np.dstack([board, alpha]), NONE, NONE)
     high = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
+    neighbour = taken[rng.integers(len(taken))] if len(taken) and rng.random() < BESIDE else None
+    if neighbour is not None:
+        high = float((neighbour[3] - neighbour[1]) * rng.uniform(0.5, 2.0))
     patch = seen_from_an_angle(drawing, high, rng)
-    left = round(rng.uniform(-0.1, 1) * rgb.shape[1])
-    top = round(rng.uniform(-0.1, 1) * rgb.shape[0])
+    left, top = (rng.uniform(-0.1, 1, 2) * rgb.shape[1::-1]).round().astype(int).tolist()
+    if neighbour is not None:
+        left, top = _beside(neighbour, patch.shape[:2], rng)
     box = (float(left), float(top), float(left + patch.shape[1]), float(top + patch.shape[0]))
     if overlaps(box, list(map(tuple, taken))):
         return None
     wear(patch, FRONT, float(rng.uniform(0.45, 1.6)), rgb, box, noise, rng)
     return blend(rgb, patch, left, top)
+
+
+def _beside(
+    neighbour: NDArray[np.float32], size: tuple[int, int], rng: np.random.Generator
+) -> tuple[int, int]:
+    """Left and top of a patch of a size (rows, columns) that touches a box, or nearly, below, above or at a side."""
+    left, top, right, bottom = neighbour.tolist()
+    high, wide = size
+    gap = rng.uniform(0, 0.15) * (bottom - top)
+    x, y = (left + right - wide) / 2, (top + bottom - high) / 2
+    x, y = [
+        (x, bottom + gap),
+        (x, top - gap - high),
+        (left - gap - wide, y),
+        (right + gap, y),
+    ][int(rng.integers(4))]
+    # away from the box: where both overlap nothing is drawn
+    return round(np.floor(x) if x < left else np.ceil(x)), round(
+        np.floor(y) if y < top else np.ceil(y)
+    )
 
 
 def _signal(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
@@ -156,7 +184,7 @@ def _windows(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
 def _lettering(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     """Words on whatever is there: shop fronts, lorries, road markings."""
     board[:] = SHEETING[str(rng.choice(list(SHEETING)))]
-    text, high = str(rng.choice(WORDS)), len(board)
+    text, high = some_words(rng), len(board)
     ink = np.zeros((*alpha.shape, 3), np.uint8)
     lettered(ink, text, high / 2, high * 0.7, (255,) * 3, cv2.FONT_HERSHEY_DUPLEX, rng)
     alpha[:] = ink[..., 0]
@@ -179,7 +207,7 @@ def _advertisement(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> No
         ink = rng.uniform(180, 255, 3) if light else rng.uniform(0, 90, 3)
         typeface = SCRIPTS[int(rng.integers(len(SCRIPTS)))]
         middle, tall = high * (line + 0.5) / lines, high / lines * rng.uniform(0.4, 0.9)
-        lettered(board, str(rng.choice(WORDS)), middle, tall, tuple(ink.tolist()), typeface, rng)
+        lettered(board, some_words(rng), middle, tall, tuple(ink.tolist()), typeface, rng)
     if rng.random() < 0.3:
         _ellipse(alpha)
 

@@ -23,8 +23,9 @@ from wayside.schemas.detections import NONE
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
 
-TOUCHING, SAME_COLOR = 0.15, 0.7
-"""Fraction of the posts whose faces have one width and touch, as direction boards do; how often all have one colour."""
+TOUCHING, SAME_COLOR = 0.2, 0.7
+"""Fraction of the posts whose faces are of one kind and width and touch, as direction boards do; how often all have one
+colour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +77,12 @@ def _draw_assembly(
     stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
     beside = stack > 1 and rng.random() < 0.35
     touching = not beside and rng.random() < TOUCHING
-    stack += int(rng.integers(1, 3)) if touching else 0
+    stack += int(rng.integers(1, 4)) if touching else 0
     angle, color, face_width = int(rng.integers(2**32)), NONE, 0.0
     others, drawn, post_from = list(boxes), [], None
     for number in range(stack):
-        is_board = number > 0 and kind != "back"
-        drawing, side = chosen_face("board" if is_board else kind, library, rng, color)
+        alike = touching or number == 0 or kind == "back"
+        drawing, side = chosen_face(kind if alike else "board", library, rng, color)
         rows, columns = drawing.rgba.shape[:2]
         if touching and number > 0:
             face_height = face_width * rows / columns

@@ -12,49 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.board_drawings import SHEETING, draw_board
 from wayside.pipeline.learning.detector_images import BACK, FRONT
 from wayside.schemas.detections import COLORS, NONE, SHAPES
-
-SHEETING = {
-    "white": (235, 235, 232),
-    "yellow": (250, 190, 10),
-    "green": (10, 110, 70),
-    "red": (190, 25, 40),
-    "orange": (245, 120, 10),
-    "blue": (15, 75, 165),
-    "brown": (95, 55, 35),
-    "fluorescent_yellow_green": (190, 235, 30),
-    "black": (25, 25, 27),
-}
-"""Colours of invented boards, RGB."""
 
 BOARD_WEIGHTS = (0.17, 0.08, 0.25, 0.02, 0.08, 0.18, 0.15, 0.04, 0.03)
 """How often an invented board has each of these colours."""
 
-WORDS = (
-    "EXIT",
-    "NORTH",
-    "Madrid",
-    "A 96",
-    "City",
-    "Main St",
-    "Park",
-    "1/2 MILE",
-    "ONE WAY",
-    "Ausfahrt",
-    "LANE",
-    "ONLY",
-    "Hospital",
-    "Centre",
-    "280",
-    "BUS",
-    "P",
-    "12 km",
-    "Lake",
-    "ROAD WORK",
-)
-
-KINDS = (("vector", 0.59), ("cut", 0.17), ("board", 0.11), ("crossbuck", 0.02), ("back", 0.11))
+KINDS = (("vector", 0.53), ("cut", 0.15), ("board", 0.18), ("crossbuck", 0.03), ("back", 0.11))
 """What is drawn, and how often."""
 
 
@@ -199,61 +164,9 @@ def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint
 
 
 def _board(rng: np.random.Generator, code: int = NONE) -> FaceDrawing:
-    """An invented board of a few words, numbers and arrows, in a colour if one is given."""
+    """An invented board, in a colour if one is given."""
     color = str(rng.choice(list(SHEETING), p=BOARD_WEIGHTS)) if code == NONE else COLORS[code]
-    aspect = float(np.exp(rng.uniform(np.log(0.5), np.log(4.5))))
-    width = 256 if aspect >= 1 else max(80, round(256 * aspect))
-    height = max(48, round(width / aspect))
-    ground = np.array(SHEETING[color], np.float64) + rng.normal(0, 12, 3)
-    is_light = color in ("white", "yellow", "orange", "fluorescent_yellow_green")
-    ink = (20, 20, 22) if is_light else (238, 238, 235)
-    if color == "white" and rng.random() < 0.35:
-        name = str(rng.choice(["red", "blue", "green"]))
-        ink = SHEETING[name]
-    pixels = np.empty((height, width, 3), np.uint8)
-    pixels[:] = np.clip(ground, 0, 255)
-    edge = int(rng.integers(0, 3) * max(1, height // 48))
-    if edge:
-        inset = int(rng.integers(0, 2)) * edge
-        cv2.rectangle(pixels, (inset, inset), (width - 1 - inset, height - 1 - inset), ink, edge)
-    rows = int(rng.integers(1, 4))
-    for row in range(rows):
-        text = str(rng.choice(WORDS)) if rng.random() < 0.85 else str(rng.integers(1, 999))
-        font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX]))
-        middle, tall = height * (row + 0.5) / rows, height / rows * rng.uniform(0.36, 0.62)
-        lettered(pixels, text, middle, tall, ink, font, rng)
-    if rng.random() < 0.4:
-        x, tip = round(width * rng.uniform(0.6, 0.9)), height * rng.uniform(0.1, 0.3)
-        tail = (x + round(rng.normal(0, width * 0.1)), round(height * 0.85))
-        cv2.arrowedLine(
-            pixels, tail, (x, round(tip)), ink, max(2, height // 16), cv2.LINE_AA, tipLength=0.35
-        )
-    alpha = np.zeros((height, width), np.uint8)
-    radius = int(min(width, height) * rng.choice([0.0, 0.06, 0.14]))
-    cv2.rectangle(alpha, (radius, 0), (width - 1 - radius, height - 1), 255, -1)
-    cv2.rectangle(alpha, (0, radius), (width - 1, height - 1 - radius), 255, -1)
-    for x in (radius, width - 1 - radius):
-        for y in (radius, height - 1 - radius):
-            cv2.circle(alpha, (x, y), radius, 255, -1)
-    return FaceDrawing(np.dstack([pixels, alpha]), _code(COLORS, color), SHAPES.index("rectangle"))
-
-
-def lettered(
-    pixels: NDArray[np.uint8],
-    text: str,
-    middle: float,
-    tall: float,
-    ink: tuple[int, ...],
-    font: int,
-    rng: np.random.Generator,
-) -> None:
-    """A line of text about a row of a board (h, w, 3), in place: `tall` pixels high, or as wide as the board."""
-    scale, width = tall / 22, pixels.shape[1]
-    weight = max(1, round(scale * 2 * rng.uniform(0.7, 1.8)))
-    (wide, high), _ = cv2.getTextSize(text, font, scale, weight)
-    fitted = min(1.0, 0.85 * width / max(wide, 1))
-    at = round(width * rng.uniform(0.06, 0.15)), round(middle + high * fitted / 2)
-    cv2.putText(pixels, text, at, font, scale * fitted, ink, weight, cv2.LINE_AA)
+    return FaceDrawing(draw_board(color, rng), _code(COLORS, color), SHAPES.index("rectangle"))
 
 
 def _crossbuck(rng: np.random.Generator) -> FaceDrawing:

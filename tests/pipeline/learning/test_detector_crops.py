@@ -184,19 +184,21 @@ def test_drawn_faces_change_the_image_inside_their_boxes_and_spare_what_is_taken
             assert 0 <= x0 < x1 <= 256
 
 
-def test_boards_that_touch_have_one_width_and_are_seen_from_one_angle(monkeypatch):
+def test_faces_that_touch_are_of_one_kind_and_width_and_seen_from_one_angle(monkeypatch):
     monkeypatch.setattr(face_compositing, "TOUCHING", 1.0)
-    widths, gaps = [], []
+    widths, gaps, sides = [], [], []
     for seed in range(60):
         rgb = np.full((256, 256, 3), 90, np.uint8)
         none, rng = np.zeros((0, 4), np.float32), np.random.default_rng(seed)
-        faces = draw_faces(rgb, none, FaceLibrary((), ()), NOISE.smooth, rng, 1)
+        faces = draw_faces(rgb, none, library(), NOISE.smooth, rng, 1)
         whole = [face.box for face in faces if 0 < face.box[0] and face.box[2] < 256]
         for above, below in pairwise(whole):
             if below[1] > above[1]:  # not side by side
                 widths.append((below[2] - below[0]) / (above[2] - above[0]))
                 gaps.append(below[1] - above[3])
+                sides.append(len({face.side for face in faces}))
     assert len(gaps) > 20
+    assert set(sides) == {1}
     # a face that leans is wider by its height
     assert np.quantile(widths, [0.2, 0.8]) == pytest.approx(1, abs=0.1)
     assert np.quantile(gaps, [0.2, 0.8]) == pytest.approx(0, abs=2.5)
@@ -218,6 +220,20 @@ def test_distractors_change_the_image_inside_their_boxes_and_spare_what_is_taken
             assert not changed.any()
             boxes += 1
     assert boxes > 10
+
+
+def test_some_distractors_touch_a_face():
+    face, touching, apart = (110.0, 100.0, 140.0, 130.0), 0, 0
+    for seed in range(80):
+        rgb = np.full((256, 256, 3), 90, np.uint8)
+        taken, rng = np.array([face], np.float32), np.random.default_rng(seed)
+        box = draw_distractor(rgb, taken, NOISE.smooth, rng)
+        if box is not None:
+            ends = np.array(
+                [face[0] - box[2], box[0] - face[2], face[1] - box[3], box[1] - face[3]]
+            )
+            touching, apart = touching + (ends.max() < 8), apart + (ends.max() >= 8)
+    assert min(touching, apart) > 15
 
 
 def test_what_is_drawn_as_no_sign_is_known_to_be_none():
