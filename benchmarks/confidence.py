@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 from reached import table
 
 from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import RenderedEvaluation, together
+from wayside.pipeline.reliability import ConfidenceBin, confidence_bin
 
 BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 SETTINGS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
@@ -19,17 +18,6 @@ SETTINGS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
 Row = dict[str, Any]
 Result = tuple[list[Row], Row]
 """Rows of `signs.parquet` and the truth of the drive."""
-
-
-@dataclass(frozen=True, slots=True)
-class Bin:
-    """Rows of a range of confidence: how many, how many of them true, their mean confidence (nan: no rows)."""
-
-    low: float
-    high: float
-    rows: int
-    true: int
-    mean: float
 
 
 def evaluated_at(results: Sequence[Result], confidence: float) -> RenderedEvaluation:
@@ -40,26 +28,17 @@ def evaluated_at(results: Sequence[Result], confidence: float) -> RenderedEvalua
     )
 
 
-def reliability(results: Sequence[Result]) -> Iterator[Bin]:
+def reliability(results: Sequence[Result]) -> Iterator[ConfidenceBin]:
     """Rows by confidence, and how many are true; a row is matched only against those of its bin and above."""
     for low, high in pairwise(BINS):
-        last = high == BINS[-1]
-        own = [
-            row
-            for rows, _ in results
-            for row in rows
-            if row["confidence"] >= low and (last or row["confidence"] < high)
-        ]
         false = {sign.sign_id for sign in evaluated_at(results, low).false}
-        true = sum(row["sign_id"] not in false for row in own)
-        mean = float(np.mean([row["confidence"] for row in own])) if own else float("nan")
-        yield Bin(low, high, len(own), true, mean)
+        yield confidence_bin((row for rows, _ in results for row in rows), false, (low, high))
 
 
-def calibration_error(bins: Sequence[Bin]) -> float:
+def calibration_error(bins: Sequence[ConfidenceBin]) -> float:
     """Mean difference between confidence and fraction of true rows, by rows (expected calibration error)."""
     rows = sum(one.rows for one in bins)
-    return sum(abs(one.mean * one.rows - one.true) for one in bins if one.rows) / max(rows, 1)
+    return sum(abs(one.mean * one.rows - one.right) for one in bins if one.rows) / max(rows, 1)
 
 
 def confidence_lines(
@@ -121,9 +100,9 @@ def cells(evaluation: RenderedEvaluation) -> list[str]:
     ]
 
 
-def bin_row(one: Bin) -> list[str]:
+def bin_row(one: ConfidenceBin) -> list[str]:
     """One bin as cells of a table."""
     name = f"{one.low:g}-{one.high:g}"
     if one.rows == 0:
         return [name, "0", "-", "-", "-"]
-    return [name, str(one.rows), f"{one.mean:.2f}", str(one.true), f"{one.true / one.rows:.2f}"]
+    return [name, str(one.rows), f"{one.mean:.2f}", str(one.right), f"{one.right / one.rows:.2f}"]

@@ -20,7 +20,8 @@ def real_page(drives: Drives) -> list[str]:
     """Tables of drives never seen, of drives that a model was learned from, of kinds, and of what was missed."""
     lines: list[str] = []
     for title, own in by_source(drives).items():
-        lines += ["", f"### {title}", "", *share_table(own), *kind_table(own)]
+        parts = share_table(own), kind_table(own), reliability_table(own)
+        lines += ["", f"### {title}", "", *(line for part in parts for line in part)]
     return [*lines, *step_table(drives), *cause_table(drives)]
 
 
@@ -102,6 +103,25 @@ def kind_table(drives: Drives) -> list[str]:
             ),
         ),
     ]
+
+
+def reliability_table(drives: Drives) -> list[str]:
+    """Rows by the confidence that they state, and how many of them lie on a label."""
+    bins = together_real(e for _, e in drives).reliability
+    if not bins:
+        return []
+    head = ("confidence", "rows", "mean", "on a label", "share, at least (95 %)")
+    rows = [
+        [
+            one.name,
+            str(one.rows),
+            f"{one.mean:.3f}",
+            str(one.right),
+            with_interval(one.right / one.rows, share_interval(one.right, one.rows), 3),
+        ]
+        for one in bins
+    ]
+    return ["", *table(head, rows)]
 
 
 def step_table(drives: Drives) -> list[str]:

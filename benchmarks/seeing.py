@@ -135,7 +135,7 @@ def main() -> int:
             [f.level for f in faces if bin_of(f.height_px, HEIGHTS) == k]
             for k in range(len(HEIGHTS))
         ],
-        [(one.mean, one.true, one.rows) for one in reliability([*lenient, *fresh]) if one.rows],
+        [(one.mean, one.right, one.rows) for one in reliability([*lenient, *fresh]) if one.rows],
     )
     cv2.imwrite(str(IMAGE), cv2.cvtColor(shown, cv2.COLOR_RGB2BGR))
     return 0

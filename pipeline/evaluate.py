@@ -18,6 +18,7 @@ from wayside.pipeline.evaluate_misses import (
 from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation
 from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
+from wayside.pipeline.reliability import reliability
 from wayside.pipeline.result import RUN_FILE, read_rows, read_run, read_table
 from wayside.pipeline.statistics import Interval, Spread, share_interval
 from wayside.pipeline.writing import write_json
@@ -25,8 +26,8 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _SIGN_COLUMNS = (
-    "sign_id status color shape best_frame best_box right_m down_m ahead_m panel_width_m panel_height_m bottom_m "
-    "sigma_lateral_m sigma_up_m sigma_along_m"
+    "sign_id status confidence color shape best_frame best_box right_m down_m ahead_m panel_width_m panel_height_m "
+    "bottom_m sigma_lateral_m sigma_up_m sigma_along_m"
 ).split()
 _TRUTH_KEYS = {"frames", "signs"}
 _LABEL_KEYS = {"signs", "stride", "distractors"}
@@ -79,7 +80,9 @@ def _on_truth(
         {row["sign_id"]: row["status"] for row in rows},
         evaluate_rendered.false_distances(evaluation, signs, truth),
     )
-    return replace(evaluation, causes=causes)
+    stated = _with_confidence(rows)
+    wrong = {row.sign_id for row in evaluate_rendered.evaluate_against_truth(stated, truth).false}
+    return replace(evaluation, causes=causes, reliability=reliability(stated, wrong))
 
 
 def _on_labels(
@@ -94,7 +97,16 @@ def _on_labels(
         frames,
         {row["sign_id"]: row["status"] for row in rows},
     )
-    return replace(evaluation, causes=causes)
+    stated = _with_confidence(rows)
+    on_none = evaluate_real.evaluate_against_labels(stated, candidates.of_signs(), labels).false
+    wrong = {row.sign_id for row in on_none}
+    return replace(evaluation, causes=causes, reliability=reliability(stated, wrong))
+
+
+def _with_confidence(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of signs, uncertain ones among them, that state a confidence."""
+    kinds = ("sign", "uncertain")
+    return [row for row in rows if row["status"] in kinds and row["confidence"] is not None]
 
 
 def _candidates(out: Path, frames: Collection[int]) -> Candidates:
@@ -122,6 +134,7 @@ def format_evaluation(evaluation: Evaluation) -> str:
         lines += ["", f"backs      {seen.right} of {seen.reported} right, {seen.in_view} in view"]
     else:
         lines += _kind_lines(evaluation)
+    lines += _reliability_lines(evaluation)
     return "\n".join([*lines, *_false_lines(evaluation), *_missed_lines(evaluation)])
 
 
@@ -153,6 +166,17 @@ def _kind_lines(evaluation: RealEvaluation) -> Iterator[str]:
         share, interval = kind.found / kind.wanted, share_interval(kind.found, kind.wanted)
         counts = f"{kind.wanted:>7}{kind.found:>7}{share:>8.3f}"
         yield f"{kind.kind:<44}{counts}   {_ends(interval)}"
+
+
+def _reliability_lines(evaluation: Evaluation) -> Iterator[str]:
+    if evaluation.reliability:
+        right = "right" if isinstance(evaluation, RenderedEvaluation) else "on a label"
+        yield ""
+        yield f"{'rows of confidence':<20}{'rows':>6}{'mean':>8}{right:>12}{'share':>8}   95 %"
+    for one in evaluation.reliability:
+        interval, share = share_interval(one.right, one.rows), one.right / one.rows
+        counts = f"{one.rows:>6}{one.mean:>8.3f}{one.right:>12}{share:>8.3f}"
+        yield f"{one.name:<20}{counts}   {_ends(interval)}"
 
 
 def _missed_lines(evaluation: Evaluation) -> Iterator[str]:

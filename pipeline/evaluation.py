@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wayside.pipeline.reliability import ConfidenceBin, bins_together
 from wayside.pipeline.statistics import (
     Interval,
     SigmaShare,
@@ -134,6 +135,7 @@ class _Shares(ABC):
     false: tuple[FalseSign, ...]
     duplicates: tuple[Duplicate, ...]
     images: int | None
+    reliability: tuple[ConfidenceBin, ...]
 
     @property
     @abstractmethod
@@ -193,7 +195,8 @@ class RenderedEvaluation(_Shares):
 
     `false` are all rows that no panel was matched with, duplicates among them. Panels that need not be found count in
     the precision as neither. `images`: read by the run, None where not known; `learned_by`: models of the run that were
-    learned from this drive, None where not known; `causes`: of the missed, in their order.
+    learned from this drive, None where not known; `causes`: of the missed, in their order; `reliability`: of the
+    confidence of rows that are reported, uncertain ones among them.
     """
 
     wanted: int
@@ -205,6 +208,7 @@ class RenderedEvaluation(_Shares):
     causes: tuple[MissCause, ...] = ()
     images: int | None = None
     learned_by: tuple[str, ...] | None = None
+    reliability: tuple[ConfidenceBin, ...] = ()
 
     @property
     def found_count(self) -> int:
@@ -307,6 +311,7 @@ def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
         duplicates=tuple(row for e in all_of for row in e.duplicates),
         causes=tuple(cause for e in all_of for cause in e.causes),
         images=_sum_images(all_of),
+        reliability=bins_together(e.reliability for e in all_of),
     )
 
 
@@ -329,6 +334,7 @@ class RealEvaluation(_Shares):
     causes: tuple[MissCause, ...] = ()
     images: int | None = None
     learned_by: tuple[str, ...] | None = None
+    reliability: tuple[ConfidenceBin, ...] = ()
 
     @property
     def found_count(self) -> int:
@@ -370,6 +376,7 @@ def together_real(evaluations: Iterable[RealEvaluation]) -> RealEvaluation:
         kinds=tuple(KindCount(name, *counts) for name, counts in kinds.items()),
         causes=tuple(cause for e in all_of for cause in e.causes),
         images=_sum_images(all_of),
+        reliability=bins_together(e.reliability for e in all_of),
     )
 
 
@@ -397,4 +404,5 @@ def _common_json(evaluation: Evaluation) -> dict[str, Any]:
         "false": [sign.to_json() for sign in evaluation.false],
         "duplicates": [asdict(row) for row in evaluation.duplicates],
         "causes": [asdict(cause) for cause in evaluation.causes],
+        "reliability": [asdict(one) for one in evaluation.reliability],
     }

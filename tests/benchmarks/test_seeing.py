@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from wayside.pipeline.reliability import ConfidenceBin
+
 FACE = [10.0, 10.0, 30.0, 30.0]
 
 
@@ -96,9 +98,9 @@ def result():
 
 def test_a_row_vies_for_a_panel_only_with_rows_as_sure_as_it(confidence, result):
     bins = {one.low: one for one in confidence.reliability([result])}
-    assert (bins[0.95].rows, bins[0.95].true) == (1, 1)
-    assert (bins[0.3].rows, bins[0.3].true) == (2, 2)
-    assert (bins[0.99].rows, bins[0.99].true) == (1, 0)
+    assert (bins[0.95].rows, bins[0.95].right) == (1, 1)
+    assert (bins[0.3].rows, bins[0.3].right) == (2, 2)
+    assert (bins[0.99].rows, bins[0.99].right) == (1, 0)
     assert sum(one.rows for one in bins.values()) == 4
     assert bins[0.3].mean == pytest.approx(0.335)
 
@@ -110,7 +112,7 @@ def test_a_higher_setting_reports_fewer_rows(confidence, result):
 
 
 def test_the_gap_is_that_of_each_bin_by_its_rows(confidence):
-    bins = [confidence.Bin(0.4, 0.5, 3, 1, 0.4), confidence.Bin(0.9, 1.0, 1, 1, 0.9)]
+    bins = [ConfidenceBin(0.4, 0.5, 3, 1, 0.4), ConfidenceBin(0.9, 1.0, 1, 1, 0.9)]
     assert confidence.calibration_error(bins) == pytest.approx((abs(1.2 - 1) + 0.1) / 4)
 
 

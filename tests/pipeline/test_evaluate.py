@@ -74,6 +74,7 @@ def sign(number: int, place: tuple[float, float, float], **change: Any) -> dict[
     return {
         "sign_id": f"drive-{number:04}",
         "status": "sign",
+        "confidence": None,
         "color": "red",
         "shape": "octagon",
         "best_frame": 0,
@@ -297,6 +298,28 @@ def test_a_sign_whose_best_frame_is_not_in_the_truth_is_false(tmp_path: Path) ->
     assert len(evaluation.false) == 1
 
 
+def test_rows_are_counted_by_their_confidence_uncertain_ones_among_them(tmp_path: Path) -> None:
+    signs = [
+        sign(1, ON_IT, confidence=0.95),
+        sign(2, (9, 0, 50), confidence=0.99),
+        sign(3, (9, 9, 50), confidence=1.0),
+        sign(4, (9, 9, 40), confidence=0.3, status="uncertain"),
+        sign(5, (9, 9, 40), confidence=0.9, status="back"),
+        sign(6, (9, 9, 30), confidence=None),
+    ]
+    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    counted = {one.name: (one.rows, one.right) for one in evaluation.reliability}
+    assert counted == {"0 to 0.5": (1, 0), "0.9 to 0.99": (1, 1), "0.99 to 1": (2, 0)}
+    assert evaluation.reliability[-1].mean == pytest.approx(0.995)
+    twice = together([evaluation, evaluation]).reliability
+    assert [(one.rows, one.mean) for one in twice] == [
+        (2 * one.rows, pytest.approx(one.mean)) for one in evaluation.reliability
+    ]
+    text = format_evaluation(evaluation)
+    assert "0.9 to 0.99              1   0.950           1   1.000   0.025 to 1.000" in text
+    assert evaluation.to_json()["reliability"][0]["rows"] == 1
+
+
 def test_unknown_sizes_and_sigmas_are_left_out(tmp_path: Path) -> None:
     reported = sign(1, ON_IT, panel_width_m=None, bottom_m=None, sigma_up_m=None, sigma_along_m=0.0)
     evaluation = evaluated(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
@@ -325,6 +348,16 @@ def test_a_label_is_found_by_an_observation_of_a_reported_sign(tmp_path: Path) -
     seen = {"sign_id": "drive-0001", "frame": 5, "box": [101.0, 101.0, 121.0, 121.0]}
     evaluation = evaluated_on_labels(tmp_path, [sign(1, ON_IT)], [seen], labels(LABEL))
     assert (evaluation.found, evaluation.missed, evaluation.false) == (("R1",), (), ())
+
+
+def test_an_uncertain_row_on_a_label_is_counted_by_its_confidence(tmp_path: Path) -> None:
+    seen = {"sign_id": "drive-0001", "frame": 5, "box": [101.0, 101.0, 121.0, 121.0]}
+    rows = [sign(1, ON_IT, confidence=0.4, status="uncertain"), sign(2, ON_IT, confidence=0.45)]
+    evaluation = evaluated_on_labels(tmp_path, rows, [seen], labels(LABEL))
+    (only,) = evaluation.reliability
+    assert (only.rows, only.right, only.mean) == (2, 1, pytest.approx(0.425))
+    assert evaluation.found == ()
+    assert "on a label" in format_evaluation(evaluation)
 
 
 def test_observations_of_no_sign_find_nothing(tmp_path: Path) -> None:
@@ -571,6 +604,7 @@ ONLY_OURS = {
     "false_per_100_images_interval",
     "learned_by",
     "duplicates",
+    "reliability",
     "causes",
 }
 
