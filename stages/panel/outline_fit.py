@@ -102,6 +102,7 @@ def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSe
     """The outline with all sides on the same one of several parallel lines (rim, border line).
 
     The profiles of all sides are alike: each side is shifted to where its profile correlates best with their mean.
+    Where two sides would meet, it is the given one.
     """
     x = np.array([*outline.box, outline.rotation])
     reach, step = settings.side_search, settings.offset_step
@@ -118,6 +119,8 @@ def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSe
         weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
         normal, right = _priors(outline.shape, x, x, settings)
         x = x + _least_squares(segments, shift[best], weight, normal, right, settings)
+        if not _has_area(x[:4]):
+            return outline
     return outline._replace(box=x[:4], rotation=float(x[4]))
 
 
@@ -143,11 +146,18 @@ def refine_outline(
         Scatter of edges, sides, rotation and proportions.
     held
         Whether sides and rotation scatter about where they begin; else about where the step before left them.
+
+    Returns
+    -------
+    Outline
+        The given one where two sides meet on one edge.
     """
     shape = outline.shape
     start = np.array([*outline.box, outline.rotation])
     x, strength = start.copy(), 0.0
     for _ in range(settings.refine_iterations):
+        if not _has_area(x[:4]):
+            break
         segments = segments_of(shape, x[:4], x[4])
         profiles = edge_profiles(gradients, segments, -search, search, settings)
         strength = float(profiles[:, profiles.shape[1] // 2].mean())
@@ -157,6 +167,8 @@ def refine_outline(
         x += np.clip(change, -settings.refine_step, settings.refine_step)
         if np.abs(change).max() < settings.refine_converged:
             break
+    if not _has_area(x[:4]):
+        return outline
     return Outline(shape, x[:4], float(x[4]), strength)
 
 
@@ -213,6 +225,11 @@ def nearest_edges(
     found = value.max(axis=1) > settings.weakest_edge
     offset = np.where(found, -search + step * (at + part), 0.0)
     return offset, np.where(found, here**2, 0.0)
+
+
+def _has_area(box: Array) -> bool:
+    """Whether a box (4,) is a sample or more wide and high: a narrower one has no proportions."""
+    return bool((box[2:] - box[:2]).min() >= 1.0)
 
 
 def _priors(
