@@ -59,7 +59,7 @@ EDGE = 0.01
 signs: what is more unusual than nearly all signs of the drives at hand counts as those do."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
-FALSE_ALARM, FALSE_ALARM_BACK = 0.01, 0.1
+FALSE_ALARM, FALSE_ALARM_BACK = 0.005, 0.1
 """Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
 FOLDS = 8
 FEWEST_EXAMPLES = 16
