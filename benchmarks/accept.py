@@ -226,8 +226,9 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "where the provenance of a model of the run names it (models in brackets). Rules, the threshold of the "
         "classifier and the kinds of faces rendered to learn from were chosen with the misses of "
         "`de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the distance between "
-        "used images with those of `ca_city_garmin`. Of `de_city_kitti0001` and `de_autobahn` only counts were in "
-        "view, when the share of false alarms and the models that ship were chosen.",
+        "used images with those of `ca_city_garmin`. The boards and things beside faces that are drawn to learn from "
+        "were designed with the misses of `de_city_kitti0001` and of `ca_city_garmin` in view, and the models that "
+        "ship were chosen by counts of all of these.",
         "",
         "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
         "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "
