@@ -104,8 +104,7 @@ def draw_board(color: str, rng: np.random.Generator) -> Pixels:
     width = LONGEST_PX if aspect >= 1 else max(80, round(LONGEST_PX * aspect))
     height = max(48, round(width / aspect))
     ground: Ink = tuple(np.clip(SHEETING[color] + rng.normal(0, 12, 3), 0, 255).tolist())
-    ink: Ink = (20, 20, 22) if color in LIGHT else (238, 238, 235)
-    edge_ink = ink
+    ink = edge_ink = _ink_on(color)
     if color == "white":
         inks = [ink, *(SHEETING[name] for name in ("red", "blue", "green"))]
         ink, edge_ink = (inks[k] for k in rng.choice(4, 2, p=[0.6, 0.1, 0.2, 0.1]))
@@ -225,6 +224,11 @@ def _draw_insert(pixels: Pixels, area: Area, rng: np.random.Generator) -> Ink:
         ),
     )
     cv2.rectangle(pixels, *corners, SHEETING[color], -1)
+    return _ink_on(color)
+
+
+def _ink_on(color: str) -> Ink:
+    """Letters on a ground are black or white."""
     return (20, 20, 22) if color in LIGHT else (238, 238, 235)
 
 
