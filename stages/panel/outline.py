@@ -30,7 +30,7 @@ from wayside.stages.panel.outline_fit import (
     side_variances,
     strongest_outlines,
 )
-from wayside.stages.panel.outline_shapes import box_size, growth, segments_of
+from wayside.stages.panel.outline_shapes import box_size, growth, has_area, segments_of
 
 OUTLINE_FEATURES = (
     "edge",
@@ -156,6 +156,8 @@ def outline_candidates(
             if faint or offset <= -settings.smallest_inward:
                 continue
             outer = inner.box + offset * grow
+            if not has_area(outer):
+                continue
             strip = float(uneven[max(0, i - round(settings.strip / step)) : i + 1].min())
             features = _features(inner, outer, box, float(strength[i]) / top, strip)
             candidates.append(OutlineCandidate(inner._replace(box=outer), features))

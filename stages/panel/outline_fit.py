@@ -18,6 +18,7 @@ from wayside.stages.panel.outline_shapes import (
     Segments,
     box_size,
     growth,
+    has_area,
     segments_of,
 )
 
@@ -55,14 +56,18 @@ def strongest_outlines(
         for shape in OUTLINE_SHAPES
     ]
     # segments rotate as the proportions change: once more, near by
-    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, settings) for o in found]
+    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, settings) for o in _with_area(found)]
     refined = [
         refine_outline(gradients, o, settings.free_search, settings, held=False)
-        for o in _by_strength(found)[: settings.most_refined]
+        for o in _by_strength(_with_area(found))[: settings.most_refined]
     ]
     return [
         align_sides(gradients, o, settings) for o in _by_strength(refined)[: settings.most_inner]
     ]
+
+
+def _with_area(outlines: list[Outline]) -> list[Outline]:
+    return [outline for outline in outlines if has_area(outline.box)]
 
 
 def _by_strength(outlines: list[Outline]) -> list[Outline]:
@@ -119,7 +124,7 @@ def align_sides(gradients: Gradients, outline: Outline, settings: PanelOutlineSe
         weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
         normal, right = _priors(outline.shape, x, x, settings)
         x = x + _least_squares(segments, shift[best], weight, normal, right, settings)
-        if not _has_area(x[:4]):
+        if not has_area(x[:4]):
             return outline
     return outline._replace(box=x[:4], rotation=float(x[4]))
 
@@ -156,8 +161,6 @@ def refine_outline(
     start = np.array([*outline.box, outline.rotation])
     x, strength = start.copy(), 0.0
     for _ in range(settings.refine_iterations):
-        if not _has_area(x[:4]):
-            break
         segments = segments_of(shape, x[:4], x[4])
         profiles = edge_profiles(gradients, segments, -search, search, settings)
         strength = float(profiles[:, profiles.shape[1] // 2].mean())
@@ -165,10 +168,10 @@ def refine_outline(
         normal, right = _priors(shape, x, start if held else x, settings)
         change = _least_squares(segments, offset, weight, normal, right, settings)
         x += np.clip(change, -settings.refine_step, settings.refine_step)
+        if not has_area(x[:4]):
+            return outline
         if np.abs(change).max() < settings.refine_converged:
             break
-    if not _has_area(x[:4]):
-        return outline
     return Outline(shape, x[:4], float(x[4]), strength)
 
 
@@ -225,11 +228,6 @@ def nearest_edges(
     found = value.max(axis=1) > settings.weakest_edge
     offset = np.where(found, -search + step * (at + part), 0.0)
     return offset, np.where(found, here**2, 0.0)
-
-
-def _has_area(box: Array) -> bool:
-    """Whether a box (4,) is a sample or more wide and high: a narrower one has no proportions."""
-    return bool((box[2:] - box[:2]).min() >= 1.0)
 
 
 def _priors(
