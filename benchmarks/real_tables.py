@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from reached import table
 
 from wayside.pipeline.evaluate_misses import STEPS, cause_words, count_steps
-from wayside.pipeline.evaluation import KindCount, RealEvaluation, together_real
+from wayside.pipeline.evaluation import (
+    RealEvaluation,
+    together_real,
+)
+from wayside.pipeline.evaluation_findings import (
+    KindCount,
+)
 from wayside.pipeline.statistics import Interval, share_interval
 
 PLATES = ("parking plate", "bus stop plate")

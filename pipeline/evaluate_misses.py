@@ -13,7 +13,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wayside.pipeline.box_matching import Box, overlap
-from wayside.pipeline.evaluation import MissCause
+from wayside.pipeline.evaluation_findings import (
+    MissCause,
+)
 from wayside.schemas.frame import USED
 from wayside.schemas.tables import VERDICT_WORDS
 

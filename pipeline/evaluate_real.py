@@ -12,7 +12,14 @@ from scipy.optimize import linear_sum_assignment
 
 from wayside.pipeline.box_matching import Box, overlap
 from wayside.pipeline.evaluate_misses import Face
-from wayside.pipeline.evaluation import Duplicate, FalseSign, KindCount, RealEvaluation
+from wayside.pipeline.evaluation import (
+    RealEvaluation,
+)
+from wayside.pipeline.evaluation_findings import (
+    Duplicate,
+    FalseSign,
+    KindCount,
+)
 
 NO_KIND = "other"
 """Kind of a wanted sign whose label names none, where others do."""

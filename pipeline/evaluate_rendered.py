@@ -14,12 +14,14 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.evaluate_misses import Face
 from wayside.pipeline.evaluation import (
+    RenderedEvaluation,
+)
+from wayside.pipeline.evaluation_findings import (
     Backs,
     Duplicate,
     FalseSign,
     Match,
     MissedPanel,
-    RenderedEvaluation,
 )
 from wayside.stages.geometry import covered_fractions
 

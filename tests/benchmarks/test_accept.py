@@ -11,14 +11,16 @@ from types import ModuleType
 import pytest
 
 from wayside.pipeline.evaluation import (
+    RealEvaluation,
+    RenderedEvaluation,
+    together,
+)
+from wayside.pipeline.evaluation_findings import (
     Backs,
     Duplicate,
     FalseSign,
     Match,
     MissedPanel,
-    RealEvaluation,
-    RenderedEvaluation,
-    together,
 )
 
 ROOT = Path(__file__).parents[2]

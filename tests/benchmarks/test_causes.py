@@ -8,11 +8,13 @@ from types import ModuleType
 import pytest
 
 from wayside.pipeline.evaluation import (
+    RenderedEvaluation,
+)
+from wayside.pipeline.evaluation_findings import (
     Duplicate,
     FalseSign,
     MissCause,
     MissedPanel,
-    RenderedEvaluation,
 )
 
 

@@ -9,11 +9,13 @@ from types import ModuleType
 import pytest
 
 from wayside.pipeline.evaluation import (
+    RealEvaluation,
+)
+from wayside.pipeline.evaluation_findings import (
     Duplicate,
     FalseSign,
     KindCount,
     MissCause,
-    RealEvaluation,
 )
 
 

@@ -22,13 +22,15 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluate import evaluate, format_evaluation, write_evaluation
 from wayside.pipeline.evaluation import (
-    Backs,
-    Duplicate,
-    KindCount,
     RealEvaluation,
     RenderedEvaluation,
     together,
     together_real,
+)
+from wayside.pipeline.evaluation_findings import (
+    Backs,
+    Duplicate,
+    KindCount,
 )
 from wayside.pipeline.statistics import fraction, spread
 from wayside.schemas.detections import COLORS, SHAPES

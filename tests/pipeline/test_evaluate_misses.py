@@ -15,7 +15,9 @@ from wayside.pipeline.evaluate_misses import (
     count_steps,
     miss_causes,
 )
-from wayside.pipeline.evaluation import MissCause
+from wayside.pipeline.evaluation_findings import (
+    MissCause,
+)
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.tables import OBSERVATIONS
 
