@@ -6,6 +6,7 @@ They are worn and blended in as faces are: what tells them from signs is what th
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import ceil, floor
 
 import cv2
 import numpy as np
@@ -97,16 +98,10 @@ def _beside(
     high, wide = size
     gap = rng.uniform(0, 0.15) * (bottom - top)
     x, y = (left + right - wide) / 2, (top + bottom - high) / 2
-    x, y = [
-        (x, bottom + gap),
-        (x, top - gap - high),
-        (left - gap - wide, y),
-        (right + gap, y),
-    ][int(rng.integers(4))]
-    # away from the box: where both overlap nothing is drawn
-    return round(np.floor(x) if x < left else np.ceil(x)), round(
-        np.floor(y) if y < top else np.ceil(y)
-    )
+    places = (x, bottom + gap), (x, top - gap - high), (left - gap - wide, y), (right + gap, y)
+    x, y = places[int(rng.integers(4))]
+    # rounded away from the box: nothing is drawn where both overlap
+    return floor(x) if x < left else ceil(x), floor(y) if y < top else ceil(y)
 
 
 def _signal(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
