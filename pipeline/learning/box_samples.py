@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.camera_effects import Noise
 from wayside.pipeline.learning.detector_crops import (
     CROP_PX,
     KNOWN,
     UNKNOWN,
     UNSURE,
     Labels,
-    Noise,
     drawn_crop,
     shown_faces,
     targets,

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from wayside.pipeline.learning.box_network import BoxNetwork, export, losses
 from wayside.pipeline.learning.box_samples import BoxSamples, samples_of
-from wayside.pipeline.learning.detector_crops import make_noise
+from wayside.pipeline.learning.camera_effects import make_noise
 from wayside.pipeline.learning.detector_training import (
     drawing_probability,
     provenance,

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.camera_effects import Noise, through_a_camera
 from wayside.pipeline.learning.detector_images import BACK, FRONT, LabelledImage
 from wayside.pipeline.learning.distractor_drawings import draw_distractor
 from wayside.pipeline.learning.face_compositing import draw_faces
@@ -68,25 +68,6 @@ class Crop:
     weight: NDArray[np.float32]
     color: NDArray[np.int64]
     shape: NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
-class Noise:
-    """Noise drawn once: smooth (side, side) of deviation 1, and grain (side, side, 3) of deviation 1."""
-
-    smooth: NDArray[np.float32]
-    grain: NDArray[np.float32]
-
-
-def make_noise(rng: np.random.Generator, side: int = 768) -> Noise:
-    """Noise of several scales for dirt and shade, and of one for grain."""
-    smooth = np.zeros((side, side), np.float32)
-    for cells in (6, 24, 96):
-        coarse = rng.normal(0, 1, (cells, cells)).astype(np.float32)
-        smooth += cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC)
-    grain = rng.normal(0, 1, (side, side, 3)).astype(np.float32)
-    grain[::2] = cv2.GaussianBlur(grain, (3, 3), 0.7)[::2] * 1.6
-    return Noise(smooth / smooth.std(), grain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,77 +179,6 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
 def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
     left, right = CROP_PX - box[:, 2], CROP_PX - box[:, 0]
     return np.stack([left, box[:, 1], right, box[:, 3]], 1)
-
-
-def through_a_camera(
-    rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator
-) -> NDArray[np.uint8]:
-    """The image as another camera takes it in another light: cast, exposure, haze, blur, resolution, grain, JPEG."""
-    gains = np.exp(rng.normal(0, 0.1, 3) + rng.normal(0, 0.3))
-    if rng.random() < 0.25:  # white balance far off: mostly bluish, at times yellowish
-        cast = rng.normal(0.25, 0.2)
-        gains *= np.exp([-cast, rng.normal(0, 0.06), 0.8 * cast])
-    gamma, haze = np.exp(rng.normal(0, 0.22)), rng.uniform(0, 0.45) * (rng.random() < 0.35)
-    if rng.random() < 0.08:
-        gains *= rng.uniform(0.15, 0.5)
-    levels = np.linspace(0, 1, 256)[:, None] ** gamma * gains
-    veil = rng.uniform(0.3, 0.9) * np.exp(rng.normal(0, 0.06, 3))
-    levels = levels * (1 - haze) + veil * haze
-    table = np.clip(255 * levels, 0, 255).astype(np.uint8)
-    rgb = np.asarray(cv2.LUT(rgb, table.reshape(1, 256, 3)), np.uint8)
-    saturation = float(np.clip(np.exp(rng.normal(-0.08, 0.35)), 0.15, 2))
-    if abs(saturation - 1) > 0.08:
-        mix = saturation * np.eye(3) + (1 - saturation) * np.array([0.3, 0.59, 0.11])
-        rgb = np.asarray(cv2.transform(rgb, mix), np.uint8)
-    if rng.random() < 0.08:
-        rgb = _shaded(rgb, noise, rng)
-    if rng.random() < 0.15:  # a camera of lower resolution
-        small = round(CROP_PX * rng.uniform(0.45, 0.9))
-        coarse = cv2.resize(rgb, (small, small), interpolation=cv2.INTER_AREA)
-        rgb = _pixels(cv2.resize(coarse, (CROP_PX, CROP_PX), interpolation=cv2.INTER_LINEAR))
-    draw = rng.random()
-    if draw < 0.35:
-        sigma = float(np.exp(rng.uniform(np.log(0.35), np.log(1.6))))
-        rgb = _pixels(cv2.GaussianBlur(rgb, (0, 0), sigma))
-    elif draw < 0.45:
-        rgb = _motion_blurred(rgb, rng)
-    elif draw < 0.6:  # a camera that sharpens
-        soft = cv2.GaussianBlur(rgb, (0, 0), 1.0)
-        amount = rng.uniform(0.3, 1.5)
-        rgb = _pixels(cv2.addWeighted(rgb, 1 + amount, soft, -amount, 0))
-    if rng.random() < 0.4:
-        y, x = rng.integers(noise.grain.shape[0] - CROP_PX, size=2)
-        grain = noise.grain[y : y + CROP_PX, x : x + CROP_PX]
-        noisy = rgb + grain * np.float32(np.exp(rng.uniform(np.log(1.5), np.log(12))))
-        rgb = np.clip(noisy, 0, 255).astype(np.uint8)
-    if rng.random() < 0.6:
-        quality = int(rng.integers(22, 96))
-        done, data = cv2.imencode(".jpg", rgb, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        if done:
-            rgb = _pixels(cv2.imdecode(data, cv2.IMREAD_COLOR))
-    return rgb
-
-
-def _pixels(values: Any) -> NDArray[np.uint8]:
-    return np.asarray(values, np.uint8)
-
-
-def _shaded(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -> NDArray[np.uint8]:
-    y, x = rng.integers(noise.smooth.shape[0] - CROP_PX, size=2)
-    piece = noise.smooth[y : y + CROP_PX, x : x + CROP_PX]
-    dark = np.clip(0.5 + piece * rng.uniform(0.5, 2), 0, 1) * rng.uniform(0.2, 0.6)
-    return np.asarray(rgb * (1 - dark[..., None]), np.uint8)
-
-
-def _motion_blurred(rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    length = int(rng.integers(3, 9))
-    kernel = np.zeros((length, length), np.float32)
-    angle = rng.normal(0, 0.35)
-    reach = (length - 1) / 2 * np.array([np.cos(angle), np.sin(angle)])
-    middle = (length - 1) / 2
-    ends = [tuple(round(middle + sign * v) for v in reach) for sign in (-1, 1)]
-    cv2.line(kernel, ends[0], ends[1], 1.0, 1)
-    return np.asarray(cv2.filter2D(rgb, -1, kernel / kernel.sum()), np.uint8)
 
 
 def shown_faces(labels: Labels) -> NDArray[np.bool_]:

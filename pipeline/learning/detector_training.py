@@ -19,7 +19,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from wayside.pipeline.learning.detector_crops import Crop, Noise, make_crop, make_noise
+from wayside.pipeline.learning.camera_effects import Noise, make_noise
+from wayside.pipeline.learning.detector_crops import Crop, make_crop
 from wayside.pipeline.learning.detector_images import LabelledImage, rendered_images
 from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, export, losses
 from wayside.pipeline.learning.detector_weights import load_weights, move_halfway

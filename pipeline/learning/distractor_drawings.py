@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.learning.board_drawings import SHEETING, lettered, some_words
 from wayside.pipeline.learning.detector_images import FRONT
-from wayside.pipeline.learning.face_compositing import blend, overlaps, seen_from_an_angle, wear
+from wayside.pipeline.learning.face_compositing import (
+    blend,
+    light_on_a_thing,
+    overlaps,
+    seen_from_an_angle,
+    wear,
+)
 from wayside.pipeline.learning.face_drawings import FaceDrawing
 from wayside.schemas.detections import NONE
 
@@ -86,7 +92,7 @@ def draw_distractor(
     box = (float(left), float(top), float(left + patch.shape[1]), float(top + patch.shape[0]))
     if overlaps(box, list(map(tuple, taken))):
         return None
-    wear(patch, FRONT, float(rng.uniform(0.45, 1.6)), rgb, box, noise, rng)
+    wear(patch, FRONT, light_on_a_thing(rng), rgb, box, noise, rng)
     return blend(rgb, patch, left, top)
 
 

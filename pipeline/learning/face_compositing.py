@@ -23,6 +23,14 @@ from wayside.schemas.detections import NONE
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
 
+LIGHT, IN_SUN = (0.45, 1.6), (0.12, 1.6, 3.0)
+"""Brightness of things beside that of their surroundings; fraction of them that stand in the sun while the camera
+exposes for the shade, and the brightness of those."""
+
+LEAST_LEVEL, LENS_PX = 0.1, (0.3, 1.2)
+"""Least value of white; sigma of the blur of what is brighter than the range of values, before it is cut off there: its
+thin lines are lost."""
+
 TOUCHING, SAME_COLOR = 0.2, 0.7
 """Fraction of the posts whose faces are of one kind and width and touch, as direction boards do; how often all have one
 colour."""
@@ -73,7 +81,7 @@ def _draw_assembly(
     """
     kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
     face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
-    (left, top), light = at, float(rng.uniform(0.45, 1.6))
+    (left, top), light = at, light_on_a_thing(rng)
     stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
     beside = stack > 1 and rng.random() < 0.35
     touching = not beside and rng.random() < TOUCHING
@@ -168,6 +176,12 @@ def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
     return values
 
 
+def light_on_a_thing(rng: np.random.Generator) -> float:
+    """How bright a thing is; 1 is as bright as its surroundings."""
+    fraction, *in_sun = IN_SUN
+    return float(rng.uniform(*(in_sun if rng.random() < fraction else LIGHT)))
+
+
 def wear(
     patch: NDArray[np.float32],
     side: int,
@@ -182,7 +196,7 @@ def wear(
     x0, y0 = max(0, int(box[0]) - 10), max(0, int(box[1]) - 10)
     around = rgb[y0 : int(box[3]) + 10 : 3, x0 : int(box[2]) + 10 : 3]
     mean = float(around.mean()) / 255 if around.size else 0.4
-    level = np.clip((0.35 * mean + 0.45) * light, 0.1, 1.0)
+    level = max((0.35 * mean + 0.45) * light, LEAST_LEVEL)
     black = level * rng.uniform(0.02, 0.2)
     fade = rng.uniform(0, 0.35) if side == FRONT else 0.0
     colors = patch[..., :3]
@@ -199,6 +213,8 @@ def wear(
         angle = rng.uniform(0, 2 * np.pi)
         inside = np.cos(angle) * across + np.sin(angle) * down > rng.normal(0, 0.4)
         colors *= np.where(inside, rng.uniform(0.3, 0.8), 1.0).astype(np.float32)[..., None]
+    if level > 1:
+        patch[:] = cv2.GaussianBlur(patch, (0, 0), rng.uniform(*LENS_PX))
 
 
 def _piece(

@@ -16,13 +16,13 @@ from wayside.pipeline.learning.box_samples import (
     negative_weights,
     samples_of,
 )
+from wayside.pipeline.learning.camera_effects import make_noise
 from wayside.pipeline.learning.detector_crops import (
     CROP_PX,
     KNOWN,
     UNKNOWN,
     UNSURE,
     Labels,
-    make_noise,
     shown_faces,
 )
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image

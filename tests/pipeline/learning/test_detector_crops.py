@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.learning import face_compositing
+from wayside.pipeline.learning.camera_effects import make_noise
 from wayside.pipeline.learning.detector_crops import (
     CROP_PX,
     KNOWN,
@@ -15,9 +16,7 @@ from wayside.pipeline.learning.detector_crops import (
     Labels,
     drawn_crop,
     make_crop,
-    make_noise,
     targets,
-    through_a_camera,
 )
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
 from wayside.pipeline.learning.distractor_drawings import draw_distractor
@@ -245,11 +244,3 @@ def test_what_is_drawn_as_no_sign_is_known_to_be_none():
         for seed in range(20)
     ]
     assert sum(map(len, drawn)) > 5
-
-
-def test_a_camera_changes_the_pixels_but_not_their_number():
-    rgb = np.random.default_rng(1).integers(0, 256, (CROP_PX, CROP_PX, 3)).astype(np.uint8)
-    seen = through_a_camera(rgb, NOISE, np.random.default_rng(2))
-    assert seen.shape == rgb.shape
-    assert seen.dtype == np.uint8
-    assert (seen != rgb).any()
