@@ -74,19 +74,20 @@ learn: drives .venv/.learn
 	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
-# Hours on one core; it can be interrupted, and goes on from its checkpoint. NETWORK_FROM=FILE.onnx begins with the weights
-# of an earlier network.
+# Hours on one core; it can be interrupted, and goes on from its checkpoint. Here and below BEGIN_FROM=FILE.onnx begins with
+# the weights of an earlier network.
 NETWORK_STEPS ?= 200000
 learn-network: drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/network --network-steps $(NETWORK_STEPS) \
-		$(if $(NETWORK_FROM),--network-from $(NETWORK_FROM))
+		$(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM))
 
 # After it: thresholds and landmark classifiers, which `make learn` learns.
 BOX_STEPS ?= 25000
 learn-boxes: drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
-	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/boxes --box-steps $(BOX_STEPS)
+	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/boxes --box-steps $(BOX_STEPS) \
+		$(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM))
 
 learn-faces: .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }

@@ -190,16 +190,16 @@ def main(arguments: list[str] | None = None) -> int:
         "from its checkpoint in the folder), and write network.onnx",
     )
     parser.add_argument(
-        "--network-from",
-        type=Path,
-        metavar="NETWORK.onnx",
-        help="begin that training with the weights of this network, not at random",
-    )
-    parser.add_argument(
         "--box-steps",
         type=int,
         metavar="N",
         help="train the box network up to so many steps instead (can be interrupted, too), and write box.onnx",
+    )
+    parser.add_argument(
+        "--begin-from",
+        type=Path,
+        metavar="NETWORK.onnx",
+        help="begin either training with the weights of such a network, not at random",
     )
     parser.add_argument(
         "--network",
@@ -216,7 +216,13 @@ def main(arguments: list[str] | None = None) -> int:
         from wayside.pipeline.learning.box_training import learn_box_network
 
         learn_box_network(
-            given.drives, given.real, given.out, given.box_steps, given.seed, given.network
+            given.drives,
+            given.real,
+            given.out,
+            given.box_steps,
+            given.seed,
+            given.network,
+            given.begin_from,
         )
         return 0
     if given.network_steps is not None:
@@ -229,7 +235,7 @@ def main(arguments: list[str] | None = None) -> int:
             given.out,
             given.network_steps,
             given.seed,
-            given.network_from,
+            given.begin_from,
         )
         return 0
     try:

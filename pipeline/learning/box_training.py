@@ -35,6 +35,9 @@ BATCH, DESCENT = 256, Descent(2e-3, warm_up=300, largest_gradient=5.0)
 CROPS = 64
 """Crops whose boxes are made together; they give some 30 boxes each."""
 
+SEEN = ("patch", "size")
+"""Columns that the network sees."""
+
 POOL = 120_000
 """The last boxes that were made, from which batches are drawn: boxes of one crop are alike."""
 
@@ -86,25 +89,39 @@ def batch_losses(network: nn.Module, batch: Arrays, step: int) -> dict[str, Tens
     """The losses of a network on a batch."""
     held = {name: torch.from_numpy(column) for name, column in batch.items()}
     with torch.autocast("cpu", torch.bfloat16):
-        values = network(held["patch"], held["size"])
+        values = network(*(held[name] for name in SEEN))
     return losses(values.float(), held)
 
 
 def learn_box_network(
-    drives: Path | None, real: Path, folder: Path, steps: int, seed: int, network: Path
+    drives: Path | None,
+    real: Path,
+    folder: Path,
+    steps: int,
+    seed: int,
+    network: Path,
+    start: Path | None = None,
 ) -> None:
     """Train up to `steps` and write the averaged network with what it was learned from.
 
-    network: the detection network whose boxes it learns to classify. `box_float.onnx` is the network as it was learned,
-    `box.onnx` the same in 8-bit integers. A checkpoint of so many steps is written as it is.
+    network: the detection network whose boxes it learns to classify; start: the box network to begin from.
+    `box_float.onnx` is the network as it was learned, `box.onnx` the same in 8-bit integers. A checkpoint of so many
+    steps is written as it is.
     """
     training = begun(BoxNetwork, DESCENT, folder, seed)
     make = partial(sample_maker, drives, real, network, seed)
     with produced(make, training.step) as samples:
         ranges = [next(samples) for _ in range(RANGED)]
+        if start is not None and training.step == 0:
+            seen = (
+                torch.from_numpy(np.concatenate([one[name] for one in ranges])) for name in SEEN
+            )
+            training.begin_from(start, *seen)
         training.run(batch_losses, batches_of(samples, seed, training.step), folder, steps)
     images, library = training_images(drives, real), read_face_library(real)
-    seen = provenance(images, library, seed, training.step)
-    seen["crops"] = f"boxes of about {training.step * BATCH // 30}"
-    export(training.average, folder / "box_float.onnx", seen)
+    said = provenance(images, library, seed, training.step)
+    if training.begun_from:
+        said["begun from"] = training.begun_from
+    said["crops"] = f"boxes of about {training.step * BATCH // 30}"
+    export(training.average, folder / "box_float.onnx", said)
     quantize_boxes(folder / "box_float.onnx", folder / "box.onnx", ranges)

@@ -99,9 +99,9 @@ def _exposed(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np
     if rng.random() < 0.25:  # white balance far off: mostly bluish, at times yellowish
         cast = rng.normal(0.25, 0.2)
         gains *= np.exp([-cast, rng.normal(0, 0.06), 0.8 * cast])
-    for fraction, *factors in (TOO_DARK, TOO_BRIGHT):
+    for fraction, least, most in (TOO_DARK, TOO_BRIGHT):
         if rng.random() < fraction:
-            gains *= rng.uniform(*factors)
+            gains *= rng.uniform(least, most)
     contrast = np.exp(rng.normal(0, 0.22))
     held = np.minimum(light * (gains**DISPLAY_GAMMA).astype(np.float32), 1)
     return _bytes(255 * _floats(cv2.pow(held, contrast / DISPLAY_GAMMA)))

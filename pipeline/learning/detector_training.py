@@ -2,7 +2,7 @@
 
     python -m wayside.pipeline.learn --drives FOLDER --real FOLDER -o FOLDER --network-steps N
 
-Weights start at random, or with `--network-from NETWORK.onnx` where those of an earlier network ended. The losses of
+Weights start at random, or with `--begin-from NETWORK.onnx` where those of an earlier network ended. The losses of
 the curve are those of heat, box, colour and shape.
 """
 
@@ -23,7 +23,6 @@ from wayside.pipeline.learning.camera_effects import Noise, make_noise
 from wayside.pipeline.learning.detector_crops import Crop, make_crop
 from wayside.pipeline.learning.detector_images import LabelledImage, rendered_images
 from wayside.pipeline.learning.detector_network import Batch, DetectionNetwork, export, losses
-from wayside.pipeline.learning.detector_weights import load_weights, move_halfway
 from wayside.pipeline.learning.face_drawings import FaceLibrary, read_face_library
 from wayside.pipeline.learning.network_training import (
     Arrays,
@@ -33,9 +32,9 @@ from wayside.pipeline.learning.network_training import (
     begun,
     produced,
 )
+from wayside.pipeline.learning.network_weights import move_halfway
 from wayside.pipeline.learning.quantization import quantize
 from wayside.pipeline.learning.scenes import real_sources
-from wayside.pipeline.provenance import onnx_metadata
 
 BATCH, DESCENT = 16, Descent(1.5e-3)
 """Crops of a batch, and how weights follow its gradient."""
@@ -160,14 +159,6 @@ def used_twice(batches: Iterator[Arrays], step: int) -> Iterator[Arrays]:
         step += 1
 
 
-def start_from(training: Training, path: Path, images: Tensor) -> None:
-    """Begin with the weights of a network in a file, not at random; images: what it sees."""
-    load_weights(training.network, path, images)
-    training.average.load_state_dict(training.network.state_dict())
-    earlier = onnx_metadata(path.read_bytes())
-    training.begun_from = "; ".join(f"{key}: {earlier[key]}" for key in sorted(earlier))
-
-
 def train(
     drives: Path | None,
     real: Path,
@@ -181,7 +172,7 @@ def train(
     with produced(partial(batch_maker, drives, real, seed), training.step // 2) as batches:
         if start is not None and training.step == 0:
             first = [as_tensors(next(batches)) for _ in range(NORMALISED)]
-            start_from(training, start, torch.cat([batch.rgb for batch in first]))
+            training.begin_from(start, torch.cat([batch.rgb for batch in first]))
         training.run(batch_losses, used_twice(batches, training.step), folder, steps)
     return training
 

@@ -23,9 +23,9 @@ from wayside.schemas.detections import NONE
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
 
-LIGHT, IN_SUN = (0.45, 1.6), (0.12, 1.6, 3.0)
-"""Brightness of things beside that of their surroundings; fraction of them that stand in the sun while the camera
-exposes for the shade, and the brightness of those."""
+LIGHT, IN_SUN, SUNLIT = (0.45, 1.6), (1.6, 3.0), 0.12
+"""Brightness of things beside that of their surroundings; of those in the sun while the camera exposes for the shade;
+fraction of these."""
 
 LEAST_LEVEL, LENS_PX = 0.1, (0.3, 1.2)
 """Least value of white; sigma of the blur of what is brighter than the range of values, before it is cut off there: its
@@ -178,8 +178,7 @@ def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
 
 def light_on_a_thing(rng: np.random.Generator) -> float:
     """How bright a thing is; 1 is as bright as its surroundings."""
-    fraction, *in_sun = IN_SUN
-    return float(rng.uniform(*(in_sun if rng.random() < fraction else LIGHT)))
+    return float(rng.uniform(*(IN_SUN if rng.random() < SUNLIT else LIGHT)))
 
 
 def wear(

@@ -23,6 +23,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from wayside.pipeline.learning.network_weights import load_weights
+from wayside.pipeline.provenance import onnx_metadata
+
 REPORTED, SAVED = 200, 500
 """Steps between lines of the curve and between checkpoints."""
 
@@ -106,6 +109,16 @@ class Training:
                 value.lerp_(now[name], 1 - past)
             else:
                 value.copy_(now[name])
+
+    def begin_from(self, path: Path, *inputs: Tensor) -> None:
+        """Begin with the weights of the network in a file, not at random; inputs: what it sees.
+
+        Raises InputError where the file has other layers.
+        """
+        load_weights(self.network, path, *inputs)
+        self.average.load_state_dict(self.network.state_dict())
+        earlier = onnx_metadata(path.read_bytes())
+        self.begun_from = "; ".join(f"{key}: {earlier[key]}" for key in sorted(earlier))
 
     def save(self, path: Path) -> None:
         """Write all that is needed to go on; never half a file."""

@@ -12,6 +12,7 @@ from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.pipeline.model_files import shipped_models
 from wayside.pipeline.onnx_header import read_onnx_header
 from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.errors import InputError
 from wayside.stages.detection import BOX_VALUES, SIDE, drawn_patches
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
 from wayside.stages.imaging import pyramid
@@ -263,6 +264,43 @@ def test_a_training_writes_both_networks_with_their_provenance_and_can_be_taken_
     assert "7 bits" in said["weights"]
     names = {"box.onnx", "box_float.onnx", "checkpoint.pt"}
     assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_a_network_begun_from_a_file_says_what_the_file_says(
+    torch, network, settled, tmp_path: Path
+):
+    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    from wayside.pipeline.learning.network_weights import load_weights
+
+    with pytest.warns():
+        network.export(settled, tmp_path / "box.onnx", {})
+    begun = network.BoxNetwork()
+    before = values_of(torch, begun, shown())
+    load_weights(
+        begun, tmp_path / "box.onnx", *(torch.from_numpy(v) for v in list(shown(2).values()))
+    )
+    expected = values_of(torch, settled, shown())
+    torch.testing.assert_close(values_of(torch, begun, shown()), expected, rtol=1e-3, atol=1e-3)
+    assert not torch.allclose(before, expected, atol=0.1)
+
+
+def test_a_training_begins_from_a_network_of_the_same_layers_and_says_so(
+    training, made_up, tmp_path: Path
+):
+    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    shipped = Path(str(shipped_models()))
+    for name in ("begun", "refused"):
+        (tmp_path / name).mkdir()
+    with pytest.warns():
+        training.learn_box_network(
+            None, tmp_path, tmp_path / "begun", 1, 1, tmp_path, shipped / "box.onnx"
+        )
+    said = read_onnx_header((tmp_path / "begun" / "box.onnx").read_bytes()).metadata
+    assert "scenes_mixed" in said["begun from"]
+    with pytest.raises(InputError, match=r"network\.onnx"):
+        training.learn_box_network(
+            None, tmp_path, tmp_path / "refused", 1, 1, tmp_path, shipped / "network.onnx"
+        )
 
 
 def test_a_number_says_which_boxes_are_made(training, made_up, monkeypatch, tmp_path: Path, bits):

@@ -217,7 +217,8 @@ def test_distractors_change_the_image_inside_their_boxes_and_spare_what_is_taken
         if box is not None:
             x0, y0, x1, y1 = (int(v) for v in box)
             assert changed[y0:y1, x0:x1].mean() > 0.1
-            changed[max(0, y0 - 2) : y1 + 2, max(0, x0 - 2) : x1 + 2] = False
+            # light of bright things spreads by the blur of the lens
+            changed[max(0, y0 - 4) : y1 + 4, max(0, x0 - 4) : x1 + 4] = False
             assert not changed.any()
             boxes += 1
     assert boxes > 10

@@ -111,7 +111,7 @@ def test_drives_and_sets_are_kinds_of_their_own(training):
 
 def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.detector_weights import load_weights
+    from wayside.pipeline.learning.network_weights import load_weights
 
     torch.manual_seed(3)
     earlier, begun = network.DetectionNetwork(), network.DetectionNetwork()
@@ -129,7 +129,7 @@ def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp
 
 def test_a_network_is_moved_halfway_to_the_one_it_began_from(torch, network, tmp_path: Path):
     onnx = pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.detector_weights import move_halfway, read_convolutions
+    from wayside.pipeline.learning.network_weights import move_halfway, read_layers
 
     files = tmp_path / "earlier.onnx", tmp_path / "later.onnx"
     for file in files:
@@ -139,10 +139,10 @@ def test_a_network_is_moved_halfway_to_the_one_it_began_from(torch, network, tmp
             network.export(learned, file, {"seed": 1})
     expected = [
         [(one + other) / 2 for one, other in zip(*layer, strict=True)]
-        for layer in zip(*map(read_convolutions, files), strict=True)
+        for layer in zip(*map(read_layers, files), strict=True)
     ]
     move_halfway(files[1], files[0])
-    for layer, values in zip(read_convolutions(files[1]), expected, strict=True):
+    for layer, values in zip(read_layers(files[1]), expected, strict=True):
         for found, value in zip(layer, values, strict=True):
             np.testing.assert_allclose(found, value, atol=1e-6)
     said = {one.key: one.value for one in onnx.load(str(files[1])).metadata_props}
@@ -156,7 +156,7 @@ def test_a_network_is_moved_halfway_to_the_one_it_began_from(torch, network, tmp
 
 def test_a_file_of_other_layers_is_refused_to_begin_from(torch, network, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.detector_weights import load_weights
+    from wayside.pipeline.learning.network_weights import load_weights
 
     other = torch.nn.Conv2d(3, 5, 3)
     with pytest.warns():

@@ -1,4 +1,4 @@
-"""The weights of a detection network from its ONNX file, in floating point or in 8-bit integers.
+"""The weights of a network from its ONNX file, in floating point or in 8-bit integers.
 
 A file for running has no batch normalisation any more: its factors are part of the convolutions. To learn on, each
 normalisation gets the mean and the deviation that its layer has on some images, and the factors that undo them, so that
@@ -17,9 +17,12 @@ from torch import Tensor, nn
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.errors import InputError
 
+LAYERS = ("Conv", "Gemm")
+"""Operators of an ONNX file that have weights: convolutions and full layers."""
 
-def read_convolutions(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-    """Weights (outputs, inputs, k, k) and biases (outputs,) of all convolutions of an ONNX file, in its order."""
+
+def read_layers(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Weights (outputs, inputs, k, k) or (outputs, inputs) and biases (outputs,) of an ONNX file, in its order."""
     import onnx
     from onnx import numpy_helper
 
@@ -42,7 +45,7 @@ def read_convolutions(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.
     return [
         (values(node.input[1]), values(node.input[2]))
         for node in graph.node
-        if node.op_type == "Conv"
+        if node.op_type in LAYERS
     ]
 
 
@@ -62,8 +65,8 @@ def move_halfway(path: Path, earlier: Path) -> None:
 
     model = onnx.load(str(path))
     stored = {one.name: one for one in model.graph.initializer}
-    layers = [node for node in model.graph.node if node.op_type == "Conv"]
-    before = read_convolutions(earlier)
+    layers = [node for node in model.graph.node if node.op_type in LAYERS]
+    before = read_layers(earlier)
     if [one.shape for one, _ in before] != [tuple(stored[n.input[1]].dims) for n in layers]:
         raise InputError(f"{earlier}: wanted the layers of {path}, found others")
     for node, values in zip(layers, before, strict=True):
@@ -75,18 +78,18 @@ def move_halfway(path: Path, earlier: Path) -> None:
     onnx.save(model, str(path))
 
 
-def load_weights(network: nn.Module, path: Path, images: Tensor) -> None:
+def load_weights(network: nn.Module, path: Path, *inputs: Tensor) -> None:
     """Give a network the weights of an ONNX file of the same layers, in place.
 
-    images: (n, height, width, 3) uint8, by which the normalisations are set. The layers are taken in the order in
-    which an image passes them.
+    inputs: what the network sees, by which the normalisations are set. The layers are taken in the order in which that
+    passes them.
 
     Raises
     ------
     InputError
         Where the file has other layers.
     """
-    stored = read_convolutions(path)
+    stored = read_layers(path)
     taken = 0
     bias: Tensor | None = None
 
@@ -109,16 +112,18 @@ def load_weights(network: nn.Module, path: Path, images: Tensor) -> None:
         module.bias.copy_(mean + bias)
 
     hooks = [
-        module.register_forward_pre_hook(before if isinstance(module, nn.Conv2d) else normalise)
+        module.register_forward_pre_hook(
+            normalise if isinstance(module, nn.BatchNorm2d) else before
+        )
         for module in network.modules()
-        if isinstance(module, nn.Conv2d | nn.BatchNorm2d)
+        if isinstance(module, nn.Conv2d | nn.Linear | nn.BatchNorm2d)
     ]
     try:
         with torch.no_grad():
             network.eval()
-            network(images)
+            network(*inputs)
     finally:
         for hook in hooks:
             hook.remove()
     if taken != len(stored):
-        raise InputError(f"{path}: wanted {taken} convolutions, found {len(stored)}")
+        raise InputError(f"{path}: wanted {taken} layers, found {len(stored)}")
