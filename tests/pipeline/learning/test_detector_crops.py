@@ -20,7 +20,7 @@ from wayside.pipeline.learning.detector_crops import (
 )
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
 from wayside.pipeline.learning.distractor_drawings import draw_distractor
-from wayside.pipeline.learning.face_compositing import draw_faces
+from wayside.pipeline.learning.face_compositing import blend, draw_faces, wear
 from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 
@@ -245,3 +245,21 @@ def test_what_is_drawn_as_no_sign_is_known_to_be_none():
         for seed in range(20)
     ]
     assert sum(map(len, drawn)) > 5
+
+
+def test_a_board_in_the_sun_loses_thin_lines_and_keeps_its_edge(monkeypatch):
+    """White of three times the range beside a line of a tenth of it: the blur of the lens fills the line."""
+    monkeypatch.setattr(face_compositing, "LENS_PX", (1.0, 1.0))
+    patch = np.zeros((40, 60, 4), np.float32)
+    patch[4:36, 4:56] = (0.85, 0.85, 0.85, 1)
+    patch[4:36, 20, :3] = patch[4:36, 30:50, :3] = 0.05
+    shown = {}
+    for light in (1.0, 6.0):
+        worn, rgb = patch.copy(), np.full((40, 60, 3), 60, np.uint8)
+        wear(worn, FRONT, light, rgb, (0, 0, 60, 40), 0 * NOISE.smooth, np.random.default_rng(3))
+        box = blend(rgb, worn, 0, 0)
+        assert box == pytest.approx((4, 4, 56, 36), abs=1)
+        shown[light] = rgb[10:30].mean(axis=(0, 2))
+    assert shown[1.0][20] < 0.4 * shown[1.0][12]
+    assert shown[6.0][20] > 0.9 * shown[6.0][12]
+    assert shown[6.0][40] < 0.6 * shown[6.0][12]
