@@ -12,7 +12,7 @@ JOBS ?= 2
 # Real images with boxed signs, where they are at hand; the networks are not trained without.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learn learn-network learn-boxes learn-faces clean
+.PHONY: help demo test slow check wiring accept held-out drives learning-drives learn learn-network learn-boxes learn-faces clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
@@ -62,11 +62,14 @@ held-out: .venv/.ready
 drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
 
+learning-drives: .venv/.ready
+	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
+
 # Landmarks are learned from other drives than the detectors that find them: the same specifications with other seeds.
 AGAIN := .cache/drives/again
 # Thresholds of the report's gates need few drives: every region of an image is an example.
 GATES := causeway compact crossing fells tramway
-learn: drives .venv/.learn
+learn: learning-drives .venv/.learn
 	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
 	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)
 	@$(RUN) wayside.pipeline.learning.box_thresholds --drives $(AGAIN) -o pipeline/models
@@ -77,14 +80,14 @@ learn: drives .venv/.learn
 # Hours on one core; it can be interrupted, and goes on from its checkpoint. Here and below BEGIN_FROM=FILE.onnx begins with
 # the weights of an earlier network.
 NETWORK_STEPS ?= 200000
-learn-network: drives .venv/.learn
+learn-network: learning-drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/network --network-steps $(NETWORK_STEPS) \
 		$(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM))
 
 # After it: thresholds and landmark classifiers, which `make learn` learns.
 BOX_STEPS ?= 25000
-learn-boxes: drives .venv/.learn
+learn-boxes: learning-drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
 	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/boxes --box-steps $(BOX_STEPS) \
 		$(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM))
