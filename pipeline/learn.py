@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -202,6 +203,13 @@ def main(arguments: list[str] | None = None) -> int:
         help="begin either training with the weights of such a network, not at random",
     )
     parser.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="SOURCE",
+        help="leave a source of real images out of either training, so that it can be measured on; repeatable",
+    )
+    parser.add_argument(
         "--network",
         type=Path,
         metavar="NETWORK.onnx",
@@ -212,38 +220,33 @@ def main(arguments: list[str] | None = None) -> int:
     cv2.setNumThreads(1)
     if given.real is None and (given.network_steps is not None or given.box_steps is not None):
         parser.error("the training of a network wants --real")
-    if given.box_steps is not None:
-        from wayside.pipeline.learning.box_training import learn_box_network
-
-        learn_box_network(
-            given.drives,
-            given.real,
-            given.out,
-            given.box_steps,
-            given.seed,
-            given.network,
-            given.begin_from,
-        )
-        return 0
-    if given.network_steps is not None:
-        # PyTorch and onnx are wanted by no other model here
-        from wayside.pipeline.learning.detector_training import learn_network
-
-        learn_network(
-            given.drives,
-            given.real,
-            given.out,
-            given.network_steps,
-            given.seed,
-            given.begin_from,
-        )
-        return 0
     try:
-        learn(given.drives, given.real, given.out, given.seed, lambda text: print(text, flush=True))
+        if given.box_steps is not None or given.network_steps is not None:
+            _train(given)
+        else:
+            learn(given.drives, given.real, given.out, given.seed, partial(print, flush=True))
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status
     return 0
+
+
+def _train(given: argparse.Namespace) -> None:
+    """Train the network that is asked for; PyTorch and onnx are wanted by nothing else here."""
+    real_sources(
+        given.real, given.without
+    )  # or the process that makes samples finds no such source
+    common = given.drives, given.real, given.out
+    if given.box_steps is not None:
+        from wayside.pipeline.learning.box_training import learn_box_network
+
+        learn_box_network(
+            *common, given.box_steps, given.seed, given.network, given.begin_from, given.without
+        )
+    else:
+        from wayside.pipeline.learning.detector_training import learn_network
+
+        learn_network(*common, given.network_steps, given.seed, given.begin_from, given.without)
 
 
 if __name__ == "__main__":

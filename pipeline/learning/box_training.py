@@ -7,7 +7,7 @@ The losses of the curve are those of the sides of a panel, of offsets, colour an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -45,9 +45,11 @@ RANGED = 16
 """Sets of boxes that tell the range of values of the network in 8-bit integers."""
 
 
-def sample_maker(drives: Path | None, real: Path, network: Path, seed: int) -> Make:
+def sample_maker(
+    drives: Path | None, real: Path, without: Collection[str], network: Path, seed: int
+) -> Make:
     """What makes the boxes of `CROPS` crops by their number: with its seed, a number says all."""
-    images, library = training_images(drives, real), read_face_library(real)
+    images, library = training_images(drives, real, without), read_face_library(real)
     probability = drawing_probability(images)
     noise = make_noise(np.random.default_rng(seed))
     proposing = DetectionNetwork(str(network))
@@ -101,15 +103,17 @@ def learn_box_network(
     seed: int,
     network: Path,
     start: Path | None = None,
+    without: Collection[str] = (),
 ) -> None:
     """Train up to `steps` and write the averaged network with what it was learned from.
 
-    network: the detection network whose boxes it learns to classify; start: the box network to begin from.
+    network: the detection network whose boxes it learns to classify; start: the box network to begin from;
+    without: names of real sources that are held out.
     `box_float.onnx` is the network as it was learned, `box.onnx` the same in 8-bit integers. A checkpoint of so many
     steps is written as it is.
     """
     training = begun(BoxNetwork, DESCENT, folder, seed)
-    make = partial(sample_maker, drives, real, network, seed)
+    make = partial(sample_maker, drives, real, without, network, seed)
     with produced(make, training.step) as samples:
         ranges = [next(samples) for _ in range(RANGED)]
         if start is not None and training.step == 0:
@@ -118,7 +122,7 @@ def learn_box_network(
             )
             training.begin_from(start, *seen)
         training.run(batch_losses, batches_of(samples, seed, training.step), folder, steps)
-    images, library = training_images(drives, real), read_face_library(real)
+    images, library = training_images(drives, real, without), read_face_library(real)
     said = provenance(images, library, seed, training.step)
     if training.begun_from:
         said["begun from"] = training.begun_from

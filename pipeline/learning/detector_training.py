@@ -9,7 +9,7 @@ the curve are those of heat, box, colour and shape.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -92,12 +92,14 @@ def drawing_probability(images: Sequence[LabelledImage]) -> NDArray[np.float64]:
     return np.asarray(np.array(share) / np.sum(share), np.float64)
 
 
-def training_images(drives: Path | None, real: Path | None) -> list[LabelledImage]:
-    """All images that are learned from."""
+def training_images(
+    drives: Path | None, real: Path | None, without: Collection[str] = ()
+) -> list[LabelledImage]:
+    """All images that are learned from; `without` names real sources that are held out."""
     images: list[LabelledImage] = []
     for log in sorted(drives.glob("learn_*.mcap")) if drives else []:
         images += rendered_images(log)
-    for read in real_sources(real).values() if real else []:
+    for read in real_sources(real, without).values() if real else []:
         images += read()
     return images
 
@@ -114,9 +116,9 @@ def make_batch(
     return {name: np.stack([getattr(crop, name) for crop in crops]) for name in BATCH_FIELDS}
 
 
-def batch_maker(drives: Path | None, real: Path, seed: int) -> Make:
+def batch_maker(drives: Path | None, real: Path, without: Collection[str], seed: int) -> Make:
     """What makes batches by their number: with its seed, a number says all."""
-    images, library = training_images(drives, real), read_face_library(real)
+    images, library = training_images(drives, real, without), read_face_library(real)
     probability = drawing_probability(images)
     noise = make_noise(np.random.default_rng(seed))
     return lambda number: make_batch(
@@ -166,10 +168,11 @@ def train(
     steps: int,
     seed: int,
     start: Path | None = None,
+    without: Collection[str] = (),
 ) -> Training:
     """Train up to `steps`, from the checkpoint in the folder if there is one, else from the network of `start`."""
     training = begun(DetectionNetwork, DESCENT, folder, seed)
-    with produced(partial(batch_maker, drives, real, seed), training.step // 2) as batches:
+    with produced(partial(batch_maker, drives, real, without, seed), training.step // 2) as batches:
         if start is not None and training.step == 0:
             first = [as_tensors(next(batches)) for _ in range(NORMALISED)]
             training.begin_from(start, torch.cat([batch.rgb for batch in first]))
@@ -206,14 +209,16 @@ def learn_network(
     steps: int,
     seed: int,
     start: Path | None = None,
+    without: Collection[str] = (),
 ) -> None:
     """Train up to `steps` and write the averaged network with what it was learned from.
 
-    `float.onnx` is the network as it was learned, of one that began from another halfway between the two;
-    `network.onnx` the same in 8-bit integers. A checkpoint of so many steps is written as it is.
+    without: names of real sources that are held out. `float.onnx` is the network as it was learned, of one that began
+    from another halfway between the two; `network.onnx` the same in 8-bit integers. A checkpoint of so many steps is
+    written as it is.
     """
-    training = train(drives, real, folder, steps, seed, start)
-    images, library = training_images(drives, real), read_face_library(real)
+    training = train(drives, real, folder, steps, seed, start, without)
+    images, library = training_images(drives, real, without), read_face_library(real)
     seen = provenance(images, library, seed, training.step)
     if training.begun_from:
         seen["begun from"] = training.begun_from

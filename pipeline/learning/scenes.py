@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -16,12 +16,16 @@ from wayside.pipeline.learning.detector_images import (
 )
 from wayside.pipeline.learning.faces import FaceSample, real_face
 from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.errors import InputError
 
 
-def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]]]:
+def real_sources(
+    folder: Path, without: Collection[str] = ()
+) -> dict[str, Callable[[], Iterator[LabelledImage]]]:
     """The sources of a folder of real images that the models of one image are learned from, by name.
 
-    Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole.
+    Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole:
+    `without` names those to be left out. Raises InputError where there is none of such a name.
     """
     drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
     sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
@@ -32,7 +36,11 @@ def real_sources(folder: Path) -> dict[str, Callable[[], Iterator[LabelledImage]
         sources[f"scenes/{prefix}"] = read
     for name in ("scenes_mixed", "scenes_speed_us"):
         sources[name] = partial(scene_set_images, folder / name)
-    return sources
+    if unknown := set(without) - sources.keys():
+        raise InputError(
+            f"wanted sources to leave out among {', '.join(sources)}, found {', '.join(sorted(unknown))}"
+        )
+    return {name: read for name, read in sources.items() if name not in without}
 
 
 def real_faces(images: Iterable[LabelledImage]) -> list[FaceSample]:

@@ -170,6 +170,13 @@ def test_the_training_of_a_network_wants_real_images(tmp_path, capsys, steps):
     assert "wants --real" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("steps", ["--network-steps", "--box-steps"])
+def test_a_source_to_leave_out_that_is_none_is_named(tmp_path, capsys, steps):
+    asked = ["--drives", str(tmp_path), "--real", str(tmp_path), "-o", str(tmp_path)]
+    assert main([*asked, steps, "1", "--without", "garmin"]) == 3
+    assert "found garmin" in capsys.readouterr().err
+
+
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
     assert "learn_*.mcap" in capsys.readouterr().err

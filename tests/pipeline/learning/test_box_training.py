@@ -234,7 +234,7 @@ def made_up(training, monkeypatch):
     monkeypatch.setattr(training, "produced", produced)
     monkeypatch.setattr(training, "RANGED", 2)
     monkeypatch.setattr(training, "BATCH", 32)
-    monkeypatch.setattr(training, "training_images", lambda drives, real: [image()])
+    monkeypatch.setattr(training, "training_images", lambda drives, real, without: [image()])
     monkeypatch.setattr(training, "read_face_library", lambda real: FaceLibrary((), ()))
     return asked
 
@@ -306,7 +306,7 @@ def test_a_training_begins_from_a_network_of_the_same_layers_and_says_so(
 def test_a_number_says_which_boxes_are_made(training, made_up, monkeypatch, tmp_path: Path, bits):
     monkeypatch.setattr(training, "CROPS", 2)
     proposing = Path(str(shipped_models() / "network.onnx"))
-    make, again = (training.sample_maker(None, tmp_path, proposing, 1) for _ in range(2))
+    make, again = (training.sample_maker(None, tmp_path, (), proposing, 1) for _ in range(2))
     first = make(0)
     assert bits(list(first.values())) == bits(list(again(0).values()))
     assert bits(list(first.values())) != bits(list(make(1).values()))

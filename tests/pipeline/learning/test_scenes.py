@@ -1,9 +1,11 @@
 """Real images that are learned from: which sources, and which of their faces are samples of classes."""
 
 import numpy as np
+import pytest
 
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
 from wayside.pipeline.learning.scenes import real_faces, real_sources
+from wayside.schemas.errors import InputError
 
 SIGN = [300, 215, 330, 245]
 
@@ -24,6 +26,13 @@ def test_faces_of_known_classes_are_samples_of_colour_and_shape():
 
 def test_faces_of_few_pixels_are_no_samples():
     assert real_faces([image(box=[300, 215, 306, 221])]) == []
+
+
+def test_a_source_is_left_out_as_a_whole_and_one_of_another_name_is_refused(tmp_path):
+    without = real_sources(tmp_path, ["ca_city_garmin"])
+    assert real_sources(tmp_path).keys() - without.keys() == {"ca_city_garmin"}
+    with pytest.raises(InputError, match=r"scenes_mixed.*found garmin$"):
+        real_sources(tmp_path, ["ca_city_garmin", "garmin"])
 
 
 def test_nothing_is_learned_from_sources_that_are_for_tests_only(tmp_path):
