@@ -227,8 +227,7 @@ def codes(result):
 
 
 def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
-    # the series of the plaque under the school sign is not settled
-    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", None, "W", "D9", "D"]
+    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", "S", "W", "D9", "D"]
     assert default_demo.about["us_probability"] > 0.99
     limit = next(row for row in default_demo.signs if row["mutcd"] == "R2-1")
     assert limit["legend"] == "45"
