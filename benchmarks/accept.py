@@ -15,8 +15,8 @@ import json
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -47,16 +47,19 @@ REAL = {
     "de_autobahn": "5.43m",
 }
 """Real drives and their spacing, estimated from the images; "": the log has fixes."""
+WITHOUT = ROOT / "benchmarks" / "models_without"
+"""Models that were learned without a real drive, in a folder of its name: they measure it."""
 
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A log with its truth, and the spacing that a run is told."""
+    """A log with its truth, the spacing that a run is told, and models other than those that ship."""
 
     name: str
     log: Path
     truth: Path
     spacing: str
+    models: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,10 @@ def main() -> int:
             if (args.real / f"{name}.mcap").is_file()
         ]
     chosen = [drive for drive in drives if not args.only or drive.name in args.only]
-    outcomes = {preset: [evaluate_drive(drive, preset) for drive in chosen] for preset in presets}
+    outcomes = {
+        preset: [evaluate_drive(one, preset) for one in with_models_without(chosen, preset)]
+        for preset in presets
+    }
 
     if whole:
         write_tables(outcomes)
@@ -115,6 +121,15 @@ def main() -> int:
     for line in broken:
         print(f"NOT ACCEPTED  {line}")
     return 1 if broken else 0
+
+
+def with_models_without(drives: Iterable[BenchmarkDrive], preset: str) -> Iterator[BenchmarkDrive]:
+    """The drives, and those once more that preset `default` has models for which were learned without them."""
+    for drive in drives:
+        yield drive
+        folder = WITHOUT / drive.name
+        if preset == "default" and folder.is_dir():
+            yield replace(drive, name=f"{drive.name}, models without it", models=folder)
 
 
 def render(names: list[str], jobs: int) -> None:
@@ -138,6 +153,7 @@ def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
         "--overwrite",  # the drive may have been rendered anew
     ]
     command += ["--preset", preset, *(["--spacing", drive.spacing] if drive.spacing else [])]
+    command += ["--models", str(drive.models)] if drive.models else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     title = f"{preset:8} {drive.name:24}"
     if done.returncode != 0:
@@ -228,7 +244,8 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "`de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the distance between "
         "used images with those of `ca_city_garmin`. The boards and things beside faces that are drawn to learn from "
         "were designed with the misses of `de_city_kitti0001` and of `ca_city_garmin` in view, and the models that "
-        "ship were chosen by counts of all of these.",
+        "ship were chosen by counts of all of these. A drive with `models without it` was run by models that were "
+        "learned without it ([models_without](models_without/README.md)), more briefly than those that ship.",
         "",
         "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
         "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "

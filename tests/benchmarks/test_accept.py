@@ -22,6 +22,7 @@ from wayside.pipeline.evaluation_findings import (
     Match,
     MissedPanel,
 )
+from wayside.pipeline.provenance import onnx_metadata
 
 ROOT = Path(__file__).parents[2]
 
@@ -70,6 +71,34 @@ def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> Non
         "| 0 % | 2 of 3 / 5 |"
     )
     assert {line.count("|") for line in lines} == {16}
+
+
+def test_a_drive_is_run_once_more_by_models_learned_without_it(
+    accept: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(accept, "WITHOUT", tmp_path)
+    (tmp_path / "city").mkdir()
+    drives = [accept.BenchmarkDrive(name, Path(), Path(), "") for name in ("road", "city")]
+    asked = {p: list(accept.with_models_without(drives, p)) for p in ("default", "report")}
+    names = [one.name for one in asked["default"]]
+    assert names == ["road", "city", "city, models without it"]
+    assert [one.models for one in asked["default"]] == [None, None, tmp_path / "city"]
+    assert asked["report"] == drives
+
+
+def test_models_without_a_drive_say_that_they_have_not_learned_from_it() -> None:
+    folders = [p for p in (ROOT / "benchmarks" / "models_without").iterdir() if p.is_dir()]
+    assert [folder.name for folder in folders] == ["ca_city_garmin"]
+    for folder in folders:
+        said = {
+            path.name: str(onnx_metadata(path.read_bytes()))
+            if path.suffix == ".onnx"
+            else path.read_text()
+            for path in folder.iterdir()
+        }
+        assert {"network.onnx", "box.onnx", "front.json", "place.json"} <= said.keys()
+        assert "scenes_mixed" in said["network.onnx"]
+        assert not any(folder.name in text for text in said.values())
 
 
 def test_real_drives_are_listed_without_the_rendered_ones(accept: ModuleType) -> None:
