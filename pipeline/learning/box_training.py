@@ -2,7 +2,8 @@
 
     python -m wayside.pipeline.learn --drives FOLDER --real FOLDER -o FOLDER --box-steps N --network NETWORK.onnx
 
-The losses of the curve are those of the sides of a panel, of offsets, colour and shape.
+Weights start at random, or with `--begin-from BOX.onnx` where those of an earlier network ended. The losses of the
+curve are those of the sides of a panel, of offsets, colour and shape.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from wayside.pipeline.learning.board_drawings import SHEETING, lettered, some_wo
 from wayside.pipeline.learning.detector_images import FRONT
 from wayside.pipeline.learning.face_compositing import (
     blend,
-    light_on_a_thing,
     overlaps,
+    random_brightness,
     seen_from_an_angle,
     wear,
 )
@@ -92,7 +92,7 @@ def draw_distractor(
     box = (float(left), float(top), float(left + patch.shape[1]), float(top + patch.shape[0]))
     if overlaps(box, list(map(tuple, taken))):
         return None
-    wear(patch, FRONT, light_on_a_thing(rng), rgb, box, noise, rng)
+    wear(patch, FRONT, random_brightness(rng), rgb, box, noise, rng)
     return blend(rgb, patch, left, top)
 
 

@@ -23,7 +23,7 @@ from wayside.schemas.detections import NONE
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
 
-LIGHT, IN_SUN, SUNLIT = (0.45, 1.6), (1.6, 3.0), 0.12
+BRIGHTNESS, SUNLIT_BRIGHTNESS, SUNLIT = (0.45, 1.6), (1.6, 3.0), 0.12
 """Brightness of things beside that of their surroundings; of those in the sun while the camera exposes for the shade;
 fraction of these."""
 
@@ -81,7 +81,7 @@ def _draw_assembly(
     """
     kind = rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS])
     face_height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
-    (left, top), light = at, light_on_a_thing(rng)
+    (left, top), light = at, random_brightness(rng)
     stack = 1 + int(rng.random() < 0.3) + int(rng.random() < 0.1)
     beside = stack > 1 and rng.random() < 0.35
     touching = not beside and rng.random() < TOUCHING
@@ -176,9 +176,9 @@ def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np
     return values
 
 
-def light_on_a_thing(rng: np.random.Generator) -> float:
-    """How bright a thing is; 1 is as bright as its surroundings."""
-    return float(rng.uniform(*(IN_SUN if rng.random() < SUNLIT else LIGHT)))
+def random_brightness(rng: np.random.Generator) -> float:
+    """Brightness of a drawn thing beside that of its surroundings."""
+    return float(rng.uniform(*(SUNLIT_BRIGHTNESS if rng.random() < SUNLIT else BRIGHTNESS)))
 
 
 def wear(
@@ -190,7 +190,7 @@ def wear(
     noise: NDArray[np.float32],
     rng: np.random.Generator,
 ) -> None:
-    """Fade, dirt, shade and the brightness of the surroundings, in place."""
+    """Fade, dirt, shade, brightness (`light` times that of the surroundings), blur of what is too bright, in place."""
     alpha = patch[..., 3:]
     x0, y0 = max(0, int(box[0]) - 10), max(0, int(box[1]) - 10)
     around = rgb[y0 : int(box[3]) + 10 : 3, x0 : int(box[2]) + 10 : 3]
