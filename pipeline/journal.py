@@ -47,7 +47,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Image, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import Settings
-from wayside.stages.odometry import OdometryStep
+from wayside.stages.odometry import OdometryStep, SpacingCheck, StepLength
 
 JOURNAL = ".wayside-journal"
 _HEAD = struct.Struct("<II")
@@ -297,7 +297,20 @@ def _named(one: Any) -> tuple[str, str]:
 
 
 _OF_STEPS = {
-    *map(_named, (OdometryStep, Motion, Ties, StepPrior, Pose, np.ndarray, np.dtype)),
+    *map(
+        _named,
+        (
+            OdometryStep,
+            StepLength,
+            SpacingCheck,
+            Motion,
+            Ties,
+            StepPrior,
+            Pose,
+            np.ndarray,
+            np.dtype,
+        ),
+    ),
     _named(np.zeros(0).__reduce__()[0]),
     _named(np.zeros(0).__reduce_ex__(pickle.HIGHEST_PROTOCOL)[0]),
     _named(np.float64(0).__reduce__()[0]),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame, Pose
 
-ROUGH_LENGTHS = ("fixes", "speed")
+ROUGH_LENGTHS = ("fixes", "points", "speed")
 """Sources that know the length of a step only roughly: the path of the whole drive determines it."""
 
 
@@ -62,9 +62,9 @@ class Motion:
 
     step: pose of the current camera in the previous camera's frame (None at the first used frame); pose: of the
     camera in the drive's own frame (origin and axes of the first used camera), by chained steps; covariance (6, 6)
-    of the step (rotation vector, rad, then translation, m) or None; source: "start", "straight", "odometry",
-    "poses", "fixes" or "speed" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line and
-    adjusted motion.
+    of the step (rotation vector, rad, then translation, m) or None; source: "start", "straight", "points",
+    "odometry", "poses", "fixes" or "speed" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line
+    and adjusted motion.
     expected: the step by the prior alone (None where there was no measurement);
     history_px: RMS of eq. 7.5 per coordinate over all ties at the start of the adjustment and after each iteration.
     length_ratio: length of the step over that of the step before, by points common to both, and its scatter;

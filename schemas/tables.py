@@ -31,6 +31,7 @@ MOTION_SOURCES = {
     "odometry": "odometry of the log",
     "poses": "poses of the log",
     "fixes": "satellite fixes of the log",
+    "points": "the spacing varies: the length follows points seen in the step before, too",
     "speed": "no pose, spacing or fix: the speed over the step before",
 }
 VERDICT_WORDS = {

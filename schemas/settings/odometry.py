@@ -53,6 +53,14 @@ class MotionSettings:
     spacing_sigma_m: float = setting(
         0.02, "m", "scatter of the distance between triggers", low=0.001
     )
+    spacing_scatter: float = setting(
+        0.3,
+        "",
+        "relative scatter of the distance between images about the stated one, where points show that it varies",
+        origin="as of lengths taken from fixes",
+        expert=True,
+        low=0.01,
+    )
     # What is expected of a step
     pose_sigma_m: float = setting(
         0.03, "m", "standard deviation of a pose where the log states none", expert=True, low=1e-6

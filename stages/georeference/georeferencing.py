@@ -17,7 +17,7 @@ from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
-from wayside.stages.georeference.notes import notes_on
+from wayside.stages.georeference.notes import notes_on, notes_on_spacing
 from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, drive_path
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
@@ -57,9 +57,9 @@ def georeference(
     start = _drive_start(path, settings.heading_step_m) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
     if sum(p.fix is not None for p in path) < 2:
-        yield drive_path(
-            path, "drive_start", {p.frame: q for p, q in zip(path, poses, strict=True)}
-        )
+        in_order = {p.frame: q for p, q in zip(path, poses, strict=True)}
+        scales = _scales_by_points(path, _chain(path, landmark.step_sigma), settings.scale_steps)
+        yield drive_path(path, "drive_start", in_order, None, scales, notes_on_spacing(path))
         return
     chain = _chain(path, landmark.step_sigma)
     tilt, roll = radians(settings.first_tilt_deg), radians(settings.roll_deg)
@@ -110,7 +110,7 @@ def _chain(path: Sequence[PathPoint], step_sigma: Sequence[float]) -> RelativeMo
         if known is not None and np.isfinite(known).all():
             covariance[row] = known
     free = np.array([p.source in ROUGH_LENGTHS for p in path])
-    free[0] = False
+    free[:1] = False
     ratio = np.array([p.length_ratio for p in path])
     return RelativeMotionChain(_times(path), rotation, translation, covariance, free, ratio)
 
@@ -225,14 +225,27 @@ def _scales(
     path: Sequence[PathPoint], chain: RelativeMotionChain, found: Trajectory
 ) -> dict[int, StepScale]:
     """Scales of the steps whose length was first taken from fixes."""
-    ahead = chain.translation / chain.length[:, None]
-    before = np.einsum("ni,nij,nj->n", ahead, chain.covariance[:, 3:, 3:], ahead)
-    relative = np.sqrt(before) / chain.length
+    relative = chain.relative_length_sigma
     sigma = np.sqrt(found.covariance[:, 6, 6])
     return {
         p.frame: StepScale(float(found.scale[row]), float(sigma[row]), float(relative[row]))
         for row, p in enumerate(path)
         if p.source in ROUGH_LENGTHS
+    }
+
+
+def _scales_by_points(
+    path: Sequence[PathPoint], chain: RelativeMotionChain, steps: int
+) -> dict[int, StepScale]:
+    """Scales of the steps whose length follows points, each from the one before.
+
+    `steps` of them have one error, which positions have in their covariance (`local_adjustment`), but sizes have not.
+    """
+    sigma = chain.relative_length_sigma
+    return {
+        p.frame: StepScale(1.0, float(sigma[row]), float(sigma[row]) * steps**0.5)
+        for row, p in enumerate(path)
+        if p.source == "points"
     }
 
 

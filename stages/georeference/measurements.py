@@ -37,6 +37,13 @@ class RelativeMotionChain:
         return np.asarray(np.maximum(np.linalg.norm(self.translation, axis=1), 1e-6))
 
     @property
+    def relative_length_sigma(self) -> Array:
+        """Standard deviation (n,) of the lengths as given, over these."""
+        ahead = self.translation / self.length[:, None]
+        variance = np.einsum("ni,nij,nj->n", ahead, self.covariance[:, 3:, 3:], ahead)
+        return np.asarray(np.sqrt(variance) / self.length)
+
+    @property
     def interval_s(self) -> Array:
         """Time (n,) since the frame before, 0 at the first."""
         return np.diff(self.time_s, prepend=self.time_s[:1])

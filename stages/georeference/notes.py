@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
+from wayside.stages.georeference.path import PathPoint
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
@@ -29,6 +30,19 @@ def notes_on(
         _gap(frames, chain, measured, found, what, settings.gap_s),
     )
     return tuple(note for note in every if note)
+
+
+def notes_on_spacing(points: Sequence[PathPoint]) -> tuple[str, ...]:
+    """Where images are not the stated spacing apart, and what their distances are by points instead."""
+    lengths = [p.baseline_m for p in points if p.source == "points" and p.baseline_m]
+    if not lengths:
+        return ()
+    first = next(p.frame for p in points if p.source == "points")
+    return (
+        f"the distance between images is not constant: from frame {first} on it follows the points seen in successive "
+        f"steps, {min(lengths):.2f} m to {max(lengths):.2f} m; the spacing only holds their mean, so positions and "
+        "sizes share an error of scale",
+    )
 
 
 def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> str:

@@ -1,9 +1,9 @@
-"""What is expected of the step to the next image: by poses, odometry, straight-line spacing, fixes, or speed."""
+"""What is expected of the step to the next image: by poses, odometry, spacing, fixes, or the step before."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, inf, radians, sqrt
+from math import cos, inf, isfinite, nan, radians, sqrt
 
 import numpy as np
 
@@ -21,7 +21,8 @@ class MotionPrior:
 
     prior: of rotation, direction and length; straight: rotation and direction to fall back on;
     search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
-    source: "straight", "odometry", "poses", "fixes" or "speed".
+    source: "straight", "points", "odometry", "poses", "fixes" or "speed"; spacing_m: the stated one of the first two,
+    else nan.
     """
 
     prior: StepPrior
@@ -29,6 +30,7 @@ class MotionPrior:
     search: Array
     slack_px: float
     source: str
+    spacing_m: float = nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +48,12 @@ def predict_motion(
     last_rotation: Array | None,
     speed_mps: float,
     settings: MotionSettings,
+    over_spacing: float = nan,
 ) -> MotionPrior:
     """Expected step between two frames by the best source: poses, then spacing, then fixes, then the last speed.
 
-    Poses that stand still give way to a known spacing.
+    Poses that stand still give way to a known spacing. Where points have shown that the spacing varies, the step is as
+    long in spacings as the one before.
 
     Parameters
     ----------
@@ -63,6 +67,8 @@ def predict_motion(
         Speed over the step before, nan where it is not known.
     settings
         Sigmas, limits and search bands.
+    over_spacing
+        Length of the step before in stated spacings, where these vary; else nan.
 
     Raises
     ------
@@ -74,8 +80,12 @@ def predict_motion(
         stands = float(np.linalg.norm(step.centre)) <= settings.shortest_m
         if not (stands and now.spacing_m is not None):
             return _by_poses(before.pose, now.pose, step, travel, settings)
-    if now.spacing_m is not None:
-        baseline, sigma, source = now.spacing_m, settings.spacing_sigma_m, "straight"
+    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, settings.shortest_m)
+    if isfinite(spacing_m) and isfinite(over_spacing):
+        baseline, sigma = over_spacing * spacing_m, settings.spacing_scatter * spacing_m
+        source = "points"
+    elif isfinite(spacing_m):
+        baseline, sigma, source = spacing_m, settings.spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
         seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = _between_fixes(before.fix, now.fix, seconds, settings)
@@ -98,6 +108,7 @@ def predict_motion(
         np.eye(3) if last_rotation is None else last_rotation,
         settings.first_slack_px if last_rotation is None else settings.rotation_slack_px,
         source,
+        spacing_m,
     )
 
 

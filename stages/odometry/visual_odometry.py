@@ -7,7 +7,7 @@ the prior; tie points over the whole image measure the motion; a two-view adjust
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import hypot, inf, nan, radians, sqrt
+from math import inf, isfinite, nan, radians, sqrt
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from wayside.stages.odometry.relative_pose import (
     RelativePoseEstimator,
     estimate_relative_pose,
 )
+from wayside.stages.odometry.step_length import StepLength, step_length
 from wayside.stages.odometry.tie_points import KeypointImage
 
 
@@ -32,18 +33,16 @@ class OdometryStep:
     """A step and what it leaves behind for the next one.
 
     motion: None where the image is left out, with `status`; nothing else changes then. depths (n,), metres, of the
-    corners of the image; rotation (3, 3) or None where unknown; sigma_m and speed_mps of the step; dropped, doubts:
-    counts; learned: slopes (2,) and heights (n,) that the `Mount` took in, None where it took in nothing; outward:
-    matched ties that moved outward; misplaced: later frames that were found with this one to show other places.
+    corners of the image; rotation (3, 3) or None where unknown; length and speed_mps of the step; learned: slopes (2,)
+    and heights (n,) that the `Mount` took in, None where it took in nothing; outward: matched ties that moved outward;
+    misplaced: later frames that were found with this one to show other places.
     """
 
     motion: Motion | None
     depths: Array = field(default_factory=lambda: np.zeros(0))
     rotation: Array | None = None
-    sigma_m: float = 0.0
+    length: StepLength = field(default_factory=StepLength)
     speed_mps: float = nan
-    dropped: int = 0
-    doubts: int = 0
     learned: tuple[Array, Array] | None = None
     outward: int = 0
     status: str = USED
@@ -80,6 +79,7 @@ class VisualOdometry:
                 self.last.rotation,
                 self.last.speed_mps,
                 self.settings,
+                self.last.length.over_spacing,
             )
             motion, step = self._step(self.last.motion, image, expected)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
@@ -131,7 +131,8 @@ class VisualOdometry:
             scatter=scatter,
         )
         carried = self._carried_length(step, adjusted)
-        baseline, sigma_m, dropped, doubts = self._length(carried, expected)
+        length = step_length(self.last.length, carried, expected, self.settings)
+        baseline, sigma_m = length.length_m, length.sigma_m
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
@@ -147,7 +148,7 @@ class VisualOdometry:
             last.pose.compose(pose),
             pose,
             adjusted.step_covariance(baseline, sigma_m),
-            expected.source,
+            "points" if isfinite(length.over_spacing) else expected.source,
             baseline,
             last.station_m + baseline,
             Ties(
@@ -175,43 +176,8 @@ class VisualOdometry:
             (adjusted.displacement_px[matched] > self.settings.smallest_parallax_px).sum()
         )
         return motion, OdometryStep(
-            None, depths, adjusted.rotation, sigma_m, nan, dropped, doubts, learned, outward
+            None, depths, adjusted.rotation, length, learned=learned, outward=outward
         )
-
-    def _length(
-        self, by_points: tuple[float, float], expected: MotionPrior
-    ) -> tuple[float, float, int, int]:
-        """The step's length and its sigma, metres, from points common with the step before and from the prior.
-
-        With them the counts `dropped` and `doubts`.
-
-        Common points give the ratio of both lengths; none of them was found by its depth. A known spacing is held, or a
-        multiple of it where the points say that triggers were dropped. Distances between poses or fixes are noisy, so
-        they are averaged with the length by points. Where both differ by many sigmas, a fix has jumped, which takes two
-        steps (out and back), or the vehicle brakes; if it lasts, the points are wrong.
-        """
-        s, last = self.settings, self.last
-        given, sigma = expected.prior.length_m, expected.prior.sigma_m
-        carried, scatter = by_points
-        if not np.isfinite(carried):
-            return given, sigma, last.dropped, last.doubts
-        if expected.source == "straight":
-            steps = round(carried / given)
-            near = abs(carried / given - steps) < s.spacing_tolerance * steps
-            dropped = last.dropped + 1 if near and 1 < steps <= s.most_triggers else 0
-            # Triggers are not dropped in many steps in a row: then the points have a wrong scale.
-            length = steps * given if 0 < dropped <= s.most_dropped else given
-            return length, sigma, dropped, last.doubts
-        carried_sigma = hypot(last.sigma_m, max(scatter, s.common_sigma * carried))
-        if abs(carried - given) > s.doubt_sigmas * hypot(sigma, carried_sigma):
-            doubts = last.doubts + 1
-            jumps = expected.source == "fixes" and doubts <= s.most_doubts
-            jumps |= expected.source == "speed"
-            length, sigma = (carried, carried_sigma) if jumps else (given, sigma)
-            return length, sigma, last.dropped, doubts
-        weight = sigma**2 / (sigma**2 + carried_sigma**2)
-        length = given + weight * (carried - given)
-        return length, sigma * sqrt(1 - weight), last.dropped, 0
 
     def _carried_length(self, step: RelativePose, adjusted: PairAdjustment) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by points common with the step before; nan with too few."""

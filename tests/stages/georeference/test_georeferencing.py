@@ -12,6 +12,7 @@ from wayside.pipeline.reading.series import blend_fixes
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
+from wayside.stages.georeference.placement import mean_scale
 
 LEVEL_CAMERA = np.array(
     [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
@@ -51,6 +52,27 @@ def test_a_camera_turned_against_travel_still_gives_x_along_the_travel():
     crab = [Pose(camera_at(0, yaw_deg=10).rotation, np.array([8.0 * n, 0, 0])) for n in range(3)]
     path = path_through([PathPoint(n, pose, None, None) for n, pose in enumerate(chain(crab))])
     np.testing.assert_allclose(path.poses[2].centre, [16, 0, 0], atol=1e-9)
+
+
+def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_sizes():
+    chained = chain([camera_at(8.0 * n) for n in range(6)])
+    own = np.diag([1e-6] * 3 + [0.01, 0.01, 0.16])
+    sources = ["start", "straight", "straight", "points", "points", "points"]
+    points = [
+        PathPoint(n, pose, None, None, covariance=own, source=source, baseline_m=8.0 + n)
+        for n, (pose, source) in enumerate(zip(chained, sources, strict=True))
+    ]
+    path = path_through(points)
+    (note,) = path.notes
+    assert "from frame 3 on" in note
+    assert "11.00 m to 13.00 m" in note
+    assert list(path.scales) == [3, 4, 5]
+    np.testing.assert_allclose(path.poses[5].centre, [40, 0, 0], atol=1e-9)
+    scale = mean_scale(list(path.scales.values()))
+    assert (scale.factor, scale.sigma) == (1.0, pytest.approx(0.05))
+    assert scale.sigma_before == pytest.approx(scale.sigma)  # positions have it already
+    assert path_through(points[:3]).notes == ()
+    assert not path_through(points[:3]).scales
 
 
 def test_given_poses_are_the_world_and_gaps_follow_the_chain():

@@ -33,11 +33,6 @@ from wayside.schemas.settings import (
 )
 from wayside.stages.odometry.drive_motion import estimate_motion
 from wayside.stages.odometry.features import extract_features
-from wayside.stages.odometry.motion_prior import predict_motion
-from wayside.stages.odometry.visual_odometry import (
-    OdometryStep,
-    VisualOdometry,
-)
 
 CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
 SPACING = 8.0
@@ -53,8 +48,11 @@ def texture(shape, seed, block, spread=45.0):
     return cv2.GaussianBlur(blocks, (0, 0), 0.8).astype(np.uint8)
 
 
-def drive_poses(frames, yaw_deg=0.0, missing=(), seed=0):
-    """Poses of a vehicle on an arc with a little sway, the camera fixed on it; steps 8 m, or more where missing."""
+def drive_poses(frames, yaw_deg=0.0, missing=(), seed=0, braking=1.0):
+    """Poses of a vehicle on an arc with a little sway, the camera fixed on it; steps 8 m, or more where missing.
+
+    braking: each step over the one before.
+    """
     generator = np.random.default_rng(seed)
     poses, heading, place = [], 0.0, np.zeros(3)
     for trigger in range(frames + len(missing)):
@@ -63,7 +61,8 @@ def drive_poses(frames, yaw_deg=0.0, missing=(), seed=0):
             turn = Rotation.from_euler("y", heading, degrees=True) * MOUNT * sway
             poses.append(Pose(turn.as_matrix(), place.copy()))
         middle = np.radians(heading + yaw_deg / 2)
-        place = place + SPACING * np.array([np.sin(middle), 0.0, np.cos(middle)])
+        step = SPACING * braking**trigger
+        place = place + step * np.array([np.sin(middle), 0.0, np.cos(middle)])
         heading += yaw_deg
     return poses
 
@@ -138,8 +137,8 @@ def motions(images, settings=None, memory=None, **known):
 
 
 @lru_cache
-def painted(frames=7, yaw_deg=0.0, missing=(), mover_speed=None):
-    poses = drive_poses(frames, yaw_deg, missing)
+def painted(frames=7, yaw_deg=0.0, missing=(), mover_speed=None, braking=1.0):
+    poses = drive_poses(frames, yaw_deg, missing, braking=braking)
     scene = Scene(poses)
 
     def movers(i):
@@ -230,6 +229,16 @@ def test_a_dropped_trigger_doubles_the_step():
     found = motions(images, spacing_m=[SPACING] * 6)
     assert [m.baseline_m / SPACING for m in found] == [0, 1, 1, 2, 1, 1]
     assert found[5].station_m == pytest.approx(6 * SPACING)
+
+
+def test_a_vehicle_that_brakes_makes_the_steps_shorter_than_is_stated():
+    poses, images = painted(16, 0.0, braking=0.95)
+    found = motions(images, spacing_m=[SPACING] * 16)
+    sources = [m.source for m in found[1:]]
+    assert sources == sorted(sources, reverse=True), "straight, then points"
+    assert sources.count("points") >= 8
+    followed = [m.source == "points" for m in found[1:]]
+    np.testing.assert_allclose(errors(found, poses)[followed, 3], 1.0, atol=0.04)
 
 
 def test_things_that_move_with_the_traffic_do_not_bend_the_motion():
@@ -341,29 +350,6 @@ def test_beyond_the_last_fix_points_carry_the_length_of_the_steps():
     length = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(poses)]
     assert max(length) == pytest.approx(2 * min(length), rel=0.01)  # one step is twice as fast
     np.testing.assert_allclose([m.baseline_m for m in found[1:]], length, rtol=0.02)
-
-
-def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
-    frame = Frame(7, 0, None, USED, "jpeg", b"", None, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    far = replace(frame, fix=Fix(38.0002, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    drive = VisualOdometry(
-        MotionSettings(), TieSettings(), AdjustmentSettings(), last=OdometryStep(None, sigma_m=0.1)
-    )
-    expected = predict_motion(frame, far, drive.mount.travel, None, math.nan, MotionSettings())
-    assert expected.prior.length_m > 20
-    lengths = []
-    for _ in range(3):
-        length, _, _, doubts = drive._length((8.0, 0.02), expected)
-        drive.last = replace(drive.last, doubts=doubts)
-        lengths.append(length)
-    assert lengths[:2] == [8.0, 8.0]
-    assert lengths[2] == expected.prior.length_m
-    near = replace(frame, fix=Fix(38.000072, -97.0, 500.0, (1.0, 1.0, 2.0)))
-    agreeing = predict_motion(frame, near, drive.mount.travel, None, math.nan, MotionSettings())
-    length, _, _, doubts = drive._length((8.0, 0.02), agreeing)
-    drive.last = replace(drive.last, doubts=doubts)
-    assert length == pytest.approx(8.0, abs=0.05)
-    assert drive._length((8.0, 0.02), expected)[0] == 8.0
 
 
 def test_ties_keep_what_a_window_adjusts_them_by():
