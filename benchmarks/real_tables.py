@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from reached import table
 
@@ -19,7 +20,16 @@ from wayside.pipeline.statistics import Interval, share_interval
 PLATES = ("parking plate", "bus stop plate")
 """Kinds of the labels that stand for parking and bus stop plates: small, and hung in touching pairs and fours."""
 
-Drives = Sequence[tuple[str, RealEvaluation]]
+
+class RealDrive(NamedTuple):
+    """Figures of a real drive; unlabelled: rows, right ones, on a sign that its own labels leave out."""
+
+    name: str
+    evaluation: RealEvaluation
+    unlabelled: int = 0
+
+
+Drives = Sequence[RealDrive]
 
 
 def real_page(drives: Drives) -> list[str]:
@@ -33,16 +43,17 @@ def real_page(drives: Drives) -> list[str]:
 
 def by_source(drives: Drives) -> dict[str, Drives]:
     """The drives by whether a model of their run was learned from them; groups without a drive are left out."""
-    groups: dict[str, list[tuple[str, RealEvaluation]]] = {
+    groups: dict[str, list[RealDrive]] = {
         "Never seen by a model of the run": [],
         "Learned from by a model of the run": [],
         "Not known whether learned from": [],
     }
-    for name, e in drives:
-        seen = e.learned_by
+    for drive in drives:
+        seen = drive.evaluation.learned_by
         group = "Not known" if seen is None else "Learned from" if seen else "Never seen"
         title = next(title for title in groups if title.startswith(group))
-        groups[title].append((f"{name} ({', '.join(seen)})" if seen else name, e))
+        name = f"{drive.name} ({', '.join(seen)})" if seen else drive.name
+        groups[title].append(drive._replace(name=name))
     return {title: own for title, own in groups.items() if own}
 
 
@@ -50,23 +61,26 @@ def share_table(drives: Drives) -> list[str]:
     """One line a drive, and one for all together."""
     rows = list(drives)
     if len(rows) > 1:
-        rows.append(("**together**", together_real(e for _, e in drives)))
+        unlabelled = sum(drive.unlabelled for drive in drives)
+        rows.append(RealDrive("**together**", _together(drives), unlabelled))
     head = (
         "drive",
         "images",
         "found of wanted",
         "recall (95 %)",
-        "rows on a label of all",
+        "rows on a sign of all",
+        "of these without a label",
         "precision, at least (95 %)",
-        "on no label",
+        "on no sign",
         "per 100 images (95 %)",
         "duplicates",
     )
-    return table(head, (share_line(name, e) for name, e in rows))
+    return table(head, (share_line(drive) for drive in rows))
 
 
-def share_line(name: str, e: RealEvaluation) -> list[str]:
+def share_line(drive: RealDrive) -> list[str]:
     """Cells of one drive."""
+    name, e, unlabelled = drive
     rate, rate_ends = e.false_per_100_images, e.false_per_100_images_interval
     return [
         name,
@@ -74,6 +88,7 @@ def share_line(name: str, e: RealEvaluation) -> list[str]:
         f"{e.found_count} of {e.wanted}",
         with_interval(e.recall, e.recall_interval, 3),
         f"{e.right} of {e.counted}",
+        str(unlabelled),
         with_interval(e.precision, e.precision_interval, 3),
         str(len(e.false)),
         "-" if rate is None else with_interval(rate, rate_ends, 1),
@@ -83,11 +98,11 @@ def share_line(name: str, e: RealEvaluation) -> list[str]:
 
 def kind_table(drives: Drives) -> list[str]:
     """Recall of parking and bus stop plates apart from all other signs, where labels mark them."""
-    marked = together_real(e for _, e in drives).kinds
+    total = _together(drives)
+    marked = total.kinds
     plates = [kind for kind in marked if kind.kind in PLATES]
     if not plates:
         return []
-    total = together_real(e for _, e in drives)
     wanted, found = sum(k.wanted for k in plates), sum(k.found for k in plates)
     rows = [
         KindCount("parking and bus stop plates", wanted, found),
@@ -112,11 +127,11 @@ def kind_table(drives: Drives) -> list[str]:
 
 
 def reliability_table(drives: Drives) -> list[str]:
-    """Rows by the confidence that they state, and how many of them lie on a label."""
-    bins = together_real(e for _, e in drives).reliability
+    """Rows by the confidence that they state, and how many of them lie on a sign."""
+    bins = _together(drives).reliability
     if not bins:
         return []
-    head = ("confidence", "rows", "mean", "on a label", "share, at least (95 %)")
+    head = ("confidence", "rows", "mean", "on a sign", "share, at least (95 %)")
     rows = [
         [
             one.name,
@@ -132,7 +147,7 @@ def reliability_table(drives: Drives) -> list[str]:
 
 def step_table(drives: Drives) -> list[str]:
     """How many signs of each drive were lost at each step."""
-    counts = {name: count_steps(e.causes) for name, e in drives}
+    counts = {drive.name: count_steps(drive.evaluation.causes) for drive in drives}
     steps = [step for step in STEPS if any(step in count for count in counts.values())]
     if not steps:
         return []
@@ -150,10 +165,14 @@ def step_table(drives: Drives) -> list[str]:
 
 def cause_table(drives: Drives) -> list[str]:
     """The cause of each miss, one line a sign."""
-    rows = [[name, str(c.id), cause_words(c)] for name, e in drives for c in e.causes]
+    rows = [[name, str(c.id), cause_words(c)] for name, e, _ in drives for c in e.causes]
     if not rows:
         return []
     return ["", "### Cause of each miss", "", *table(("drive", "sign", "cause"), rows, "---")]
+
+
+def _together(drives: Drives) -> RealEvaluation:
+    return together_real(drive.evaluation for drive in drives)
 
 
 def with_interval(value: float, interval: Interval | None, places: int) -> str:

@@ -104,10 +104,10 @@ def test_models_without_a_drive_say_that_they_have_not_learned_from_it() -> None
 def test_real_drives_are_listed_without_the_rendered_ones(accept: ModuleType) -> None:
     real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
     outcomes = [
-        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
+        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation, 2)
         for name, evaluation in (("good", GOOD), ("road", real), ("lost", None))
     ]
-    assert accept.real(outcomes) == [("road", real)]
+    assert accept.real(outcomes) == [("road", real, 2)]
 
 
 def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(

@@ -1,0 +1,53 @@
+"""Signs that labels leave out: right to report, and no part of recall."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from wayside.pipeline.evaluate_real import evaluate_against_labels
+
+
+@pytest.fixture(scope="module")
+def checked(load: Callable[[str], ModuleType]) -> ModuleType:
+    return load("checked_boxes")
+
+
+def test_a_row_on_a_sign_without_a_label_is_not_false_and_finds_nothing(
+    checked: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boxes = {
+        "road": {"4": {"signs": [[10, 10, 20, 20, "white", None]], "other": [[50, 50, 60, 60]]}}
+    }
+    path = tmp_path / "checked.json"
+    path.write_text(json.dumps(boxes))
+    monkeypatch.setattr(checked, "OF_TESTS", path)
+    label = {
+        "id": "R1",
+        "wanted": True,
+        "facing": "front",
+        "boxes": [{"i": 3, "box": [0, 0, 9, 9]}],
+    }
+    labels = {"stride": 1, "signs": [label], "distractors": []}
+    rows = [
+        {"sign_id": name, "best_frame": 4, "best_box": box, "color": None, "shape": None}
+        for name, box in (("d-0001", (10, 10, 21, 20)), ("d-0002", (50, 50, 60, 60)))
+    ]
+    plain = evaluate_against_labels(rows, [], labels)
+    found = evaluate_against_labels(rows, [], checked.with_checked_boxes(labels, "road"))
+    assert [one.sign_id for one in plain.false] == ["d-0001", "d-0002"]
+    assert [one.sign_id for one in found.false] == ["d-0002"]
+    assert (found.wanted, found.found, found.missed) == (1, (), ("R1",))
+    assert checked.with_checked_boxes(labels, "other road") == labels
+
+
+def test_the_boxes_of_the_drives_for_tests_are_of_none_that_is_learned_from(
+    checked: ModuleType,
+) -> None:
+    own, learned = (json.loads(p.read_text()) for p in (checked.OF_TESTS, checked.CHECKED_BOXES))
+    assert own
+    assert own.keys().isdisjoint(learned)
