@@ -130,7 +130,7 @@ def _checked(
     if before is None:
         return SpacingCheck(spacing_m, spacing_m, s.spacing_sigma_m)
     broad, carried = s.spacing_scatter * spacing_m, by_points[0]
-    if not isfinite(carried):
+    if not carried > 0:
         length = before.length_m / before.spacing_m * spacing_m
         return replace(before, spacing_m=spacing_m, length_m=length, sigma_m=broad, change=0.0)
     relative = max(by_points[1] / carried, s.common_sigma)

@@ -94,6 +94,13 @@ def test_triggers_are_not_dropped_in_many_steps_in_a_row():
     assert [one.dropped for one in lengths(true)][-2:] == [1, 2]
 
 
+@pytest.mark.parametrize("carried", [nan, 0.0, -3.0], ids=["none", "zero", "behind"])
+def test_points_that_tell_no_length_leave_the_spacing(carried):
+    last = lengths([SPACING] * 4)[-1]
+    held = expected(SPACING, SETTINGS.spacing_sigma_m, "straight", SPACING)
+    assert step_length(last, (carried, 0.1), held, SETTINGS).length_m == SPACING
+
+
 def test_without_points_the_length_stays_in_stated_spacings():
     braking = [SPACING] * 3 + [SPACING * 0.94**k for k in range(1, 12)]
     last = lengths(braking)[-1]
