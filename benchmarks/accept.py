@@ -257,16 +257,17 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "# Real drives with hand-made labels",
         "",
         "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
-        "complete, so precision is a lower bound: a row is right on a sign that they leave out, too, where that was"
-        " boxed by eye before ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
+        "complete, so precision is a lower bound: a row is right on a sign that they leave out, too, where that "
+        "was boxed by eye before ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
         "evaluated. A drive is seen where the provenance of a model of the run names it (models in brackets). "
-        "Rules, the threshold of the classifier and the kinds of faces rendered to learn from were chosen with the "
-        "misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the "
+        "Rules, the threshold of the classifier and the kinds of faces rendered to learn from were chosen with "
+        "the misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the "
         "distance between used images with those of `ca_city_garmin`. The boards and things beside faces that are "
-        "drawn to learn from were designed with the misses of `de_city_kitti0001` and of `ca_city_garmin` in view, "
-        "and the models that ship were chosen by counts of all of these. A drive with `models without it` was run "
-        "by models that were learned without it ([models_without](models_without/README.md)), more briefly than "
-        "those that ship.",
+        "drawn to learn from were designed with the misses of `de_city_kitti0001` and of `ca_city_garmin` in "
+        "view, the test for images that are not the stated spacing apart with the steps of `de_road_kitti0015` "
+        "and `de_city_kitti0001`, and the models that ship were chosen by counts of all of these. A drive with "
+        "`models without it` was run by models that were learned without it "
+        "([models_without](models_without/README.md)), more briefly than those that ship.",
         "",
         "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
         "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "

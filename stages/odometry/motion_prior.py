@@ -48,7 +48,7 @@ def predict_motion(
     last_rotation: Array | None,
     speed_mps: float,
     settings: MotionSettings,
-    over_spacing: float = nan,
+    length_in_spacings: float = nan,
 ) -> MotionPrior:
     """Expected step between two frames by the best source: poses, then spacing, then fixes, then the last speed.
 
@@ -67,7 +67,7 @@ def predict_motion(
         Speed over the step before, nan where it is not known.
     settings
         Sigmas, limits and search bands.
-    over_spacing
+    length_in_spacings
         Length of the step before in stated spacings, where these vary; else nan.
 
     Raises
@@ -81,8 +81,8 @@ def predict_motion(
         if not (stands and now.spacing_m is not None):
             return _by_poses(before.pose, now.pose, step, travel, settings)
     spacing_m = nan if now.spacing_m is None else max(now.spacing_m, settings.shortest_m)
-    if isfinite(spacing_m) and isfinite(over_spacing):
-        baseline, sigma = over_spacing * spacing_m, settings.spacing_scatter * spacing_m
+    if isfinite(spacing_m) and isfinite(length_in_spacings):
+        baseline, sigma = length_in_spacings * spacing_m, settings.spacing_scatter * spacing_m
         source = "points"
     elif isfinite(spacing_m):
         baseline, sigma, source = spacing_m, settings.spacing_sigma_m, "straight"

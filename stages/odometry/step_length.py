@@ -18,9 +18,9 @@ class SpacingCheck:
     """Whether steps of a stated spacing are all of that length, by points.
 
     spacing_m as stated; length_m with its sigma_m: of the step by points, each from the one before, about the spacing;
-    change: logarithm of its ratio by points to the length before, 0 where there is none; scatter: of such changes about
-    those before, by the mean of `counted` ones; evidence: for lengths that change steadily; varies: the spacing does,
-    from here on.
+    change: logarithm of the length by points over the spacing, where the step before was held at its own, 0 where there
+    are too few points; scatter: of changes about those before them, the mean of `counted` ones; evidence: for lengths
+    that change steadily; varies: the spacing does, from here on.
     """
 
     spacing_m: float
@@ -48,7 +48,7 @@ class StepLength:
     check: SpacingCheck | None = None
 
     @property
-    def over_spacing(self) -> float:
+    def length_in_spacings(self) -> float:
         """Length in stated spacings where points have shown that these vary, else nan."""
         if self.check is None or not self.check.varies:
             return nan

@@ -79,7 +79,7 @@ class VisualOdometry:
                 self.last.rotation,
                 self.last.speed_mps,
                 self.settings,
-                self.last.length.over_spacing,
+                self.last.length.length_in_spacings,
             )
             motion, step = self._step(self.last.motion, image, expected)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
@@ -148,7 +148,7 @@ class VisualOdometry:
             last.pose.compose(pose),
             pose,
             adjusted.step_covariance(baseline, sigma_m),
-            "points" if isfinite(length.over_spacing) else expected.source,
+            "points" if isfinite(length.length_in_spacings) else expected.source,
             baseline,
             last.station_m + baseline,
             Ties(

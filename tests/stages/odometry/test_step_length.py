@@ -39,14 +39,14 @@ def test_a_stated_spacing_is_held():
     found = lengths([SPACING] * 30)
     assert {one.length_m for one in found} == {SPACING}
     assert {one.sigma_m for one in found} == {SETTINGS.spacing_sigma_m}
-    assert not any(isfinite(one.over_spacing) for one in found)
+    assert not any(isfinite(one.length_in_spacings) for one in found)
 
 
 @pytest.mark.parametrize("change", [0.96, 1.04])
 def test_lengths_follow_the_points_where_a_vehicle_brakes_or_speeds_up(change):
     true = [SPACING] * 8 + [SPACING * change**k for k in range(1, 16)]
     found = lengths(true)
-    varies = [isfinite(one.over_spacing) for one in found]
+    varies = [isfinite(one.length_in_spacings) for one in found]
     first = varies.index(True)
     assert 9 <= first <= 12, "some steps are too few to tell, ten are not"
     assert all(varies[first:])
@@ -61,7 +61,7 @@ def test_lengths_follow_the_points_where_a_vehicle_brakes_or_speeds_up(change):
 def test_a_slow_change_is_found_later():
     true = list(accumulate([SPACING] + [0.99] * 40, lambda length, change: length * change))
     found = lengths(true)
-    assert isfinite(found[-1].over_spacing)
+    assert isfinite(found[-1].length_in_spacings)
     assert found[-1].length_m == pytest.approx(true[-1], rel=0.05)
 
 
@@ -104,7 +104,7 @@ def test_points_that_tell_no_length_leave_the_spacing(carried):
 def test_without_points_the_length_stays_in_stated_spacings():
     braking = [SPACING] * 3 + [SPACING * 0.94**k for k in range(1, 12)]
     last = lengths(braking)[-1]
-    share = last.over_spacing
+    share = last.length_in_spacings
     held = expected(share * SPACING, 1.0, "points", SPACING)
     blind = step_length(last, (nan, nan), held, SETTINGS)
     assert blind.length_m == pytest.approx(share * SPACING)
@@ -122,7 +122,7 @@ def test_the_stated_spacing_stays_the_mean_in_the_long_run():
     true = [SPACING * 0.96**k for k in range(20)] + [SPACING * 0.96**20] * 20
     true += [true[-1] * 1.04**k for k in range(1, 22)] + [SPACING] * (2000 - 61)
     found = lengths(true, noise)
-    assert isfinite(found[-1].over_spacing)
+    assert isfinite(found[-1].length_in_spacings)
     assert max(abs(log(f.length_m / SPACING)) for f in found[300:]) < 0.6
 
 
