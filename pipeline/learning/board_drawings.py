@@ -47,6 +47,9 @@ WORDS = (
     "ROAD WORK",
 )
 
+TYPEFACES = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX)
+"""They stand upright and have no serifs."""
+
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 ASPECTS = (0.45, 4.8)
@@ -132,7 +135,7 @@ def draw_board(color: str, rng: np.random.Generator) -> Pixels:
         top, letters = rest.top + line * tall, ink
         if line == inserted:
             letters = _draw_insert(pixels, Area(rest.left, top, rest.right, top + tall), rng)
-        font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX]))
+        font = int(rng.choice(TYPEFACES))
         part_of_board = pixels[:, round(rest.left) : round(rest.right)]
         lettered(part_of_board, some_words(rng), top + tall / 2, tall * size, letters, font, rng)
     return np.dstack([pixels, _rounded(width, height, rng)])

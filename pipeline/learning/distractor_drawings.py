@@ -42,15 +42,8 @@ BACKPLATE = 0.4
 HOUSINGS = ((20, 20, 20), (200, 160, 20), (215, 130, 25), (30, 60, 40), (90, 92, 95))
 """Paints of signals, RGB: black, yellow, orange, green, grey."""
 
-SCRIPTS = (
-    cv2.FONT_HERSHEY_COMPLEX,
-    cv2.FONT_HERSHEY_TRIPLEX,
-    cv2.FONT_HERSHEY_SCRIPT_SIMPLEX,
-    cv2.FONT_HERSHEY_SCRIPT_COMPLEX,
-    cv2.FONT_HERSHEY_DUPLEX | cv2.FONT_ITALIC,
-    cv2.FONT_HERSHEY_TRIPLEX | cv2.FONT_ITALIC,
-)
-"""Typefaces of advertisements: those of signs have no serifs and stand upright."""
+SLANTED = (cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, cv2.FONT_HERSHEY_SCRIPT_COMPLEX)
+"""Typefaces of advertisements: all others of OpenCV 5 are upright and have no serifs, as those of signs are."""
 
 PICTURE_PX = 24
 """Side of the part of the image that the picture on an advertisement is."""
@@ -206,7 +199,7 @@ def _advertisement(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> No
     for line in range(lines):
         light = board.mean() < rng.uniform(90, 160)
         ink = rng.uniform(180, 255, 3) if light else rng.uniform(0, 90, 3)
-        typeface = SCRIPTS[int(rng.integers(len(SCRIPTS)))]
+        typeface = SLANTED[int(rng.integers(len(SLANTED)))]
         middle, tall = high * (line + 0.5) / lines, high / lines * rng.uniform(0.4, 0.9)
         lettered(board, some_words(rng), middle, tall, tuple(ink.tolist()), typeface, rng)
     if rng.random() < 0.3:

@@ -2,10 +2,12 @@
 
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 
 from wayside.pipeline.learning import face_compositing
+from wayside.pipeline.learning.board_drawings import TYPEFACES
 from wayside.pipeline.learning.camera_effects import make_noise
 from wayside.pipeline.learning.detector_crops import (
     CROP_PX,
@@ -19,7 +21,7 @@ from wayside.pipeline.learning.detector_crops import (
     targets,
 )
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
-from wayside.pipeline.learning.distractor_drawings import draw_distractor
+from wayside.pipeline.learning.distractor_drawings import SLANTED, draw_distractor
 from wayside.pipeline.learning.face_compositing import blend, draw_faces, wear
 from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
@@ -236,6 +238,20 @@ def test_some_distractors_touch_a_face():
             )
             touching, apart = touching + (ends.max() < 8), apart + (ends.max() >= 8)
     assert min(touching, apart) > 15
+
+
+def test_letters_of_advertisements_lean_and_those_of_boards_do_not():
+    """OpenCV draws most of its named typefaces alike: an advertisement in one of those is a board."""
+
+    def lean(typeface):
+        page = np.zeros((80, 60), np.uint8)
+        cv2.putText(page, "I", (20, 70), typeface, 2.5, 255, 4, cv2.LINE_AA)
+        rows = np.flatnonzero(page.any(axis=1))
+        top, bottom = (np.flatnonzero(page[row] > 128).mean() for row in rows[[8, -8]])
+        return top - bottom
+
+    assert min(map(lean, SLANTED)) > 4
+    assert max(abs(lean(typeface)) for typeface in TYPEFACES) < 2
 
 
 def test_what_is_drawn_as_no_sign_is_known_to_be_none():
