@@ -48,7 +48,7 @@ WORDS = (
 )
 
 TYPEFACES = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX)
-"""They stand upright and have no serifs."""
+"""Typefaces of boards: upright, without serifs."""
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 

@@ -199,7 +199,7 @@ def _advertisement(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> No
     for line in range(lines):
         light = board.mean() < rng.uniform(90, 160)
         ink = rng.uniform(180, 255, 3) if light else rng.uniform(0, 90, 3)
-        typeface = SLANTED[int(rng.integers(len(SLANTED)))]
+        typeface = int(rng.choice(SLANTED))
         middle, tall = high * (line + 0.5) / lines, high / lines * rng.uniform(0.4, 0.9)
         lettered(board, some_words(rng), middle, tall, tuple(ink.tolist()), typeface, rng)
     if rng.random() < 0.3:
