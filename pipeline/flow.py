@@ -27,7 +27,7 @@ from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import (
     CalibrationWatch,
-    FocalCheck,
+    LensCheck,
     check_calibration,
     watch_calibration,
 )
@@ -238,11 +238,11 @@ class Flow:
         (path,) = self.drive_stage("georeference", laid)
         return path
 
-    def check_calibration(self) -> FocalCheck:
-        """After the last frame: what the drive says of the focal length."""
+    def check_calibration(self) -> LensCheck:
+        """After the last frame: what the drive says of the lens."""
         s, watches = self.settings, iter((self.calibration,))
         checked = check_calibration(watches, ties=s.ties, adjustment=s.local_adjustment)
-        (found,) = self.drive_stage("focal length", checked)
+        (found,) = self.drive_stage("lens", checked)
         return found
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:

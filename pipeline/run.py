@@ -37,10 +37,11 @@ from wayside.schemas.frame import (
     UNDECODABLE,
     USED,
     WRONG_SIZE,
+    Camera,
 )
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
-from wayside.stages.calibration import FocalCheck
+from wayside.stages.calibration import LensCheck
 
 OpenObserver = Callable[[ReadReport, Path], "RunObserver | None"]
 """Makes the observer of a run, from what reading chose and the folder for its files."""
@@ -86,7 +87,7 @@ class RunResult:
     """Whether the recording of every step is whole; None where none was asked for."""
     replayed: int | None = None
     """Frames whose candidates came from the journal of a run before; None where none was kept."""
-    focal: FocalCheck = field(default_factory=lambda: FocalCheck(None, None, None))
+    lens: LensCheck = field(default_factory=lambda: LensCheck(None, None, None))
     image_bytes: int = 0
     """The most that images under way took, see `ImageMemory`."""
 
@@ -293,9 +294,9 @@ def _process(
         path = flow.georeference()
         signs = tuple(flow.signs(path))
         report.notes += route_notes(settings.route, signs, on_globe=path.globe is not None)
-        focal = flow.check_calibration()
-        if focal.error is not None:
-            report.notes.append(_wrong_calibration(log, report, focal.error))
+        lens = flow.check_calibration()
+        if lens.found is not None:
+            report.notes.append(_wrong_calibration(log, report, lens.found))
     except BaseException:
         writer.discard()
         if observer is not None:
@@ -330,16 +331,17 @@ def _process(
         boxes,
         recorded,
         None if journal is None else journal.replayed,
-        focal,
+        lens,
         flow.memory.peak_bytes,
     )
 
 
-def _wrong_calibration(log: Path, report: ReadReport, error: float) -> str:
+def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:
+    k1, k2 = found.distortion[:2]
     return (
-        f"the calibration ({report.calibration_source}) cannot be right: its focal length is about "
-        f"{100 * abs(error):.0f} % too {'long' if error > 0 else 'short'} for the motion in the images, and positions "
-        f"along the road with it; see `wayside calibrate {log}`"
+        f"the calibration ({report.calibration_source}) cannot be right, and positions are wrong with it: the motion "
+        f"in the images asks for a focal length of about {found.fx:.0f} px, k1 {k1:.2f}, k2 {k2:.2f}; "
+        f"see `wayside calibrate {log}`"
     )
 
 

@@ -56,7 +56,7 @@ def write_run(
         "camera": result.inventory.camera and asdict(result.inventory.camera),
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
-        "focal_length": {"correction": result.focal.correction, "sigma": result.focal.sigma},
+        "focal_length": {"correction": result.lens.correction, "sigma": result.lens.sigma},
         "us_probability": result.inventory.us_probability,
         "notes": result.notes,
         "accounting": {

@@ -40,7 +40,7 @@ from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import NetworkSum, OnnxFile
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.signs import Sign
-from wayside.stages.calibration import CalibrationWatch, FocalCheck
+from wayside.stages.calibration import CalibrationWatch, LensCheck
 from wayside.stages.detection import BOX_VALUES
 from wayside.stages.georeference import DrivePath, PathPoint
 from wayside.stages.segmentation import unsegmented
@@ -108,7 +108,7 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (Detections, PosedDetections): lambda found: PosedDetections(found, None),
     (PosedDetections, TrackedFrame): _undecided,
     (Landmark, Sign): _unplaced,
-    (CalibrationWatch, FocalCheck): lambda watch: FocalCheck(None, None, None),
+    (CalibrationWatch, LensCheck): lambda watch: LensCheck(None, None, None),
 }
 """What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
 DO_NOTHING_WITH_ALL: dict[tuple[type, type], Callable[[list[Any]], Any]] = {

@@ -149,16 +149,25 @@ class SelfCalibrationSettings:
         low=1,
     )
     check_error: float = _expert(
-        0.05, "", "a note says that a focal length is wrong where it is off by more", low=0
+        0.03,
+        "",
+        "a note says that a lens is wrong where a point of the image is displaced by more, relative to its distance "
+        "from the principal point",
+        origin="as `largest_sigma`",
+        low=0,
     )
     check_closer: float = _expert(
         0.5,
         "",
-        "the lens is adjusted in full where the first step asks for more than so much of `check_error`",
+        "the lens is adjusted in full where the first step displaces a point by more than so much of `check_error`",
         origin="the first step falls short of a large error",
         low=0,
         high=1,
     )
     check_sigmas: float = _expert(
-        4.0, "sigmas", "and by more than so many standard errors", origin="set by hand", low=0
+        4.0,
+        "sigmas",
+        "and the change of the lens is less likely by chance than so many standard errors of one number",
+        origin="set by hand",
+        low=0,
     )

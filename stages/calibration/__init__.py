@@ -9,12 +9,12 @@ from wayside.stages.calibration.board_fit import (
     calibrate_boards,
     format_residuals,
 )
-from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, focal_correction
+from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, lens_step
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.watch import (
     CalibrationWatch,
-    FocalCheck,
+    LensCheck,
     check_calibration,
     watch_calibration,
 )
@@ -28,14 +28,14 @@ __all__ = [
     "CalibrationWatch",
     "DriveCalibration",
     "FittedView",
-    "FocalCheck",
+    "LensCheck",
     "calibrate_boards",
     "calibrate_drive",
     "changed_camera",
     "check_calibration",
     "cut_segments",
     "find_board",
-    "focal_correction",
     "format_residuals",
+    "lens_step",
     "watch_calibration",
 ]

@@ -105,22 +105,22 @@ def calibrate_drive(
     )
 
 
-def focal_correction(
+def lens_step(
     segments: Sequence[Segment],
     camera: Camera,
     principal_sigma_px: float,
     ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
     settings: SelfCalibrationSettings,
-) -> tuple[float, float]:
-    """Logarithm of the factor by which the focal length should change, to first order, and its standard error.
+) -> tuple[Array, Array]:
+    """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
 
-    The first step of `calibrate_drive`, for a tenth of its time; the arguments are the same. It falls short of large
+    The first step of `calibrate_drive`, for half of its time; the arguments are the same. It falls short of large
     errors.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
     covariance, step = _solve(state, problem, ties)
-    return float(step[0]), sqrt(float(covariance[0, 0]))
+    return step, covariance
 
 
 class _Problem(NamedTuple):

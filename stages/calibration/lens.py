@@ -10,12 +10,16 @@ import cv2
 import numpy as np
 
 from wayside.schemas.frame import Camera
+from wayside.stages.geometry import to_rays
 from wayside.stages.kernels import Array
 
 LENS = ("focal", "cx", "cy", "k1", "k2")
 """Changes of a lens: logarithm of the factor of both focal lengths; principal point, px; radial distortion."""
 
 _NEAREST = 1e-3
+
+_RAYS = 20
+"""From the axis to a corner."""
 
 
 def changed_camera(camera: Camera, lens: Array) -> Camera:
@@ -30,6 +34,20 @@ def changed_camera(camera: Camera, lens: Array) -> Camera:
         cy=camera.cy + cy,
         distortion=(d[0] + k1, d[1] + k2, *d[2:]),
     )
+
+
+def displacement(camera: Camera, lens: Array) -> float:
+    """Largest displacement of a point of the image by a change of its lens (5,), to first order.
+
+    Relative to its distance from the principal point; of rays from the axis to the farthest corner.
+    """
+    centre = np.array([camera.cx, camera.cy])
+    corners = np.array([[x, y] for x in (0, camera.width - 1) for y in (0, camera.height - 1)])
+    farthest = max(corners - centre, key=np.linalg.norm)
+    arms = np.linspace(0.05, 1, _RAYS)[:, None] * farthest
+    rays = np.column_stack([to_rays(camera, centre + arms), np.ones(_RAYS)])
+    moved = project(changed_camera(camera, np.zeros(len(LENS))), rays).by_lens @ lens
+    return float((np.linalg.norm(moved, axis=1) / np.linalg.norm(arms, axis=1)).max())
 
 
 class Projection(NamedTuple):

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import acos, exp, isfinite
+from math import acos, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
 from wayside.schemas.settings.calibration import SelfCalibrationSettings
-from wayside.stages.calibration.drive_fit import calibrate_drive, focal_correction
+from wayside.stages.calibration.drive_fit import calibrate_drive, lens_step
+from wayside.stages.calibration.lens import displacement
 from wayside.stages.calibration.segment import Segment, cut_segments
+from wayside.stages.kernels import Array
 
 
 def watch_calibration(
@@ -29,22 +32,22 @@ def watch_calibration(
 
 def check_calibration(
     watches: Iterator[CalibrationWatch], *, ties: TieSettings, adjustment: LocalAdjustmentSettings
-) -> Iterator[FocalCheck]:
-    """What each watched drive says of its focal length, after its last image."""
+) -> Iterator[LensCheck]:
+    """What each watched drive says of its lens, after its last image."""
     for watch in watches:
         yield watch.check(ties, adjustment)
 
 
-class FocalCheck(NamedTuple):
-    """What a drive says of the focal length it was processed with.
+class LensCheck(NamedTuple):
+    """What a drive says of the lens it was processed with.
 
-    correction: relative change that it asks for, to first order, and its standard error sigma (None: it says nothing);
-    error: how much too long the focal length is, relatively, where it cannot be right, else None.
+    correction: relative change of the focal length that it asks for, to first order, and its standard error sigma
+    (None: it says nothing); found: the camera by the drive, with k1 and k2, where the one given cannot be right.
     """
 
     correction: float | None
     sigma: float | None
-    error: float | None
+    found: Camera | None
 
 
 @dataclass(slots=True)
@@ -75,10 +78,11 @@ class CalibrationWatch:
         self.kept.sort(key=lambda one: -one[0])
         del self.kept[self.settings.check_segments :]
 
-    def check(self, ties: TieSettings, adjustment: LocalAdjustmentSettings) -> FocalCheck:
-        """Compare the focal length with that of the segments kept.
+    def check(self, ties: TieSettings, adjustment: LocalAdjustmentSettings) -> LensCheck:
+        """Compare the lens with that of the segments kept.
 
-        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits of the settings.
+        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits of the settings: the change of
+        focal length, k1 and k2 together, since they trade off, in its standard errors; and what it does to the image.
         """
         parts = [motions for _, motions in self.kept] or [self.current]
         camera, s = self.camera, self.settings
@@ -101,17 +105,31 @@ def _check(
     ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
     settings: SelfCalibrationSettings,
-) -> FocalCheck:
+) -> LensCheck:
     s, sigma_px = settings, settings.principal_point * camera.width
-    correction, sigma = focal_correction(segments, camera, sigma_px, ties, adjustment, s)
-    if not (isfinite(correction) and isfinite(sigma)):
+    step, covariance = lens_step(segments, camera, sigma_px, ties, adjustment, s)
+    if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
         return _NOTHING
-    if abs(correction) <= s.check_closer * s.check_error:
-        return FocalCheck(correction, sigma, None)
+    correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
+    if displacement(camera, _judged(step)) <= s.check_closer * s.check_error:
+        return LensCheck(correction, sigma, None)
     found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
-    error = -float(found.lens[0])
-    limit = max(s.check_error, s.check_sigmas * found.focal_sigma)
-    return FocalCheck(correction, sigma, exp(error) - 1 if abs(error) > limit else None)
+    change, errors = found.lens[_JUDGED], found.covariance[np.ix_(_JUDGED, _JUDGED)]
+    by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(_JUDGED)))
+    significant = by_chance < 2 * stats.norm.sf(s.check_sigmas)
+    wrong = significant and displacement(camera, _judged(found.lens)) > s.check_error
+    return LensCheck(correction, sigma, found.camera if wrong else None)
 
 
-_NOTHING = FocalCheck(None, None, None)
+_JUDGED = [0, 3, 4]
+"""Of `LENS`, what the check is of: the motion in the images says little of a principal point."""
+
+
+def _judged(lens: Array) -> Array:
+    """A change (5,) of the lens without what is not judged."""
+    change = np.zeros(len(lens))
+    change[_JUDGED] = lens[_JUDGED]
+    return change
+
+
+_NOTHING = LensCheck(None, None, None)

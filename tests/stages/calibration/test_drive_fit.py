@@ -17,10 +17,11 @@ from wayside.stages.calibration import (
     calibrate_drive,
     changed_camera,
     cut_segments,
-    focal_correction,
+    lens_step,
     watch_calibration,
 )
-from wayside.stages.calibration.lens import project
+from wayside.stages.calibration.lens import displacement, project
+from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
 SETTINGS, CALIBRATION = Settings(), SelfCalibrationSettings(images=9)
 ERRORS = SETTINGS.ties, SETTINGS.local_adjustment
@@ -84,41 +85,79 @@ def test_the_first_order_correction_points_to_the_truth(curve):
     for factor in (0.9, 1.1):
         camera = scaled(true, factor)
         segments = cut_segments([item.motion for item in items], camera, *ERRORS, CALIBRATION)
-        correction, _ = focal_correction(segments, camera, 5.0, *ERRORS, CALIBRATION)
-        assert 0.03 < -np.sign(np.log(factor)) * correction < 0.2
+        step, _ = lens_step(segments, camera, 5.0, *ERRORS, CALIBRATION)
+        assert 0.03 < -np.sign(np.log(factor)) * step[0] < 0.2
 
 
-def watched(items, factor):
+def processed(item, camera):
+    """A simulated image as a run has it that takes its pixels for those of another camera."""
+    taken_by = item.frame.camera
+
+    def ideal(pixels):
+        return ideal_points(camera, distort_points(taken_by, pixels))
+
+    frame = replace(item.frame, camera=camera)
+    image = replace(item.detections.image, frame=frame)
+    segmentation = replace(item.detections.segmentation, image=image)
+    motion, ties = item.motion, item.motion.ties
+    if ties is not None:
+        ties = replace(ties, previous=ideal(ties.previous), current=ideal(ties.current))
+    return replace(
+        item,
+        detections=replace(item.detections, segmentation=segmentation),
+        motion=replace(motion, ties=ties),
+    )
+
+
+def watched(items, change=lambda camera: camera):
+    """The camera that a run asks for where the changed one that it is given cannot be right."""
     watch = CalibrationWatch(CALIBRATION)
-    changed = [
-        replace(
-            item,
-            detections=replace(
-                item.detections,
-                segmentation=replace(
-                    item.detections.segmentation,
-                    image=replace(
-                        item.detections.image,
-                        frame=replace(item.frame, camera=scaled(item.frame.camera, factor)),
-                    ),
-                ),
-            ),
-        )
-        for item in items
-    ]
-    assert list(watch_calibration(iter(changed), watch)) == changed
-    return watch.check(*ERRORS).error
+    given = [processed(item, change(item.frame.camera)) for item in items]
+    assert list(watch_calibration(iter(given), watch)) == given
+    return watch.check(*ERRORS).found
+
+
+def too_long(camera):
+    return scaled(camera, 1.15)
+
+
+def bent(camera):
+    """Distorted, with the focal length that the middle of the image asks for."""
+    return changed_camera(camera, np.array([0.0, 0.0, 0.0, 0.3, 0.0]))
 
 
 def test_a_run_notices_a_focal_length_that_cannot_be_right(curve):
-    assert watched(curve[0], 1.15) == pytest.approx(0.15, abs=0.04)
+    items, true = curve
+    assert watched(items, too_long).fx == pytest.approx(true.fx, rel=0.04)
+
+
+def test_a_run_notices_a_distortion_that_cannot_be_right(curve):
+    items, true = curve
+    found = watched(items, bent)
+    assert found.fx == pytest.approx(true.fx, rel=0.05)
+    assert found.distortion[0] == pytest.approx(0.0, abs=0.05)
 
 
 def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, straight):
-    assert watched(curve[0], 1.0) is None
-    assert watched(straight[0], 1.0) is None
+    assert watched(curve[0]) is None
+    assert watched(straight[0]) is None
     assert CalibrationWatch().check(*ERRORS) == (None, None, None)
-    assert watched(curve[0][:1], 1.15) is None
+    assert watched(curve[0][:1], too_long) is None
+
+
+@pytest.mark.parametrize("distortion", [(), (-0.3, 0.1, 0.001, -0.002, 0.01)])
+def test_a_displacement_is_that_of_the_farthest_moved_point_of_the_image(distortion):
+    camera = Camera(640, 480, 500.0, 510.0, 300.0, 250.0, distortion)
+    assert displacement(camera, np.array([0.01, 0.0, 0.0, 0.0, 0.0])) == pytest.approx(
+        0.01, rel=0.01 if distortion else 1e-9
+    )
+    bent = np.array([0.0, 0.0, 0.0, 1e-4, 0.0])
+    rays = np.array([*to_rays(camera, np.array([[639.0, 0.0]]))[0], 1.0])[None]
+    before, after = (
+        project(changed_camera(camera, one), rays).pixels[0] for one in (np.zeros(5), bent)
+    )
+    relative = np.linalg.norm(after - before) / np.linalg.norm(before - (300.0, 250.0))
+    assert displacement(camera, bent) == pytest.approx(relative, rel=1e-3)
 
 
 def test_a_watch_keeps_a_bounded_number_of_segments(curve):
