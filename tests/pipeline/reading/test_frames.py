@@ -13,10 +13,8 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.settings import ReadSettings
 
-START = 1_700_000_000 * 10**9
-STEP = 10**9 // 4
-LATENCY = 12_000_000
-WIDTH, HEIGHT = 32, 24
+from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, image
+
 FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # optical in x forward, y left, z up
 YAML = """image_width: 32
 image_height: 24
@@ -45,11 +43,6 @@ def place_at(time):
 def read(path, **settings):
     report = ReadReport()
     return list(read_frames(path, ReadSettings(**settings), report)), report
-
-
-def image(index, width=WIDTH, height=HEIGHT):
-    pixels = np.random.default_rng(index).integers(0, 256, (height, width, 3), np.uint8)
-    return cv2.imencode(".jpg", pixels)[1].tobytes()
 
 
 def fill(log, count=8, motion="pose", fixes=True):
