@@ -56,6 +56,7 @@ def write_run(
         "camera": result.inventory.camera and asdict(result.inventory.camera),
         "world": result.inventory.path.world,
         "camera_height_m": result.inventory.path.camera_height_m,
+        "camera_by_motion": result.lens.found and asdict(result.lens.found),
         "focal_length": {"correction": result.lens.correction, "sigma": result.lens.sigma},
         "us_probability": result.inventory.us_probability,
         "notes": result.notes,
