@@ -17,7 +17,6 @@ import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -37,7 +36,6 @@ from wayside.schemas.errors import WaysideError
 ROOT = Path(__file__).resolve().parents[1]
 DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept"
 FLOOR = ROOT / "benchmarks" / "floor.toml"
-WAYSIDE = str(Path(sys.executable).with_name("wayside"))
 PRESETS = ("default", "report")
 RENDERED = {"demo": "", "straight": "", "curve": "", "town": "", "report": "26.4ft", "raw": ""}
 """Development drives with the spacing that a run is told, where the log has no poses."""
@@ -56,14 +54,13 @@ WITHOUT = ROOT / "benchmarks" / "models_without"
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A log with its truth, the spacing that a run is told, and models and a calibration other than its own."""
+    """A log with its truth, the spacing that a run is told, and models other than those that ship."""
 
     name: str
     log: Path
     truth: Path
     spacing: str
     models: Path | None = None
-    calibration: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +108,7 @@ def main() -> int:
         ]
     chosen = [drive for drive in drives if not args.only or drive.name in args.only]
     outcomes = {
-        preset: [evaluate_calibrated(one, preset) for one in with_models_without(chosen, preset)]
+        preset: [evaluate_drive(one, preset) for one in with_models_without(chosen, preset)]
         for preset in presets
     }
 
@@ -149,37 +146,11 @@ def render(names: list[str], jobs: int) -> None:
     subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
 
 
-def evaluate_calibrated(drive: BenchmarkDrive, preset: str) -> Outcome:
-    """Figures of a drive, with the calibration by itself where a run says that the one given cannot be right."""
-    outcome = evaluate_drive(drive, preset)
-    if outcome.evaluation is None:
-        return outcome
-    run = json.loads((RESULTS / preset / drive.name / "run.json").read_text())
-    calibration = calibrate(drive.log) if run["camera_by_motion"] else None
-    if calibration is None:
-        return outcome
-    changed = replace(drive, name=f"{drive.name}, calibrated by itself", calibration=calibration)
-    return evaluate_drive(changed, preset)
-
-
-@cache
-def calibrate(log: Path) -> Path | None:
-    """The calibration by `wayside calibrate LOG`; None where the drive does not determine it."""
-    path = RESULTS / "calibrations" / f"{log.stem}.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    command = [WAYSIDE, "calibrate", str(log), "-o", str(path), "--overwrite"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    print(
-        f"calibrate {log.stem}: {(done.stdout or done.stderr).strip().splitlines()[0]}", flush=True
-    )
-    return path if done.returncode == 0 else None
-
-
 def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
     """Run one preset on one drive in a process of its own, compare with the truth, print a line."""
     out = RESULTS / preset / drive.name
     command = [
-        WAYSIDE,
+        str(Path(sys.executable).with_name("wayside")),
         "run",
         str(drive.log),
         "-o",
@@ -188,7 +159,6 @@ def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
     ]
     command += ["--preset", preset, *(["--spacing", drive.spacing] if drive.spacing else [])]
     command += ["--models", str(drive.models)] if drive.models else []
-    command += ["--calibration", str(drive.calibration)] if drive.calibration else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     title = f"{preset:8} {drive.name:24}"
     if done.returncode != 0:
