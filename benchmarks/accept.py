@@ -267,7 +267,8 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "view, the test for images that are not the stated spacing apart with the steps of `de_road_kitti0015` "
         "and `de_city_kitti0001`, and the models that ship were chosen by counts of all of these. A drive with "
         "`models without it` was run by models that were learned without it "
-        "([models_without](models_without/README.md)), more briefly than those that ship.",
+        "([models_without](models_without/README.md)), more briefly than those that ship, and chosen by counts of it, "
+        "too.",
         "",
         "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
         "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "

@@ -167,7 +167,7 @@ class SelfCalibrationSettings:
     check_sigmas: float = _expert(
         4.0,
         "sigmas",
-        "and the change of the lens is less likely by chance than so many standard errors of one number",
+        "and a chi-square test of focal length, k1 and k2 rejects it at the probability of so many, two-sided",
         origin="set by hand",
         low=0,
     )

@@ -16,6 +16,9 @@ from wayside.stages.kernels import Array
 LENS = ("focal", "cx", "cy", "k1", "k2")
 """Changes of a lens: logarithm of the factor of both focal lengths; principal point, px; radial distortion."""
 
+RADIAL = [0, 3, 4]
+"""Of `LENS`, what moves points along their radius. Motion in the images says little of the principal point."""
+
 _NEAREST = 1e-3
 
 _RAYS = 20
@@ -37,7 +40,7 @@ def changed_camera(camera: Camera, lens: Array) -> Camera:
 
 
 def displacement(camera: Camera, lens: Array) -> float:
-    """Largest displacement of a point of the image by a change of its lens (5,), to first order.
+    """Largest displacement of a point of the image by the radial part of a change of its lens (5,), to first order.
 
     Relative to its distance from the principal point; of rays from the axis to the farthest corner.
     """
@@ -46,7 +49,8 @@ def displacement(camera: Camera, lens: Array) -> float:
     farthest = max(corners - centre, key=np.linalg.norm)
     arms = np.linspace(0.05, 1, _RAYS)[:, None] * farthest
     rays = np.column_stack([to_rays(camera, centre + arms), np.ones(_RAYS)])
-    moved = project(changed_camera(camera, np.zeros(len(LENS))), rays).by_lens @ lens
+    by_lens = project(changed_camera(camera, np.zeros(len(LENS))), rays).by_lens
+    moved = by_lens[:, :, RADIAL] @ lens[RADIAL]
     return float((np.linalg.norm(moved, axis=1) / np.linalg.norm(arms, axis=1)).max())
 
 

@@ -15,9 +15,8 @@ from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
 from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration.drive_fit import calibrate_drive, lens_step
-from wayside.stages.calibration.lens import displacement
+from wayside.stages.calibration.lens import RADIAL, displacement
 from wayside.stages.calibration.segment import Segment, cut_segments
-from wayside.stages.kernels import Array
 
 
 def watch_calibration(
@@ -81,8 +80,8 @@ class CalibrationWatch:
     def check(self, ties: TieSettings, adjustment: LocalAdjustmentSettings) -> LensCheck:
         """Compare the lens with that of the segments kept.
 
-        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits of the settings: the change of
-        focal length, k1 and k2 together, since they trade off, in its standard errors; and what it does to the image.
+        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits of the settings: a chi-square
+        test of focal length, k1 and k2 together, since their errors are correlated, and the displacement of points.
         """
         parts = [motions for _, motions in self.kept] or [self.current]
         camera, s = self.camera, self.settings
@@ -111,25 +110,14 @@ def _check(
     if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
         return _NOTHING
     correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
-    if displacement(camera, _judged(step)) <= s.check_closer * s.check_error:
+    if displacement(camera, step) <= s.check_closer * s.check_error:
         return LensCheck(correction, sigma, None)
     found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
-    change, errors = found.lens[_JUDGED], found.covariance[np.ix_(_JUDGED, _JUDGED)]
-    by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(_JUDGED)))
+    change, errors = found.lens[RADIAL], found.covariance[np.ix_(RADIAL, RADIAL)]
+    by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(RADIAL)))
     significant = by_chance < 2 * stats.norm.sf(s.check_sigmas)
-    wrong = significant and displacement(camera, _judged(found.lens)) > s.check_error
+    wrong = significant and displacement(camera, found.lens) > s.check_error
     return LensCheck(correction, sigma, found.camera if wrong else None)
-
-
-_JUDGED = [0, 3, 4]
-"""Of `LENS`, what the check is of: the motion in the images says little of a principal point."""
-
-
-def _judged(lens: Array) -> Array:
-    """A change (5,) of the lens without what is not judged."""
-    change = np.zeros(len(lens))
-    change[_JUDGED] = lens[_JUDGED]
-    return change
 
 
 _NOTHING = LensCheck(None, None, None)
