@@ -12,7 +12,7 @@ JOBS ?= 2
 # Real images with boxed signs, where they are at hand; the networks are not trained without.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learning-drives learn learn-network learn-boxes learn-faces clean
+.PHONY: help demo test slow check wiring accept held-out drives learning-drives learn learn-networks learn-faces clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
@@ -23,8 +23,7 @@ help:
 	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
 	@echo 'make drives   render all drives into .cache/drives'
 	@echo 'make learn    learn the models from the rendered drives'
-	@echo 'make learn-network  train the detection network: hours, resumable'
-	@echo 'make learn-boxes    train the box network: three quarters of an hour, resumable'
+	@echo 'make learn-networks train the detection network and the box network: long, resumable'
 	@echo 'make learn-faces    learn the face classifier from drawings and crops: minutes'
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
 
@@ -77,20 +76,14 @@ learn: learning-drives .venv/.learn
 	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
-# Hours on one core; it can be interrupted, and goes on from its checkpoint. Here and below BEGIN_FROM=FILE.onnx begins with
-# the weights of an earlier network.
-NETWORK_STEPS ?= 200000
-learn-network: learning-drives .venv/.learn
-	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
-	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/network --network-steps $(NETWORK_STEPS) \
-		$(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM))
-
+# Minutes on an accelerator with many cores, most of a day on two; it can be interrupted, and goes on from its checkpoint.
+# BEGIN_FROM=FOLDER begins with the weights of earlier networks, WITHOUT=SOURCE trains others beside that never see a source.
 # After it: thresholds and landmark classifiers, which `make learn` learns.
-BOX_STEPS ?= 25000
-learn-boxes: learning-drives .venv/.learn
+NETWORK_STEPS ?= 22000
+learn-networks: learning-drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
-	@$(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/boxes --box-steps $(BOX_STEPS) \
-		$(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM))
+	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/networks \
+		--network-steps $(NETWORK_STEPS) $(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM)) $(WITHOUT:%=--without %)
 
 learn-faces: .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }

@@ -1,7 +1,7 @@
 """Learn from rendered drives and real images: `python -m wayside.pipeline.learn`.
 
-The classes of the report, where signs stand, and the outlines of panels; with `--network-steps` or `--box-steps` one of
-the two networks of preset `default` instead. Their thresholds and the landmark classifiers, which decide on what these
+The classes of the report, where signs stand, and the outlines of panels; with `--network-steps` the two
+networks of preset `default` instead. Their thresholds and the landmark classifiers, which decide on what these
 let through, are learned after them: `learning/box_thresholds.py`, `learn_landmarks.py`.
 
 The same drives, images, seed and package versions give the same files.
@@ -187,41 +187,49 @@ def main(arguments: list[str] | None = None) -> int:
         "--network-steps",
         type=int,
         metavar="N",
-        help="train the detection network up to so many steps instead (hours; can be interrupted and goes on "
-        "from its checkpoint in the folder), and write network.onnx",
-    )
-    parser.add_argument(
-        "--box-steps",
-        type=int,
-        metavar="N",
-        help="train the box network up to so many steps instead (can be interrupted, too), and write box.onnx",
+        help="train the detection network and the box network up to so many steps instead (can be interrupted and "
+        "goes on from its checkpoint in the folder), and write network.onnx and box.onnx",
     )
     parser.add_argument(
         "--begin-from",
         type=Path,
-        metavar="NETWORK.onnx",
-        help="begin either training with the weights of such a network, not at random",
+        metavar="FOLDER",
+        help="begin that training with the weights of the networks in a folder, not at random",
     )
     parser.add_argument(
         "--without",
         action="append",
         default=[],
         metavar="SOURCE",
-        help="leave a source of real images out of either training, so that it can be measured on; repeatable",
+        help="train networks beside, into the folder `without`, that see nothing of a source of real images, so that "
+        "they can be measured on it; repeatable",
     )
     parser.add_argument(
-        "--network",
+        "--proposing",
         type=Path,
         metavar="NETWORK.onnx",
         default=Path(str(shipped_models() / "network.onnx")),
         help="detection network whose boxes the box network learns to classify; default: the one that ships",
     )
+    parser.add_argument(
+        "--processes",
+        type=int,
+        metavar="N",
+        help="processes that make crops; default: cores less one",
+    )
+    parser.add_argument(
+        "--device", choices=("cpu", "cuda"), help="default: cuda where there is one"
+    )
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
-    if given.real is None and (given.network_steps is not None or given.box_steps is not None):
-        parser.error("the training of a network wants --real")
+    if given.real is None and given.network_steps is not None:
+        parser.error("the training of the networks wants --real")
+    if given.begin_from is not None and given.without:
+        parser.error(
+            "wanted --begin-from or --without: networks that are begun from may have seen the source"
+        )
     try:
-        if given.box_steps is not None or given.network_steps is not None:
+        if given.network_steps is not None:
             _train(given)
         else:
             learn(given.drives, given.real, given.out, given.seed, partial(print, flush=True))
@@ -232,21 +240,24 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _train(given: argparse.Namespace) -> None:
-    """Train the network that is asked for; PyTorch and onnx are wanted by nothing else here."""
-    real_sources(
-        given.real, given.without
-    )  # or the process that makes samples finds no such source
-    common = given.drives, given.real, given.out
-    if given.box_steps is not None:
-        from wayside.pipeline.learning.box_training import learn_box_network
+    """Train the networks; PyTorch and onnx are wanted by nothing else here."""
+    real_sources(given.real, given.without)  # before minutes of reading images
+    from wayside.pipeline.learning.network_training import Plan, learn_networks
 
-        learn_box_network(
-            *common, given.box_steps, given.seed, given.network, given.begin_from, given.without
-        )
-    else:
-        from wayside.pipeline.learning.detector_training import learn_network
-
-        learn_network(*common, given.network_steps, given.seed, given.begin_from, given.without)
+    asked = {
+        name: getattr(given, name)
+        for name in ("processes", "device")
+        if getattr(given, name) is not None
+    }
+    plan = Plan(
+        given.network_steps,
+        given.seed,
+        given.proposing,
+        begin_from=given.begin_from,
+        without=given.without,
+        **asked,
+    )
+    learn_networks(given.drives, given.real, given.out, plan)
 
 
 if __name__ == "__main__":

@@ -21,8 +21,8 @@ from wayside.stages.detection import (
     SIZES,
 )
 
-CHANNELS, BLOCKS, HIDDEN, DROPOUT = (16, 32, 64, 96), (0, 1, 1, 1), 160, 0.2
-"""Filters and residual blocks at 32, 16, 8 and 4 samples; units behind them, and the fraction dropped in training."""
+CHANNELS, BLOCKS, HIDDEN, DROPOUT = (24, 48, 96, 128), (0, 1, 2, 1), 160, 0.2
+"""Filters and residual blocks at 24, 12, 6 and 3 samples; units behind them, and the fraction dropped in training."""
 
 DARK_LEVEL = 16.0
 """Added to a grey value before its logarithm, so that noise of dark pixels is no contrast."""
@@ -55,16 +55,16 @@ class Residual(nn.Module):  # type: ignore[misc]
 
 
 class BoxNetwork(nn.Module):  # type: ignore[misc]
-    """Patches (n, 32, 32, 3) of levels 0 to 255 and sizes (n, 2) in pixels to values (n, `BOX_VALUES`)."""
+    """Patches (n, 48, 48, 3) of levels 0 to 255 and sizes (n, 2) in pixels to values (n, `BOX_VALUES`)."""
 
     def __init__(self) -> None:
         super().__init__()
         layers: list[nn.Module] = []
         for level, (before, after) in enumerate(zip((3, *CHANNELS), CHANNELS, strict=False)):
-            layers += [_layer(before, after, 2 if level else 1), nn.ReLU()]
+            layers += [_layer(before, after, 2), nn.ReLU()]
             layers += [Residual(after) for _ in range(BLOCKS[level])]
         self.layers = nn.Sequential(*layers)
-        samples = CHANNELS[-1] * (SIDE // 8) ** 2
+        samples = CHANNELS[-1] * (SIDE // 16) ** 2
         self.hidden = nn.Sequential(nn.Linear(samples + 3, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT))
         self.out = nn.Linear(HIDDEN, BOX_VALUES)
 
@@ -75,35 +75,35 @@ class BoxNetwork(nn.Module):  # type: ignore[misc]
         beside = [torch.log(height / USUAL_PX), torch.log(width / height)]
         beside.append(brightness - USUAL_BRIGHTNESS)
         seen = self.layers(colors).flatten(1)
-        with torch.autocast("cpu", enabled=False):
+        with torch.autocast(patches.device.type, enabled=False):
             return self.out(self.hidden(torch.cat([seen.float(), torch.stack(beside, 1)], 1)))
 
 
 def relative_colors(patches: Tensor) -> tuple[Tensor, Tensor]:
-    """Colours (n, 3, 32, 32) of patches (n, 32, 32, 3), and the log brightness (n,) of the box inside.
+    """Colours (n, 3, 48, 48) of patches (n, 48, 48, 3), and the log brightness (n,) of the box inside.
 
-    Logarithms of brightness over that of the box, of R/G and of B/G: illumination multiplies colours, so it is an
-    offset of their logarithms.
+    Logarithms of red, green and blue over the mean of the box: illumination multiplies colours, so it is an offset of
+    their logarithms.
     """
-    red, green, blue = torch.log(patches + DARK_LEVEL).unbind(3)
-    bright = torch.log(patches.mean(3) + DARK_LEVEL)
+    levels = torch.log(patches + DARK_LEVEL)
     edge = (SIDE - INNER) // 2
-    inside = bright[:, edge : edge + INNER, edge : edge + INNER].mean((1, 2))
-    return torch.stack([bright - inside[:, None, None], red - green, blue - green], 1), inside
+    inside = levels[:, edge : edge + INNER, edge : edge + INNER].mean((1, 2, 3))
+    return (levels - inside[:, None, None, None]).permute(0, 3, 1, 2), inside
 
 
 def losses(values: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Losses of the sides of a panel, of offsets, of colour and of shape; the columns of `BoxSamples`."""
+    """Losses of the sides of a panel, of offsets, of colour and of shape; the columns of `BoxTargets`."""
     panel = nn.functional.binary_cross_entropy_with_logits(
         values[:, :OFFSET_AT], batch["panel"], reduction="none"
     )
     near = ~torch.isnan(batch["offset"][:, 0])
+    wanted = torch.nan_to_num(batch["offset"])
     moved = nn.functional.smooth_l1_loss(
-        values[near, OFFSET_AT:COLOR_AT], batch["offset"][near], reduction="sum", beta=BEND
+        values[:, OFFSET_AT:COLOR_AT], wanted, reduction="none", beta=BEND
     )
     return {
         "panel": (panel * batch["weight"]).sum() / len(values),
-        "offset": OFFSET_WEIGHT * moved / near.sum().clamp(min=1),
+        "offset": OFFSET_WEIGHT * (moved.sum(1) * near).sum() / near.sum().clamp(min=1),
         "color": CLASS_WEIGHT * _class_loss(values[:, COLOR_AT:SHAPE_AT], batch["color"]),
         "shape": CLASS_WEIGHT * _class_loss(values[:, SHAPE_AT:], batch["shape"]),
     }

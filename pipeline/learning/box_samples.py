@@ -6,31 +6,24 @@ some anywhere. A face is its whole panel: the less a box overlaps it, the less i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.camera_effects import Noise
 from wayside.pipeline.learning.detector_crops import (
     CROP_PX,
     KNOWN,
     UNKNOWN,
     UNSURE,
     Labels,
-    drawn_crop,
     shown_faces,
-    targets,
 )
-from wayside.pipeline.learning.detector_images import LabelledImage
-from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.pipeline.learning.samples import UNION, second_faces
 from wayside.schemas.detections import NONE
-from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps, drawn_patches
+from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.imaging import pyramid
 
 PROPOSED, LEAST_SCORE, SAME_IOU = 14, -6.0, 0.6
 """Boxes of the detection network in a crop, its best; least log odds; overlap above which the lower is left out."""
@@ -65,15 +58,15 @@ IGNORED = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class BoxSamples:
-    """Boxes with their targets, n rows.
+class BoxTargets:
+    """Boxes (n, 4) of a crop and what a network is to say of them.
 
-    patch (n, 32, 32, 3) uint8; size (n, 2) float32: width and height in pixels; panel (n, 2) float32: how far the box
-    is a front and a back, 0 to 1; weight (n, 2) float32 of these; offset (n, 4) float32: of its sides to those of the
-    face, in box sizes, nan where none is near; color, shape (n,) int64 or `NONE`.
+    size (n, 2) float32: width and height in pixels; panel (n, 2) float32: how far the box is a front and a back, 0 to
+    1; weight (n, 2) float32 of these; offset (n, 4) float32: of its sides to those of the face, in box sizes, nan where
+    none is near; color, shape (n,) int64 or `NONE`.
     """
 
-    patch: NDArray[np.uint8]
+    box: NDArray[np.float32]
     size: NDArray[np.float32]
     panel: NDArray[np.float32]
     weight: NDArray[np.float32]
@@ -81,24 +74,15 @@ class BoxSamples:
     color: NDArray[np.int64]
     shape: NDArray[np.int64]
 
-    @staticmethod
-    def joined(parts: Sequence[BoxSamples]) -> dict[str, NDArray[Any]]:
-        """The rows of several, column by column."""
-        return {
-            one.name: np.concatenate([getattr(part, one.name) for part in parts])
-            for one in fields(BoxSamples)
-        }
 
-
-def samples_of(
-    image: LabelledImage,
+def boxes_of_crop(
+    pixels: NDArray[np.uint8],
+    labels: Labels,
+    doubt: NDArray[np.uint8],
     network: DetectionNetwork,
-    library: FaceLibrary,
-    noise: Noise,
     rng: np.random.Generator,
-) -> BoxSamples:
-    """Boxes of a crop of an image."""
-    pixels, labels = drawn_crop(image, library, noise, rng)
+) -> BoxTargets:
+    """Boxes of a crop, with its labels and what is known of each of its cells, `doubt` of `Crop`."""
     maps = network.maps(pixels)
     found = boxes_of_maps(maps, (CROP_PX, CROP_PX), LEAST_SCORE, PROPOSED, SAME_IOU).box
     shown = shown_faces(labels)
@@ -115,13 +99,11 @@ def samples_of(
     box = np.clip(box, 0, CROP_PX).astype(np.float32)
     wide, tall = (box[:, 2:] - box[:, :2]).T
     box = box[(wide >= NARROWEST_PX) & (tall >= SHORTEST_PX)]
-    patch = drawn_patches(pyramid(pixels), box)
     row, column = (((box[:, k] + box[:, k + 2]) / (2 * STRIDE)).astype(int) for k in (1, 0))
     last = CROP_PX // STRIDE - 1
     row, column = np.minimum(row, last), np.minimum(column, last)
-    doubt = targets(pixels, labels, image).doubt[:, row, column].T
-    seen = maps[:2, row, column].T
-    return _targets(patch, box, labels, shown, negative_weights(doubt, seen))
+    weight = negative_weights(doubt[:, row, column].T, maps[:2, row, column].T)
+    return _targets(box, labels, shown, weight)
 
 
 def laid_around(
@@ -157,12 +139,11 @@ def negative_weights(doubt: NDArray[np.uint8], seen: NDArray[np.float32]) -> NDA
 
 
 def _targets(
-    patch: NDArray[np.uint8],
     box: NDArray[np.float32],
     labels: Labels,
     shown: NDArray[np.bool_],
     weight: NDArray[np.float32],
-) -> BoxSamples:
+) -> BoxTargets:
     n = len(box)
     size = box[:, 2:] - box[:, :2]
     panel, offset = np.zeros((n, 2), np.float32), np.full((n, 4), np.nan, np.float32)
@@ -186,4 +167,4 @@ def _targets(
     if len(unknown):
         hidden = iou_matrix(box, unknown).max(axis=1) > IGNORED
         weight[hidden & (overlap <= NO_FACE)] = 0
-    return BoxSamples(patch, size, panel, weight, offset, color, shape)
+    return BoxTargets(box, size, panel, weight, offset, color, shape)

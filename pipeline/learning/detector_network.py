@@ -91,7 +91,7 @@ class DetectionNetwork(nn.Module):  # type: ignore[misc]
             if level:
                 found = self.smooth[level - 1](found)
         found = self.head(found)
-        with torch.autocast("cpu", enabled=False):
+        with torch.autocast(x.device.type, enabled=False):
             return self.maps(found.float())
 
 
@@ -113,8 +113,8 @@ class Batch:
     shape: Tensor
 
 
-def losses(maps: Tensor, batch: Batch, *, sure: bool) -> dict[str, Tensor]:
-    """Heat, box, colour and shape losses, a face each; `sure`: the network may doubt that a cell is a negative."""
+def losses(maps: Tensor, batch: Batch, sure: Tensor) -> dict[str, Tensor]:
+    """Heat, box, colour and shape losses, a face each; sure: 1 where the network may doubt a negative, else 0."""
     faces = (batch.weight.sum()).clamp(min=1.0)
     box, color, shape = _at_cells(maps, batch.cell)
     wide = maps.shape[-1]
@@ -122,14 +122,14 @@ def losses(maps: Tensor, batch: Batch, *, sure: bool) -> dict[str, Tensor]:
     centre = torch.stack([place % wide, place // wide], -1).float() * STRIDE + STRIDE / 2
     overlap = _generalised_iou(_decoded(box, centre), batch.box)
     return {
-        "heat": _heat_loss(maps[:, :2], batch, sure=sure) / faces,
+        "heat": _heat_loss(maps[:, :2], batch, sure) / faces,
         "box": BOX_WEIGHT * ((1 - overlap) * batch.weight).sum() / faces,
         "color": CLASS_WEIGHT * _class_loss(color, batch.color, batch.weight) / faces,
         "shape": CLASS_WEIGHT * _class_loss(shape, batch.shape, batch.weight) / faces,
     }
 
 
-def _heat_loss(heat: Tensor, batch: Batch, *, sure: bool) -> Tensor:
+def _heat_loss(heat: Tensor, batch: Batch, sure: Tensor) -> Tensor:
     """The focal loss of Zhou et al. with what is not known left out."""
     log_p, log_not = nn.functional.logsigmoid(heat), nn.functional.logsigmoid(-heat)
     p, target = log_p.exp(), batch.heat
@@ -137,8 +137,7 @@ def _heat_loss(heat: Tensor, batch: Batch, *, sure: bool) -> Tensor:
     known = (batch.doubt == KNOWN).float()
     below, above = DOUBTED_WEIGHTS
     unsure = (batch.doubt == UNSURE).float() * below
-    if sure:
-        unsure = unsure * torch.where(p.detach() < DOUBTED, 1.0, above / below)
+    unsure = unsure * torch.where(p.detach() < DOUBTED, 1.0, 1 - sure * (1 - above / below))
     negative = (1 - target) ** 4 * p**2 * log_not * (known + unsure)
     positive = (1 - p) ** 2 * log_p
     return -torch.where(is_middle, positive, negative).sum()
@@ -173,7 +172,8 @@ def _generalised_iou(found: Tensor, true: Tensor) -> Tensor:
 
 
 def _area(low: Tensor, high: Tensor) -> Tensor:
-    return (high - low).clamp(min=0).prod(-1)
+    wide, tall = (high - low).clamp(min=0).unbind(-1)
+    return wide * tall  # prod() asks the processor for zeros on its way back
 
 
 def _class_loss(logits: Tensor, true: Tensor, weight: Tensor) -> Tensor:

@@ -59,9 +59,23 @@ EDGE = 0.01
 signs: what is more unusual than nearly all signs of the drives at hand counts as those do."""
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
-FALSE_ALARM, FALSE_ALARM_BACK = 0.005, 0.1
+MEASURED_IN_IMAGES = (
+    "score_best",
+    "score_mean",
+    "color_certainty",
+    "shape_certainty",
+    "size_scatter",
+    "depth_sigma",
+    "agreement",
+)
+"""Features by which images of other roads and cameras differ from those at hand; metres and counts do not."""
+JITTER, REPEATED = 1.0, 8
+"""Standard deviation that is added to them, as a fraction of that among landmarks of one kind, and how often each
+landmark is learned from. On real images that the networks have not learned from, their log odds are worth half of what
+they are on rendered ones. Numbers that scatter this much more weigh half as much, and the others more."""
+FALSE_ALARM, FALSE_ALARM_BACK = 0.007, 0.1
 """Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
-FOLDS = 8
+FOLDS, SEED = 8, 1
 FEWEST_EXAMPLES = 16
 UNCERTAIN_TIMES = 3.0
 """A face is uncertain, not refused, up to so many times the false-alarm rate of the decision. A back is refused."""
@@ -172,15 +186,19 @@ def learn_landmark_classifier(
         )
     names, terms, directions, limits = zip(*EVIDENCE, strict=True)
     direction = np.array(directions, np.float64)
-    columns = samples.values[known][:, [FEATURES.index(name) for name in names]].astype(np.float64)
+    values = _jittered(samples.values[known].astype(np.float64), sign)
+    rates = rates_of(int((~sign).sum()))
+    sign, drive = np.tile(sign, REPEATED), np.tile(drive, REPEATED)
+    columns = values[:, [FEATURES.index(name) for name in names]]
     low, high = _bounds(columns[sign], direction, np.array(limits))
     bounded = np.clip(columns, low, high)
     middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
     held_out = _held_out_sums(bounded - middle, sign, drive, direction)
     slope, shift = _calibration(held_out, sign, false_alarm)
     uncertain = false_alarm * uncertain_times
-    rates = {*rates_of(int((~sign).sum())), false_alarm, uncertain}
-    points = score_points(slope * held_out + shift, sign, drive, normal_tail, rates)
+    points = score_points(
+        slope * held_out + shift, sign, drive, normal_tail, {*rates, false_alarm, uncertain}
+    )
     by_rate = {one.false_alarm: one for one in points}
     decision, accepted = by_rate[false_alarm], by_rate[uncertain]
     rule = f"alpha {false_alarm:g}: log odds of 0 {DECISION_RULE}"
@@ -201,6 +219,22 @@ def learn_landmark_classifier(
         threshold_interval=decision.intervals[0] if decision.intervals else None,
         curve=points,
     )
+
+
+def _jittered(values: Values, sign: NDArray[np.bool_]) -> Values:
+    """The features (n, features) `REPEATED` times, (n * `REPEATED`, features), those measured in images jittered.
+
+    What makes the highest score of a landmark another makes its mean score another.
+    """
+    rng = np.random.default_rng(SEED)
+    scatter = np.sqrt((values[sign].var(axis=0) + values[~sign].var(axis=0)) / 2)
+    repeated = np.tile(values, (REPEATED, 1))
+    for name in MEASURED_IN_IMAGES:
+        if name != "score_mean":
+            deviation = rng.normal(0, JITTER, len(repeated))
+        column = FEATURES.index(name)
+        repeated[:, column] += scatter[column] * deviation
+    return repeated
 
 
 def _bounds(signs: Values, direction: Values, limit: Values) -> tuple[Values, Values]:

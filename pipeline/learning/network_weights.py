@@ -14,7 +14,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.errors import InputError
 
 LAYERS = ("Conv", "Gemm")
@@ -47,35 +46,6 @@ def read_layers(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float3
         for node in graph.node
         if node.op_type in LAYERS
     ]
-
-
-def move_halfway(path: Path, earlier: Path) -> None:
-    """Move the weights of a network file in floating point halfway back to those it began from, in place.
-
-    Part of what further training gains stays, and most of what it loses on images unlike those learned from comes back
-    (Wortsman et al. 2022, "Robust fine-tuning of zero-shot models"). The metadata says so.
-
-    Raises
-    ------
-    InputError
-        Where the earlier network has other layers.
-    """
-    import onnx
-    from onnx import numpy_helper
-
-    model = onnx.load(str(path))
-    stored = {one.name: one for one in model.graph.initializer}
-    layers = [node for node in model.graph.node if node.op_type in LAYERS]
-    before = read_layers(earlier)
-    if [one.shape for one, _ in before] != [tuple(stored[n.input[1]].dims) for n in layers]:
-        raise InputError(f"{earlier}: wanted the layers of {path}, found others")
-    for node, values in zip(layers, before, strict=True):
-        for name, value in zip(node.input[1:], values, strict=True):
-            now = numpy_helper.to_array(stored[name])
-            stored[name].CopyFrom(numpy_helper.from_array((now + value) / 2, name))
-    said = onnx_metadata(path.read_bytes()) | {"averaged": "weights halfway to those begun from"}
-    onnx.helper.set_model_props(model, said)
-    onnx.save(model, str(path))
 
 
 def load_weights(network: nn.Module, path: Path, *inputs: Tensor) -> None:

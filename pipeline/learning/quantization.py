@@ -62,7 +62,7 @@ def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) ->
 
 
 def quantize_boxes(source: Path, target: Path, samples: Iterable[Feed]) -> None:
-    """The same of a box network; samples: columns of `BoxSamples`."""
+    """The same of a box network; samples: `patch` and `size` of boxes, few at a time: all layers are held at once."""
     feeds = ({PATCHES: one["patch"], SIZES: one["size"]} for one in samples)
     _quantize(source, target, feeds, lambda name: not name.startswith(LAYERS))
 

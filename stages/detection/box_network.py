@@ -19,7 +19,7 @@ from wayside.stages.detection.box_patches import SIDE, drawn_patches
 from wayside.stages.imaging import Pyramid
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
-"""Names of the inputs, patches (n, 32, 32, 3) uint8 and widths and heights (n, 2) in pixels, and of the output."""
+"""Names of the inputs, patches (n, 48, 48, 3) uint8 and widths and heights (n, 2) in pixels, and of the output."""
 
 OFFSET_AT, COLOR_AT, SHAPE_AT = 2, 6, 6 + len(COLORS)
 BOX_VALUES = SHAPE_AT + len(SHAPES)

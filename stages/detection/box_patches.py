@@ -1,4 +1,4 @@
-"""The pixels of a box and its surroundings: a patch of 32 x 32 samples with the box in its middle 20 x 20.
+"""The pixels of a box and its surroundings: a patch of 48 x 48 samples with the box in its middle 28 x 28.
 
 Every box is resampled to the same size, so that a far diamond and a near one look alike. The sizes below are the layout
 that the box network was learned with, no settings.
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from wayside.stages.imaging import Pyramid
 from wayside.stages.kernels import compiled, require_array, require_image
 
-SIDE, INNER = 32, 20
+SIDE, INNER = 48, 28
 """Samples of the patch and of the box in it, each way."""
 
 
 def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The patch of each box, (n, 32, 32, 3).
+    """The patch of each box, (n, 48, 48, 3).
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _checked(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
 def _draw(
     full: Any, half: Any, quarter: Any, x0: Any, y0: Any, x1: Any, y1: Any, pixels: Any
 ) -> None:
-    """Sample the patch (32, 32, 3), linear between pixels, from the size that is nearest above its own."""
+    """Sample the patch (48, 48, 3), linear between pixels, from the size that is nearest above its own."""
     longest = max(x1 - x0, y1 - y0) / INNER
     scale = 1
     image = full

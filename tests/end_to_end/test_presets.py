@@ -150,10 +150,10 @@ def test_the_default_finds_every_panel_that_stands_there_and_no_other(default_de
         assert row["status"] == ("sign" if sign["faces_travel"] else "back")
         assert row["color"] == (sign["color"] if sign["faces_travel"] else None)
         assert row["shape"] == sign["shape"]
-        # a pole hides an end of the work panel; the green panel is far away in every frame; the school sign is 8 cm off
-        # along the road, of which 9 are stated
+        # a pole hides an end of the work panel, which is taken to be 0.9 m off; the green panel is far away in every
+        # frame; the school sign is 8 cm off along the road, of which 9 are stated
         place, size = {
-            "work_panel": (0.41, 0.22),
+            "work_panel": (0.95, 0.22),
             "guide_destination": (0.12, 0.18),
             "school": (0.09, 0.05),
         }.get(sign["kind"], (0.05, 0.05))
@@ -227,7 +227,7 @@ def codes(result):
 
 
 def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
-    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", "S", "W", "D9", "D"]
+    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", None, "W", "D9", "D"]
     assert default_demo.about["us_probability"] > 0.99
     limit = next(row for row in default_demo.signs if row["mutcd"] == "R2-1")
     assert limit["legend"] == "45"

@@ -162,18 +162,25 @@ def test_a_drive_without_images_is_refused(tmp_path):
         read_drive([], truth, tmp_path / "learn_a.masks", Settings())
 
 
-@pytest.mark.parametrize("steps", ["--network-steps", "--box-steps"])
-def test_the_training_of_a_network_wants_real_images(tmp_path, capsys, steps):
+def test_the_training_of_the_networks_wants_real_images(tmp_path, capsys):
     with pytest.raises(SystemExit) as end:
-        main(["--drives", str(tmp_path), "-o", str(tmp_path), steps, "1"])
+        main(["--drives", str(tmp_path), "-o", str(tmp_path), "--network-steps", "1"])
     assert end.value.code == 2
     assert "wants --real" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("steps", ["--network-steps", "--box-steps"])
-def test_a_source_to_leave_out_that_is_none_is_named(tmp_path, capsys, steps):
+def test_networks_that_may_have_seen_a_source_are_not_begun_from_to_leave_it_out(tmp_path, capsys):
+    folder = str(tmp_path)
+    asked = ["--drives", folder, "--real", folder, "-o", folder, "--network-steps", "1"]
+    with pytest.raises(SystemExit) as end:
+        main([*asked, "--begin-from", folder, "--without", "ca_city_garmin"])
+    assert end.value.code == 2
+    assert "may have seen the source" in capsys.readouterr().err
+
+
+def test_a_source_to_leave_out_that_is_none_is_named(tmp_path, capsys):
     asked = ["--drives", str(tmp_path), "--real", str(tmp_path), "-o", str(tmp_path)]
-    assert main([*asked, steps, "1", "--without", "garmin"]) == 3
+    assert main([*asked, "--network-steps", "1", "--without", "garmin"]) == 3
     assert "found garmin" in capsys.readouterr().err
 
 

@@ -1,5 +1,7 @@
 """Boxes and targets of the box network: how far a box is a face, where its face lies, what is known of the rest."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,11 @@ from wayside.pipeline.learning.box_samples import (
     REGRESSED,
     UNSURE_WEIGHTS,
     WHOLE_FACE,
-    BoxSamples,
+    BoxTargets,
     _targets,
+    boxes_of_crop,
     laid_around,
     negative_weights,
-    samples_of,
 )
 from wayside.pipeline.learning.camera_effects import make_noise
 from wayside.pipeline.learning.detector_crops import (
@@ -23,8 +25,10 @@ from wayside.pipeline.learning.detector_crops import (
     UNKNOWN,
     UNSURE,
     Labels,
+    drawn_crop,
     shown_faces,
 )
+from wayside.pipeline.learning.detector_crops import targets as crop_targets
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
 from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
@@ -66,8 +70,7 @@ def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):
     )
     box = np.array(boxes, np.float32)
     weights = np.full((len(box), 2), weight, np.float32)
-    patch = np.zeros((len(box), 32, 32, 3), np.uint8)
-    return _targets(patch, box, labels, shown_faces(labels), weights)
+    return _targets(box, labels, shown_faces(labels), weights)
 
 
 def moved(overlap):
@@ -198,7 +201,17 @@ def samples(seed, shown=None, network=None, faces=None):
     network = Blind() if network is None else network
     faces = FaceLibrary((), ()) if faces is None else faces
     rng = np.random.default_rng(seed)
-    return samples_of(image() if shown is None else shown, network, faces, NOISE, rng)
+    shown = image() if shown is None else shown
+    pixels, labels = drawn_crop(shown, faces, NOISE, rng)
+    doubt = crop_targets(pixels, labels, shown).doubt
+    return boxes_of_crop(pixels, labels, doubt, network, rng)
+
+
+def joined(parts):
+    return {
+        one.name: np.concatenate([getattr(part, one.name) for part in parts])
+        for one in fields(BoxTargets)
+    }
 
 
 def test_the_same_seed_gives_the_same_samples_and_another_one_others(bits):
@@ -209,12 +222,10 @@ def test_the_same_seed_gives_the_same_samples_and_another_one_others(bits):
 
 def test_samples_of_crops_have_faces_named_and_others():
     parts = [samples(seed) for seed in range(20)]
-    columns = BoxSamples.joined(parts)
-    assert set(columns) == {"patch", "size", "panel", "weight", "offset", "color", "shape"}
+    columns = joined(parts)
     count = len(columns["size"])
     assert count == sum(len(part.size) for part in parts)
     assert {len(column) for column in columns.values()} == {count}
-    assert columns["patch"].shape[1:] == (32, 32, 3)
     front = columns["panel"][:, FRONT]
     assert (front > 0.9).sum() > 20
     assert (front == 0).sum() > 20
@@ -260,7 +271,7 @@ def test_where_all_is_unknown_no_box_counts():
 
 def test_a_small_part_of_a_face_is_known_to_be_none():
     seen = [samples(seed, image(complete=False)) for seed in range(30)]
-    columns = BoxSamples.joined(seen)
+    columns = joined(seen)
     none = columns["panel"].max(axis=1) == 0
     assert {*UNSURE_WEIGHTS, 1} >= set(columns["weight"][none, FRONT].round(3).tolist()) > {1}
 

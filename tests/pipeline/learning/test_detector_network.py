@@ -1,6 +1,6 @@
 """The detection network learns, begins from an earlier one, and gives the same maps as a file."""
 
-import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from wayside.pipeline.learning.detector_crops import (
     UNKNOWN,
     UNSURE,
 )
+from wayside.pipeline.learning.training_images import source_kind
 from wayside.schemas.detections import NONE
 from wayside.schemas.errors import InputError
 from wayside.stages.detection import MAPS
@@ -29,14 +30,7 @@ def network(torch):
 
 
 @pytest.fixture
-def training(torch):
-    from wayside.pipeline.learning import detector_training
-
-    return detector_training
-
-
-@pytest.fixture
-def batch(training):
+def batch(torch, network):
     """Yellow squares of 32 px, each in the middle of its crop."""
     count = 2
     rgb = np.full((count, CROP_PX, CROP_PX, 3), 80, np.uint8)
@@ -47,15 +41,14 @@ def batch(training):
         "rgb": rgb,
         "heat": heat,
         "doubt": np.zeros((count, 2, SIDE, SIDE), np.uint8),
-        "cell": np.full((count, CELLS), 32 * SIDE + 32, np.int32),
+        "cell": np.full((count, CELLS), 32 * SIDE + 32),
         "box": np.tile(np.array([112, 112, 144, 144], np.float32), (count, CELLS, 1)),
         "weight": np.eye(1, CELLS, dtype=np.float32).repeat(count, axis=0),
         "color": np.full((count, CELLS), NONE, np.int64),
         "shape": np.full((count, CELLS), NONE, np.int64),
     }
     held["color"][:, 0], held["shape"][:, 0] = 1, 2
-    assert tuple(held) == training.BATCH_FIELDS
-    return held
+    return network.Batch(**{name: torch.from_numpy(values) for name, values in held.items()})
 
 
 def noise(torch, count, height, width):
@@ -69,44 +62,24 @@ def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, network
     assert maps[:, :2].sigmoid().max() < 0.2
 
 
-@pytest.mark.slow
-def test_losses_fall(network, training, batch):
-    learner = training.Training(network.DetectionNetwork, training.DESCENT, 1)
-    first = learner.learn(training.batch_losses, batch, 100000)
-    for _ in range(25):
-        learner.step += 20  # past the slow start
-        last = learner.learn(training.batch_losses, batch, 100000)
-    assert last["heat"] < 0.5 * first["heat"]
-    assert last["box"] < first["box"]
-    assert last["color"] < first["color"]
-
-
 def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network_sees_one(
-    torch, network, training, batch
+    torch, network, batch
 ):
     maps = torch.zeros(2, MAPS, SIDE, SIDE)
     heat = {}
     for doubt in (KNOWN, UNSURE, UNKNOWN):
-        held = training.as_tensors(batch | {"doubt": np.full_like(batch["doubt"], doubt)})
-        heat[doubt] = float(network.losses(maps, held, sure=True)["heat"])
-    assert heat[UNKNOWN] < heat[UNSURE] < heat[KNOWN]
+        held = replace(batch, doubt=torch.full_like(batch.doubt, doubt))
+        for sure in (0.0, 1.0):
+            losses = network.losses(maps, held, torch.tensor(sure))
+            heat[doubt, sure] = float(losses["heat"])
+    assert heat[UNKNOWN, 1.0] < heat[UNSURE, 1.0] < heat[UNSURE, 0.0] < heat[KNOWN, 1.0]
+    assert heat[KNOWN, 0.0] == heat[KNOWN, 1.0]
 
 
-def test_a_batch_comes_a_second_time_when_others_have_come(training):
-    made = ({"number": k} for k in itertools.count())
-    used = training.used_twice(made, 0)
-    numbers = [next(used)["number"] for _ in range(4 * training.REUSED_AFTER)]
-    first = {number: numbers.index(number) for number in numbers}
-    again = [(k, number) for k, number in enumerate(numbers) if first[number] < k]
-    assert len(again) > training.REUSED_AFTER
-    assert all(numbers.count(number) == 2 for _, number in again)
-    assert min(k - first[number] for k, number in again) >= training.REUSED_AFTER
-
-
-def test_drives_and_sets_are_kinds_of_their_own(training):
-    assert training.source_kind("ca_city_garmin") == "ca_city_garmin"
-    assert training.source_kind("rendered/learn_alley") == "rendered"
-    assert training.source_kind("scenes_mixed/ro") == "scenes_mixed"
+def test_drives_and_sets_are_kinds_of_their_own():
+    assert source_kind("ca_city_garmin") == "ca_city_garmin"
+    assert source_kind("rendered/learn_alley") == "rendered"
+    assert source_kind("scenes_mixed/ro") == "scenes_mixed"
 
 
 def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp_path: Path):
@@ -125,33 +98,6 @@ def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp
         torch.testing.assert_close(begun(images), earlier(images), rtol=1e-3, atol=1e-3)
         begun.train()
         torch.testing.assert_close(begun(images), earlier(images), rtol=1e-2, atol=1e-2)
-
-
-def test_a_network_is_moved_halfway_to_the_one_it_began_from(torch, network, tmp_path: Path):
-    onnx = pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.network_weights import move_halfway, read_layers
-
-    files = tmp_path / "earlier.onnx", tmp_path / "later.onnx"
-    for file in files:
-        learned = network.DetectionNetwork()
-        learned(noise(torch, 2, 64, 128))  # statistics of the normalisations
-        with pytest.warns():
-            network.export(learned, file, {"seed": 1})
-    expected = [
-        [(one + other) / 2 for one, other in zip(*layer, strict=True)]
-        for layer in zip(*map(read_layers, files), strict=True)
-    ]
-    move_halfway(files[1], files[0])
-    for layer, values in zip(read_layers(files[1]), expected, strict=True):
-        for found, value in zip(layer, values, strict=True):
-            np.testing.assert_allclose(found, value, atol=1e-6)
-    said = {one.key: one.value for one in onnx.load(str(files[1])).metadata_props}
-    assert said == {"seed": "1", "averaged": "weights halfway to those begun from"}
-    other = torch.nn.Conv2d(3, 5, 3)
-    with pytest.warns():
-        torch.onnx.export(other, (torch.zeros(1, 3, 8, 8),), tmp_path / "other.onnx", dynamo=False)
-    with pytest.raises(InputError, match=r"other\.onnx"):
-        move_halfway(files[1], tmp_path / "other.onnx")
 
 
 def test_a_file_of_other_layers_is_refused_to_begin_from(torch, network, tmp_path: Path):

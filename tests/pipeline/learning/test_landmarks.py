@@ -92,7 +92,30 @@ def sums(model, values):
     return np.array([model.shift + sum(model.ratios(row).values()) for row in named])
 
 
-def test_the_ratios_learned_are_those_of_what_made_the_examples():
+@pytest.fixture
+def as_measured(monkeypatch):
+    """Landmarks are learned from as they are, without jitter."""
+    monkeypatch.setattr(module, "JITTER", 0.0)
+
+
+def test_what_is_measured_in_images_weighs_less_than_it_says_and_what_is_counted_as_much(
+    monkeypatch,
+):
+    learned, _ = examples(4000)
+    weights = {}
+    for jitter in (0.0, 1.0):
+        monkeypatch.setattr(module, "JITTER", jitter)
+        model = learn_landmark_classifier(learned, "test")
+        named = dict(zip(model.features, model.weight.tolist(), strict=True))
+        weights[jitter] = named["score_mean"], named["missed"]
+    (exact, counted), (jittered, still) = weights[0.0], weights[1.0]
+    assert 0.3 * exact < jittered < 0.7 * exact
+    assert 0.7 < still / counted < 1.1
+    fit = learn_landmark_classifier(learned, "test")
+    assert model_to_json(fit) == model_to_json(model)  # the same jitter each time
+
+
+def test_the_ratios_learned_are_those_of_what_made_the_examples(as_measured):
     learned, _ = examples(4000)
     model = learn_landmark_classifier(learned, "test")
     fresh, odds = examples(seed=5)
@@ -123,7 +146,9 @@ def test_as_many_others_as_stated_are_reported_as_signs():
     assert (others >= 0).mean() == pytest.approx(module.FALSE_ALARM, abs=0.035)
 
 
-def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_log_odds_alone():
+def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_log_odds_alone(
+    as_measured,
+):
     learned, _ = examples(4000)
     model = model_from_json(model_to_json(learn_landmark_classifier(learned, "test")))
     assert model.at_alpha(module.FALSE_ALARM).decision == pytest.approx(0, abs=1e-3)
