@@ -27,6 +27,7 @@ from torch import Tensor, nn
 from wayside.pipeline.learning import box_network, detector_network
 from wayside.pipeline.learning.crop_memory import CropMemory, patches_of, random_rows
 from wayside.pipeline.learning.crop_processes import (
+    COLUMNS,
     TOGETHER,
     Columns,
     CropProcesses,
@@ -54,8 +55,9 @@ CROPS, BOXES_EACH = 128, 10
 USES = 5
 """How often a crop is drawn, on average: to make one takes a core longer than an accelerator learns from it."""
 
-KEPT = {"cuda": (180_000, 36_000), "cpu": (8_000, 1_600)}
-"""Crops that are kept, by device, of 0.23 MB each: of all images but those held out, and of those."""
+KEPT, KEPT_SHARE = (8_000, 1_600), 0.6
+"""Crops of 0.23 MB that are kept by a processor: of all images but those held out, and of those. An accelerator keeps
+as many times these as fill this fraction of its free memory."""
 
 FIRST = 4_096
 """Crops that are there when the training begins."""
@@ -261,6 +263,16 @@ def _boxes_of(crops: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return found | {"patch": patch.flatten(0, 1), "size": size}
 
 
+def _kept(device: torch.device) -> tuple[int, int]:
+    """How many crops are kept on a device; see `KEPT`."""
+    if device.type != "cuda":
+        return KEPT
+    each = sum(int(np.prod(shape)) * np.dtype(kind).itemsize for kind, shape in COLUMNS.values())
+    free, _ = torch.cuda.mem_get_info(device)
+    times = KEPT_SHARE * free / (each * sum(KEPT))
+    return int(times * KEPT[0]), int(times * KEPT[1])
+
+
 class _Arrivals:
     """Crops on their way from the processes that make them into the memory of a device."""
 
@@ -366,7 +378,7 @@ class _Training:
         self.step = 0 if state is None else int(state["step"])
         self.begun_from = "" if state is None else str(state["begun_from"])
         torch.manual_seed(plan.seed + self.step)
-        self.memory = CropMemory(device, KEPT[device.type])
+        self.memory = CropMemory(device, _kept(device))
         self._arrivals = _Arrivals(source, self.memory, device)
         subject = source.subject
         share = float(drawing_probability(subject.images)[subject.held_out].sum())

@@ -134,7 +134,7 @@ def training(torch, monkeypatch):
     """The training, so small that a step takes no time to speak of."""
     from wayside.pipeline.learning import network_training
 
-    small = {"FIRST": 48, "CROPS": 8, "BOXES_EACH": 4, "KEPT": {"cpu": (64, 32)}}
+    small = {"FIRST": 48, "CROPS": 8, "BOXES_EACH": 4, "KEPT": (64, 32)}
     small |= {"WARM_UP": 2, "REPORTED": 2, "BEGUN_BY": 8, "RANGED_CROPS": 16}
     for name, value in small.items():
         monkeypatch.setattr(network_training, name, value)
