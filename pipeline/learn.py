@@ -242,14 +242,14 @@ def main(arguments: list[str] | None = None) -> int:
 def _train(given: argparse.Namespace) -> None:
     """Train the networks; PyTorch and onnx are wanted by nothing else here."""
     real_sources(given.real, given.without)  # before minutes of reading images
-    from wayside.pipeline.learning.network_training import Plan, learn_networks
+    from wayside.pipeline.learning.network_training import TrainingOptions, learn_networks
 
     asked = {
         name: getattr(given, name)
         for name in ("processes", "device")
         if getattr(given, name) is not None
     }
-    plan = Plan(
+    options = TrainingOptions(
         given.network_steps,
         given.seed,
         given.proposing,
@@ -257,7 +257,7 @@ def _train(given: argparse.Namespace) -> None:
         without=given.without,
         **asked,
     )
-    learn_networks(given.drives, given.real, given.out, plan)
+    learn_networks(given.drives, given.real, given.out, options)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Crops with their targets and their boxes, made by several processes and handed over in one order.
+"""Crops with their targets and their boxes, made in batches by several processes and taken in one order.
 
-A hand-over of so many crops is the same for the same seed and number, however many processes there are. Images are in
-memory once, and crops are written where the training reads them.
+A batch is the same for the same seed and number, however many processes there are. Images and batches lie in memory
+that all processes share.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from wayside.pipeline.learning.training_images import drawing_probability
 from wayside.stages.detection import STRIDE, DetectionNetwork
 
 TOGETHER, WAITING = 16, 3
-"""Crops of a hand-over, and how many of these wait for each process, at most."""
+"""Crops of a batch, and batches that wait for each process, at most."""
 
 BOXES = 40
 """Boxes of a crop, at most; the others are left out."""
@@ -65,7 +65,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class TrainingSet:
     """What crops are made of: images, which of them are held out (images,), faces that are drawn in."""
 
     images: Sequence[LabelledImage]
@@ -74,18 +74,18 @@ class Subject:
 
 
 @dataclass(frozen=True, slots=True)
-class _Lent:
-    """An object whose arrays lie in memory that processes share: all but their content, the memory, where each ends."""
+class _SharedSet:
+    """A training set whose arrays lie in shared memory: pickled without them, the memory, and where each array ends."""
 
     content: bytes
     memory: Any
     ends: tuple[int, ...]
 
     @classmethod
-    def of(cls, subject: Subject, context: SpawnContext) -> _Lent:
-        """Copy the arrays of an object there."""
+    def of(cls, training_set: TrainingSet, context: SpawnContext) -> _SharedSet:
+        """Copy the arrays into shared memory."""
         buffers: list[pickle.PickleBuffer] = []
-        content = pickle.dumps(subject, protocol=5, buffer_callback=buffers.append)
+        content = pickle.dumps(training_set, protocol=5, buffer_callback=buffers.append)
         parts = [buffer.raw() for buffer in buffers]
         ends = np.cumsum([0, *(part.nbytes for part in parts)]).tolist()
         memory = context.RawArray("B", max(ends[-1], 1))
@@ -94,33 +94,33 @@ class _Lent:
             held[begin:end] = part
         return cls(content, memory, tuple(ends))
 
-    def object(self) -> Subject:
-        """The object with its arrays where they lie."""
+    def training_set(self) -> TrainingSet:
+        """The training set, its arrays in shared memory."""
         held = memoryview(self.memory).cast("B")
         parts = [held[begin:end] for begin, end in zip(self.ends, self.ends[1:], strict=False)]
-        return cast("Subject", pickle.loads(self.content, buffers=parts))
+        return cast("TrainingSet", pickle.loads(self.content, buffers=parts))
 
 
 @dataclass(frozen=True, slots=True)
-class _Places:
-    """Memory that a process writes hand-overs into, and the places in it that are free and full."""
+class _BatchSlots:
+    """Shared memory of `WAITING` batches that a process writes, and which of these slots are free and full."""
 
     memory: dict[str, Any]
     free: Queue[int]
     full: Queue[int]
 
     @classmethod
-    def made(cls, context: SpawnContext) -> _Places:
+    def made(cls, context: SpawnContext) -> _BatchSlots:
         """All free."""
         size = WAITING * TOGETHER
         memory = {
             name: context.RawArray("B", size * int(np.prod(shape)) * np.dtype(kind).itemsize)
             for name, (kind, shape) in COLUMNS.items()
         }
-        places = cls(memory, context.Queue(), context.Queue())
-        for place in range(WAITING):
-            places.free.put(place)
-        return places
+        slots = cls(memory, context.Queue(), context.Queue())
+        for slot in range(WAITING):
+            slots.free.put(slot)
+        return slots
 
     def columns(self) -> Columns:
         """The memory as arrays (`WAITING`, `TOGETHER`, ...)."""
@@ -131,90 +131,96 @@ class _Places:
 
 
 class CropProcesses:
-    """Hand-overs of crops in the order of their numbers.
+    """Batches of crops in the order of their numbers.
 
-    subject: what crops are made of, where the processes read it; columns: the memory of each process, (`WAITING`,
-    `TOGETHER`, ...) by name; number: of the next hand-over.
+    training_set: what crops are made of, where the processes read it; columns: the memory of each process, (`WAITING`,
+    `TOGETHER`, ...) by name; number: of the next batch.
     """
 
     def __init__(
-        self, subject: Subject, places: Sequence[_Places], processes: Sequence[Any], number: int
+        self,
+        training_set: TrainingSet,
+        slots: Sequence[_BatchSlots],
+        processes: Sequence[Any],
+        number: int,
     ) -> None:
-        self.subject, self.number = subject, number
-        self._places, self._processes = places, processes
-        self.columns = [one.columns() for one in places]
+        self.training_set, self.number = training_set, number
+        self._slots, self._processes = slots, processes
+        self.columns = [one.columns() for one in slots]
 
     def taken(self) -> tuple[int, int]:
-        """Process and place of the next hand-over; it stays there until it is given back.
+        """Process and slot of the next batch; it stays there until it is given back.
 
         Raises RuntimeError where that process has died.
         """
-        one = self.number % len(self._places)
+        one = self.number % len(self._slots)
         self.number += 1
         while True:
             alive = self._processes[one].is_alive()
             try:
-                return one, self._places[one].full.get(timeout=LOOK_EVERY_S)
+                return one, self._slots[one].full.get(timeout=LOOK_EVERY_S)
             except Empty:
                 if not alive:
                     raise RuntimeError("a process that makes the crops has died") from None
 
-    def give_back(self, process: int, place: int) -> None:
+    def free(self, process: int, slot: int) -> None:
         """Let new crops be written there."""
-        self._places[process].free.put(place)
+        self._slots[process].free.put(slot)
 
 
 @contextmanager
 def crops_made(
-    subject: Subject, proposing: Path, processes: int, seed: int, first: int = 0
+    training_set: TrainingSet, proposing: Path, processes: int, seed: int, first: int = 0
 ) -> Iterator[CropProcesses]:
-    """Processes that make crops from hand-over `first` on, with the boxes that a detection network proposes.
+    """Processes that make crops from batch `first` on, with the boxes that a detection network proposes.
 
-    The subject is copied to where they read it; who wants it once only takes it from there.
+    The training set is copied into shared memory, gigabytes: hold no other copy of it.
     """
     context = multiprocessing.get_context("spawn")
-    lent = _Lent.of(subject, context)
-    subject = lent.object()  # gigabytes, else held twice
-    places = [_Places.made(context) for _ in range(processes)]
+    shared = _SharedSet.of(training_set, context)
+    training_set = shared.training_set()
+    slots = [_BatchSlots.made(context) for _ in range(processes)]
     workers = []
-    for k, one in enumerate(places):
+    for k, one in enumerate(slots):
         begin = first + (k - first) % processes
-        given = (lent, proposing, one, seed, begin, processes)
+        given = (shared, proposing, one, seed, begin, processes)
         workers.append(context.Process(target=_make_crops, args=given, daemon=True))
         workers[-1].start()
     try:
-        yield CropProcesses(subject, places, workers, first)
+        yield CropProcesses(training_set, slots, workers, first)
     finally:
         for worker in workers:
             worker.terminate()
 
 
 def _make_crops(
-    lent: _Lent, proposing: Path, places: _Places, seed: int, number: int, each: int
+    shared: _SharedSet, proposing: Path, slots: _BatchSlots, seed: int, number: int, each: int
 ) -> None:
     cv2.setNumThreads(1)
-    subject, columns = lent.object(), places.columns()
+    training_set, columns = shared.training_set(), slots.columns()
     network = DetectionNetwork(str(proposing))
     noise = make_noise(np.random.default_rng(seed))
-    probability = drawing_probability(subject.images)
-    while (place := _free(places)) is not None:
+    probability = drawing_probability(training_set.images)
+    while (slot := _free_slot(slots)) is not None:
         rng = np.random.default_rng([seed, number])
-        chosen = rng.choice(len(subject.images), TOGETHER, p=probability)
+        chosen = rng.choice(len(training_set.images), TOGETHER, p=probability)
         for row, k in enumerate(chosen.tolist()):
-            made = crop_with_boxes(subject.images[k], network, subject.library, noise, rng)
+            made = crop_with_boxes(
+                training_set.images[k], network, training_set.library, noise, rng
+            )
             for name, value in made.items():
-                columns[name][place, row] = value
-            columns["held_out"][place, row] = subject.held_out[k]
-        places.full.put(place)
+                columns[name][slot, row] = value
+            columns["held_out"][slot, row] = training_set.held_out[k]
+        slots.full.put(slot)
         number += each
 
 
-def _free(places: _Places) -> int | None:
-    """A free place; None where the process that takes the crops has died."""
+def _free_slot(slots: _BatchSlots) -> int | None:
+    """A free slot; None where the process that takes the crops has died."""
     parent = multiprocessing.parent_process()
     while parent is None or parent.is_alive():
         try:
-            return places.free.get(timeout=LOOK_EVERY_S)
+            return slots.free.get(timeout=LOOK_EVERY_S)
         except Empty:
             continue
     return None

@@ -5,7 +5,6 @@ A crop is the same for the same seed and number, so that a learning run can be t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -80,19 +79,6 @@ class Labels:
     shape: NDArray[np.int8]
     ignored: NDArray[np.float32]
     other: NDArray[np.float32]
-
-
-def make_crop(
-    images: Sequence[LabelledImage],
-    probability: NDArray[np.float64],
-    library: FaceLibrary,
-    noise: Noise,
-    rng: np.random.Generator,
-) -> Crop:
-    """A crop of one of the images, drawn by `probability` (images,), with its targets."""
-    image = images[int(rng.choice(len(images), p=probability))]
-    pixels, labels = drawn_crop(image, library, noise, rng)
-    return targets(pixels, labels, image)
 
 
 def drawn_crop(

@@ -60,15 +60,15 @@ signs: what is more unusual than nearly all signs of the drives at hand counts a
 REGULARISATION = 0.3
 """Inverse of the penalty on squared weights in standard deviations."""
 MEASURED_IN_IMAGES = (
-    "score_best",
-    "score_mean",
-    "color_certainty",
-    "shape_certainty",
-    "size_scatter",
-    "depth_sigma",
-    "agreement",
+    ("score_best", "score_mean"),
+    ("color_certainty",),
+    ("shape_certainty",),
+    ("size_scatter",),
+    ("depth_sigma",),
+    ("agreement",),
 )
-"""Features by which images of other roads and cameras differ from those at hand; metres and counts do not."""
+"""Features by which images of other roads and cameras differ from those at hand; metres and counts do not. Those of a
+group are jittered alike: what makes the highest score another makes the mean score another."""
 JITTER, REPEATED = 1.0, 8
 """Standard deviation that is added to them, as a fraction of that among landmarks of one kind, and how often each
 landmark is learned from. On real images that the networks have not learned from, their log odds are worth half of what
@@ -222,18 +222,14 @@ def learn_landmark_classifier(
 
 
 def _jittered(values: Values, sign: NDArray[np.bool_]) -> Values:
-    """The features (n, features) `REPEATED` times, (n * `REPEATED`, features), those measured in images jittered.
-
-    What makes the highest score of a landmark another makes its mean score another.
-    """
+    """The features (n, features) `REPEATED` times, (n * `REPEATED`, features), those measured in images jittered."""
     rng = np.random.default_rng(SEED)
     scatter = np.sqrt((values[sign].var(axis=0) + values[~sign].var(axis=0)) / 2)
     repeated = np.tile(values, (REPEATED, 1))
-    for name in MEASURED_IN_IMAGES:
-        if name != "score_mean":
-            deviation = rng.normal(0, JITTER, len(repeated))
-        column = FEATURES.index(name)
-        repeated[:, column] += scatter[column] * deviation
+    for names in MEASURED_IN_IMAGES:
+        deviation = rng.normal(0, JITTER, len(repeated))
+        for column in map(FEATURES.index, names):
+            repeated[:, column] += scatter[column] * deviation
     return repeated
 
 

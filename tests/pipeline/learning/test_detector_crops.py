@@ -17,7 +17,6 @@ from wayside.pipeline.learning.detector_crops import (
     UNSURE,
     Labels,
     drawn_crop,
-    make_crop,
     targets,
 )
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
@@ -58,6 +57,12 @@ def crop_of(faces=(), ignored=(), complete=True, other=()):
         labelled.other,
     )
     return targets(labelled.rgb, labels, labelled)
+
+
+def make_crop(images, probability, faces, noise, rng):
+    """A crop of one of the images, drawn by `probability`, as the processes make it."""
+    shown = images[int(rng.choice(len(images), p=probability))]
+    return targets(*drawn_crop(shown, faces, noise, rng), shown)
 
 
 def library(shape="rectangle"):

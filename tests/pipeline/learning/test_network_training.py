@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.learning import crop_processes
-from wayside.pipeline.learning.crop_processes import COLUMNS, TOGETHER, Subject, crops_made
+from wayside.pipeline.learning.crop_processes import COLUMNS, TOGETHER, TrainingSet, crops_made
 from wayside.pipeline.learning.detector_crops import CROP_PX
 from wayside.pipeline.learning.detector_images import FRONT, labelled_image
 from wayside.pipeline.learning.face_drawings import FaceLibrary
@@ -29,29 +29,29 @@ def image(source, brightness=90):
 
 
 IMAGES = [image("scenes_mixed/ro"), image("ca_city_garmin", 160)]
-SUBJECT = Subject(IMAGES, np.array([False, True]), FaceLibrary((), ()))
+TRAINING_SET = TrainingSet(IMAGES, np.array([False, True]), FaceLibrary((), ()))
 
 
-def hand_overs(processes, count, first=0):
-    """So many hand-overs of crops, copied, by column."""
+def batches(processes, count, first=0):
+    """So many batches of crops, copied, by column."""
     made = []
-    with crops_made(SUBJECT, PROPOSING, processes, 1, first) as source:
+    with crops_made(TRAINING_SET, PROPOSING, processes, 1, first) as source:
         for _ in range(count):
-            process, place = source.taken()
-            made.append({n: v[place].copy() for n, v in source.columns[process].items()})
-            source.give_back(process, place)
+            process, slot = source.taken()
+            made.append({n: v[slot].copy() for n, v in source.columns[process].items()})
+            source.free(process, slot)
     return made
 
 
 def test_a_number_says_which_crops_are_made_however_many_processes_make_them(bits):
-    one, two = hand_overs(1, 3), hand_overs(2, 3)
+    one, two = batches(1, 3), batches(2, 3)
     assert bits(one) == bits(two)
     assert bits(one[0]) != bits(one[1])
-    assert bits(hand_overs(2, 1, first=2)[0]) == bits(one[2])
+    assert bits(batches(2, 1, first=2)[0]) == bits(one[2])
 
 
 def test_a_crop_has_its_boxes_and_says_whether_it_is_held_out():
-    (crops,) = hand_overs(1, 1)
+    (crops,) = batches(1, 1)
     assert {name: (v.dtype, v.shape[1:]) for name, v in crops.items()} == {
         name: (np.dtype(kind), shape) for name, (kind, shape) in COLUMNS.items()
     }
@@ -66,16 +66,16 @@ def test_a_crop_has_its_boxes_and_says_whether_it_is_held_out():
 
 def test_the_end_of_a_process_ends_the_training(monkeypatch):
     monkeypatch.setattr(crop_processes, "LOOK_EVERY_S", 0.05)
-    with crops_made(SUBJECT, Path("absent.onnx"), 1, 1) as source:
+    with crops_made(TRAINING_SET, Path("absent.onnx"), 1, 1) as source:
         with pytest.raises(RuntimeError, match="has died"):
             source.taken()
 
 
 @pytest.fixture
-def memory(torch):
-    from wayside.pipeline.learning import crop_memory
+def crop_buffer(torch):
+    from wayside.pipeline.learning import crop_buffer
 
-    return crop_memory
+    return crop_buffer
 
 
 def numbered(torch, first, count):
@@ -90,8 +90,8 @@ def numbered(torch, first, count):
     }
 
 
-def test_of_a_full_memory_the_oldest_crops_are_replaced(torch, memory):
-    held = memory.CropMemory(torch.device("cpu"), (8, 4))
+def test_of_a_full_buffer_the_oldest_crops_are_replaced(torch, crop_buffer):
+    held = crop_buffer.CropBuffer(torch.device("cpu"), (8, 4))
     for first in range(0, 40, 4):
         held.add(numbered(torch, first, 4), np.array([False, True, False, False]))
     drawn = held.drawn(0.5, 400)
@@ -102,27 +102,27 @@ def test_of_a_full_memory_the_oldest_crops_are_replaced(torch, memory):
     assert {n for n in numbers if n % 4 != 1} == {30, 31, 32, 34, 35, 36, 38, 39}
 
 
-def test_of_images_held_out_only_their_share_is_drawn(torch, memory):
-    held = memory.CropMemory(torch.device("cpu"), (8, 4))
+def test_of_images_held_out_only_their_share_is_drawn(torch, crop_buffer):
+    held = crop_buffer.CropBuffer(torch.device("cpu"), (8, 4))
     held.add(numbered(torch, 0, 6), np.array([False, True, False, True, False, False]))
     assert set(held.drawn(0.0, 200)["count"].tolist()) == {0, 2, 4, 5}
     share = np.isin(held.drawn(0.25, 4000)["count"].numpy(), (1, 3)).mean()
     assert share == pytest.approx(0.25, abs=0.05)
 
 
-def test_random_rows_are_below_their_counts(torch, memory):
-    rows = memory.random_rows(torch.tensor([0, 1, 5]).repeat(300, 1))
+def test_random_rows_are_below_their_counts(torch, crop_buffer):
+    rows = crop_buffer.random_rows(torch.tensor([0, 1, 5]).repeat(300, 1))
     assert [set(column.tolist()) for column in rows.T] == [{0}, {0}, {0, 1, 2, 3, 4}]
 
 
-def test_patches_are_those_that_the_detector_draws(torch, memory):
+def test_patches_are_those_that_the_detector_draws(torch, crop_buffer):
     rng = np.random.default_rng(2)
     rgb = rng.integers(0, 256, (2, CROP_PX, CROP_PX, 3)).astype(np.uint8)
     middle = rng.uniform(0, CROP_PX, (2, 40, 2))
     size = np.exp(rng.uniform(np.log(6), np.log(220), (2, 40, 2)))
     box = np.concatenate([middle - size / 2, middle + size / 2], 2).clip(0, CROP_PX)
     box = box.astype(np.float32)
-    found = memory.patches_of(torch.from_numpy(rgb), torch.from_numpy(box)).numpy()
+    found = crop_buffer.patches_of(torch.from_numpy(rgb), torch.from_numpy(box)).numpy()
     for k in range(2):
         expected = drawn_patches(pyramid(rgb[k]), box[k]).astype(float)
         assert np.abs(found[k] - expected).max() <= 2  # its weights are whole 256ths
@@ -130,14 +130,23 @@ def test_patches_are_those_that_the_detector_draws(torch, memory):
 
 
 @pytest.fixture
+def learners(torch):
+    from wayside.pipeline.learning import network_learners
+
+    return network_learners
+
+
+@pytest.fixture
 def training(torch, monkeypatch):
     """The training, so small that a step takes no time to speak of."""
-    from wayside.pipeline.learning import network_training
+    from wayside.pipeline.learning import network_learners, network_training
 
     small = {"FIRST": 48, "CROPS": 8, "BOXES_EACH": 4, "KEPT": (64, 32)}
     small |= {"WARM_UP": 2, "REPORTED": 2, "BEGUN_BY": 8, "RANGED_CROPS": 16}
     for name, value in small.items():
-        monkeypatch.setattr(network_training, name, value)
+        for module in (network_learners, network_training):
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(network_training, "training_images", lambda *_: [IMAGES[0]])
     monkeypatch.setattr(
         network_training, "held_out_images", lambda _, names: IMAGES[1:][: len(names)]
@@ -146,26 +155,26 @@ def training(torch, monkeypatch):
     return network_training
 
 
-def plan(training, steps, **further):
-    return training.Plan(steps, 1, PROPOSING, 1, "cpu", **further)
+def options(training, steps, **further):
+    return training.TrainingOptions(steps, 1, PROPOSING, 1, "cpu", **further)
 
 
 def test_the_learning_rate_rises_stays_and_falls(torch):
-    from wayside.pipeline.learning.network_training import rate_at
+    from wayside.pipeline.learning.network_learners import rate_at
 
     rates = [rate_at(step, 10000) for step in (0, 250, 600, 2400, 8000, 9999)]
     assert rates[0] < rates[1] < rates[2] == rates[3] == 1 > rates[4] > rates[5] > 0
 
 
 @pytest.mark.slow
-def test_the_losses_fall_and_the_average_follows_the_weights(torch, training):
-    memory = training.CropMemory(torch.device("cpu"), (64, 32))
-    crops = hand_overs(1, 4)
+def test_the_losses_fall_and_the_average_follows_the_weights(torch, learners, training):
+    buffer = training.CropBuffer(torch.device("cpu"), (64, 32))
+    crops = batches(1, 4)
     for one in crops:
         held_out = np.zeros_like(one.pop("held_out"))
-        memory.add({name: torch.from_numpy(values) for name, values in one.items()}, held_out)
+        buffer.add({name: torch.from_numpy(values) for name, values in one.items()}, held_out)
     torch.manual_seed(1)
-    pair = training.Pair(0.0, memory, torch.device("cpu"))
+    pair = learners.Pair(0.0, buffer, torch.device("cpu"))
     pair.record()
     before = pair.learners["box"].average.out.weight.clone()
     losses = []
@@ -183,12 +192,12 @@ def test_the_losses_fall_and_the_average_follows_the_weights(torch, training):
     assert 0 < (average - now).norm() < (average - before).norm()
 
 
-def test_steps_are_no_longer_than_the_largest_gradient_allows(torch, training):
-    learner = training.Learner(training.KINDS["box"], torch.device("cpu"))
+def test_steps_are_no_longer_than_the_largest_gradient_allows(torch, learners):
+    learner = learners.Learner(learners.KINDS["box"], torch.device("cpu"))
     values = learner.network(torch.zeros(4, 48, 48, 3), torch.ones(4, 2))
     learner.learn({"steep": 1e6 * values.sum()}, torch.tensor(0.5))
     norms = [w.grad.norm() for w in learner.network.parameters() if w.grad is not None]
-    largest = training.KINDS["box"].largest_gradient
+    largest = learners.KINDS["box"].largest_gradient
     assert torch.stack(norms).norm() == pytest.approx(largest, rel=1e-3)
 
 
@@ -199,7 +208,7 @@ def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
     for wanted in (1, 3):
         with pytest.warns():
             training.learn_networks(
-                None, tmp_path, tmp_path, plan(training, wanted, without=("ca_city_garmin",))
+                None, tmp_path, tmp_path, options(training, wanted, without=("ca_city_garmin",))
             )
         for name in ("network.onnx", "box.onnx"):
             said = read_onnx_header((tmp_path / name).read_bytes()).metadata
@@ -221,7 +230,7 @@ def test_the_same_seed_learns_the_same(torch, training, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     for name in ("one", "same"):
         with pytest.warns():
-            training.learn_networks(None, tmp_path, tmp_path / name, plan(training, 2))
+            training.learn_networks(None, tmp_path, tmp_path / name, options(training, 2))
     one, same = ((tmp_path / name / "network.onnx").read_bytes() for name in ("one", "same"))
     assert one == same
 
@@ -231,7 +240,7 @@ def test_a_training_begins_from_networks_of_the_same_layers_and_says_so(training
     shipped = Path(str(shipped_models()))
     with pytest.warns():
         training.learn_networks(
-            None, tmp_path, tmp_path / "begun", plan(training, 1, begin_from=shipped)
+            None, tmp_path, tmp_path / "begun", options(training, 1, begin_from=shipped)
         )
     said = read_onnx_header((tmp_path / "begun" / "box.onnx").read_bytes()).metadata
     assert "scenes_mixed" in said["begun from"]
@@ -240,5 +249,8 @@ def test_a_training_begins_from_networks_of_the_same_layers_and_says_so(training
         (tmp_path / "other" / name).write_bytes((shipped / "network.onnx").read_bytes())
     with pytest.raises(InputError, match=r"box\.onnx"):
         training.learn_networks(
-            None, tmp_path, tmp_path / "refused", plan(training, 1, begin_from=tmp_path / "other")
+            None,
+            tmp_path,
+            tmp_path / "refused",
+            options(training, 1, begin_from=tmp_path / "other"),
         )

@@ -1,4 +1,4 @@
-"""The last crops that were made, in the memory of the device that learns from them, and patches of their boxes."""
+"""The last crops that were made, on the device that learns from them, and patches of their boxes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wayside.pipeline.learning.detector_crops import CROP_PX
 from wayside.stages.detection import INNER, SIDE
 
 
-class CropMemory:
+class CropBuffer:
     """Crops by column, those of images held out behind the others; kept: most of either."""
 
     def __init__(self, device: torch.device, kept: tuple[int, int]) -> None:
@@ -30,7 +30,7 @@ class CropMemory:
         self._counts = torch.zeros(2, device=device)
 
     def add(self, crops: Mapping[str, Tensor], held_out: NDArray[np.bool_]) -> None:
-        """Add crops (n, ...) by column, in place of the oldest where the memory is full; held_out (n,)."""
+        """Add crops (n, ...) by column, in place of the oldest where the buffer is full; held_out (n,)."""
         place = np.zeros(len(held_out), np.int64)
         for part, (first, kept) in enumerate(zip((0, self.kept[0]), self.kept, strict=True)):
             rows = np.flatnonzero(held_out == part)
