@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
-from wayside.pipeline.learning.quantization import LEVELS
+from wayside.pipeline.learning.onnx_rewriting import LEVELS
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 

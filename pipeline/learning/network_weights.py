@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from wayside.pipeline.learning.onnx_rewriting import is_paired, single_kernel
 from wayside.schemas.errors import InputError
 
 LAYERS = ("Conv", "Gemm")
@@ -42,10 +43,20 @@ def read_layers(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float3
         return np.asarray(centred * scale.astype(np.float32).reshape(axes), np.float32)
 
     return [
-        (values(node.input[1]), values(node.input[2]))
+        _single(values(node.input[1]), values(node.input[2]))
         for node in graph.node
         if node.op_type in LAYERS
     ]
+
+
+def _single(
+    weight: NDArray[np.float32], bias: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Weights and biases of a layer as it was learned, if it was rewritten to make two columns at once."""
+    if not is_paired(weight):
+        return weight, bias
+    kernel = single_kernel(weight)
+    return kernel, bias[: len(kernel)]
 
 
 def load_weights(network: nn.Module, path: Path, *inputs: Tensor) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.detector_images import rendered_images
+from wayside.pipeline.learning.onnx_rewriting import LEVELS, rewrite
 from wayside.pipeline.learning.scenes import real_sources
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.detection import IMAGE, MULTIPLE, PATCHES, SIZES, padded
@@ -32,9 +33,6 @@ LAST_LAYER = "/maps/Conv"
 
 LAYERS = "/layers/"
 """Start of the names of the layers of the box network whose numbers are integers."""
-
-LEVELS = 255
-"""Steps of a colour of an image from none to full: the networks see 0 to 1."""
 
 Feed = dict[str, NDArray[Any]]
 
@@ -91,37 +89,10 @@ def _quantize(
         nodes_to_exclude=[node.name for node in nodes if excluded(node.name)],
     )
     model = onnx.load(str(target))
-    _join_levels(model.graph)
+    rewrite(model.graph)
     said = onnx_metadata(source.read_bytes()) | {"weights": "7 bits, ranges by images learned from"}
     onnx.helper.set_model_props(model, said)
     onnx.save(model, str(target))
-
-
-def _join_levels(graph: Any) -> None:
-    """Let the levels 0 to 255 of an image be the integers of the first layer, in place, where they are the same.
-
-    An image divided by 255 and quantised in steps of 1 / 255 is that image.
-    """
-    from onnx import numpy_helper
-
-    stored = {one.name: numpy_helper.to_array(one) for one in graph.initializer}
-    made_by = {node.output[0]: node for node in graph.node}
-
-    def before(node: Any, kind: str) -> Any:
-        found = made_by.get(node.input[0])
-        return found if found is not None and found.op_type == kind else None
-
-    for node in list(graph.node):
-        if node.op_type != "DequantizeLinear" or (levels := before(node, "QuantizeLinear")) is None:
-            continue
-        divided = before(levels, "Div")
-        cast = None if divided is None else before(divided, "Cast")
-        if divided is None or cast is None:
-            continue
-        if np.isclose(stored[node.input[1]], 1 / LEVELS) and stored[node.input[2]] == 0:
-            node.input[0] = cast.input[0]
-            for gone in (levels, divided, cast, made_by[divided.input[1]]):
-                graph.node.remove(gone)
 
 
 def calibration_images(drives: Path, real: Path | None) -> Iterator[NDArray[np.uint8]]:

@@ -1,0 +1,210 @@
+"""Networks in 8-bit integers rewritten in place: the same numbers in less time.
+
+The networks of `onnxruntime.quantization` have a `QuantizeLinear` and a `DequantizeLinear` between two layers. What is
+rewritten lies between those two, on integers, so the output stays the same to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVELS = 255
+"""Steps of a colour of an image from none to full: the networks see 0 to 1."""
+
+COLORS, KERNEL, STRIDE, TOGETHER = 3, 3, 2, 2
+"""Colours of an image; columns and stride of the kernel of a first layer that is rewritten, and columns of the output
+that it makes at once then."""
+
+SINGLE = {"kernel_shape": [KERNEL, KERNEL], "strides": [STRIDE, STRIDE], "pads": [1, 1, 1, 1]}
+PAIRED = {"kernel_shape": [KERNEL, 2], "strides": [STRIDE, 1], "pads": [1, 1, 0, 0]}
+"""Attributes of such a layer, before and after."""
+
+ROWS_FIRST, CHANNELS_FIRST = (0, 2, 3, 1), (0, 3, 1, 2)
+"""Orders of dimensions: (n, channels, rows, columns) to (n, rows, columns, channels), in which integers lie in memory,
+and back."""
+
+
+class _Graph:
+    """A graph of the package onnx with its tensors by name."""
+
+    def __init__(self, graph: Any) -> None:
+        self.graph = graph
+        self._stored = {one.name: one for one in graph.initializer}
+
+    def nodes(self, kind: str) -> list[Any]:
+        """All nodes of an operation."""
+        return [node for node in self.graph.node if node.op_type == kind]
+
+    def before(self, node: Any, kind: str | None = None, at: int = 0) -> Any:
+        """What makes an input of a node; None where that is no node, or not of that kind."""
+        for one in self.graph.node:
+            if node.input[at] in one.output:
+                return one if kind in (None, one.op_type) else None
+        return None
+
+    def after(self, node: Any) -> list[Any]:
+        """What takes the output of a node."""
+        return [one for one in self.graph.node if node.output[0] in one.input]
+
+    def array(self, name: str) -> NDArray[Any]:
+        """A stored tensor."""
+        from onnx import numpy_helper
+
+        return np.asarray(numpy_helper.to_array(self._stored[name]))
+
+    def store(self, name: str, values: NDArray[Any]) -> str:
+        """Store a tensor, in place of an earlier one of its name; returns the name."""
+        from onnx import numpy_helper
+
+        tensor = numpy_helper.from_array(np.ascontiguousarray(values), name)
+        if name in self._stored:
+            self._stored[name].CopyFrom(tensor)
+        else:
+            self.graph.initializer.append(tensor)
+            self._stored[name] = self.graph.initializer[-1]
+        return name
+
+    def insert(self, before: Any, kind: str, inputs: Sequence[str], **attributes: Any) -> str:
+        """Put a node before another one; returns its output."""
+        from onnx import helper
+
+        output = f"{inputs[0]}/{kind}"
+        node = helper.make_node(kind, list(inputs), [output], **attributes)
+        self.graph.node.insert(list(self.graph.node).index(before), node)
+        return output
+
+    def remove(self, *nodes: Any) -> None:
+        """Take nodes out."""
+        for node in nodes:
+            self.graph.node.remove(node)
+
+
+def rewrite(graph: Any) -> None:
+    """All that this module has, where it applies."""
+    tensors = _Graph(graph)
+    _join_levels(tensors)
+    _pair_columns(tensors)
+    _repeat_bytes(tensors)
+    del graph.value_info[:]  # shapes of tensors that are there no more
+
+
+def _join_levels(graph: _Graph) -> None:
+    """Let the levels 0 to 255 of an image be the integers of the first layer, where they are the same.
+
+    An image divided by 255 and quantised in steps of 1 / 255 is that image.
+    """
+    for node in graph.nodes("DequantizeLinear"):
+        levels = graph.before(node, "QuantizeLinear")
+        divided = None if levels is None else graph.before(levels, "Div")
+        cast = None if divided is None else graph.before(divided, "Cast")
+        if divided is None or cast is None:
+            continue
+        if np.isclose(graph.array(node.input[1]), 1 / LEVELS) and graph.array(node.input[2]) == 0:
+            node.input[0] = cast.input[0]
+            graph.remove(graph.before(divided, at=1), levels, divided, cast)
+
+
+def paired_kernel(kernel: NDArray[Any]) -> NDArray[Any]:
+    """The kernel (2 n, 12, 3, 2) that makes of four columns in one two columns of what (n, 3, 3, 3) makes, stride 2."""
+    filters, seen = len(kernel), TOGETHER * STRIDE
+    wide = np.zeros((TOGETHER, filters, seen, COLORS, KERNEL, 2), kernel.dtype)
+    for column in range(TOGETHER):
+        for k in range(KERNEL):
+            wide[column, :, *_place(column, k)] = kernel[:, :, :, k]
+    return wide.reshape(TOGETHER * filters, seen * COLORS, KERNEL, 2)
+
+
+def is_paired(kernel: NDArray[Any]) -> bool:
+    """Whether weights are those of `paired_kernel`."""
+    return kernel.shape[1:] == (TOGETHER * STRIDE * COLORS, KERNEL, 2)
+
+
+def single_kernel(paired: NDArray[Any]) -> NDArray[Any]:
+    """The kernel (n, 3, 3, 3) that `paired_kernel` was made of."""
+    wide = paired.reshape(TOGETHER, -1, TOGETHER * STRIDE, COLORS, KERNEL, 2)
+    return np.stack([wide[0, :, *_place(0, k)] for k in range(KERNEL)], axis=-1)
+
+
+def _place(column: int, k: int) -> tuple[int, slice, slice, int]:
+    """Where a column of a kernel goes for a column of the output: column of four, colours, rows, which four."""
+    seen = TOGETHER * STRIDE
+    # the kernel begins a column left of those that are joined
+    group, at = divmod(seen + STRIDE * column + k - 1, seen)
+    return at, slice(None), slice(None), group
+
+
+def _pair_columns(graph: _Graph) -> None:
+    """Let a first layer of 3 x 3 samples and stride 2 make two columns of its output at once.
+
+    Four columns of three colours are one of twelve channels, so that half as many and wider products are summed, some
+    of them with weights of 0. Where numbers lie in memory stays as it is. Images of columns that are no multiple of
+    four cannot be seen any more.
+    """
+    from onnx import helper
+
+    layer = graph.nodes("Conv")[0]
+    image, weight, bias = (graph.before(layer, "DequantizeLinear", at) for at in range(3))
+    rounded = _rounding_after(layer, graph)
+    if None in (image, weight, bias, rounded):
+        return
+    kernel = graph.array(weight.input[0])
+    given = {one.name: list(one.ints) for one in layer.attribute if one.name in SINGLE}
+    if given != SINGLE or kernel.shape[1] != COLORS:
+        return
+    graph.store(weight.input[0], paired_kernel(kernel))
+    for name in (*weight.input[1:], *bias.input):
+        graph.store(name, np.tile(graph.array(name), TOGETHER))
+    for one in [one for one in layer.attribute if one.name in PAIRED]:
+        layer.attribute.remove(one)
+    layer.attribute.extend(helper.make_attribute(*one) for one in PAIRED.items())
+    users = graph.after(rounded)
+    apart = _with_channels(rounded.output[0], len(kernel), users[0], graph)
+    for user in users:
+        user.input[0] = apart
+    image.input[0] = _with_channels(image.input[0], TOGETHER * STRIDE * COLORS, image, graph)
+
+
+def _rounding_after(layer: Any, graph: _Graph) -> Any:
+    """What makes integers of a layer; None where that does not come next."""
+    users = graph.after(layer)
+    if len(users) == 1 and users[0].op_type == "Relu":
+        users = graph.after(users[0])
+    return users[0] if len(users) == 1 and users[0].op_type == "QuantizeLinear" else None
+
+
+def _with_channels(tensor: str, channels: int, before: Any, graph: _Graph) -> str:
+    """The same bytes with so many channels, and columns to match."""
+    shape = graph.store(f"{tensor}/shape", np.array([0, 0, -1, channels]))
+    rows_first = graph.insert(before, "Transpose", [tensor], perm=ROWS_FIRST)
+    reshaped = graph.insert(before, "Reshape", [rows_first, shape])
+    return graph.insert(before, "Transpose", [reshaped], perm=CHANNELS_FIRST)
+
+
+def _repeat_bytes(graph: _Graph) -> None:
+    """Let what doubles rows and columns copy the channels of a sample at a time, not each by itself."""
+    for resize in graph.nodes("Resize"):
+        scales = graph.before(resize, at=2)
+        values, rounded = graph.before(resize, "DequantizeLinear"), _rounding_after(resize, graph)
+        if values is None or rounded is None or rounded.input[1:] != values.input[1:]:
+            continue
+        layer = graph.before(graph.before(values))
+        channels = len(graph.array(graph.before(layer, at=1).input[0]))
+        apart = graph.store(f"{resize.name}/apart", np.array([0, 0, 1, -1, 1, channels]))
+        times = graph.store(f"{resize.name}/times", np.array([1, 1, 2, 1, 2, 1]))
+        twice = graph.store(f"{resize.name}/twice", np.array([1, 2, 2, 1]))
+        rows_first = graph.insert(values, "Transpose", [values.input[0]], perm=ROWS_FIRST)
+        shape = graph.insert(values, "Shape", [rows_first])
+        doubled = graph.insert(values, "Mul", [shape, twice])
+        samples = graph.insert(values, "Reshape", [rows_first, apart])
+        repeated = graph.insert(values, "Expand", [samples, times])
+        joined = graph.insert(values, "Reshape", [repeated, doubled])
+        larger = graph.insert(values, "Transpose", [joined], perm=CHANNELS_FIRST)
+        for user in graph.after(rounded):
+            user.input[0] = larger
+        graph.remove(resize, rounded, values)
+        if scales is not None and not graph.after(scales):
+            graph.remove(scales)

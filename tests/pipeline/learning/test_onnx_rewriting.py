@@ -1,0 +1,114 @@
+"""Networks in whole numbers before and after they are rewritten: the same output to the last bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from wayside.pipeline.learning import quantization
+from wayside.pipeline.learning.onnx_rewriting import (
+    is_paired,
+    paired_kernel,
+    rewrite,
+    single_kernel,
+)
+from wayside.stages.classifiers import OnnxNetwork
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Two networks that were never trained, with what they see: files as they were quantised, and rewritten ones."""
+    torch = pytest.importorskip("torch", reason="PyTorch is only needed for learning")
+    onnx = pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    from wayside.pipeline.learning import box_network, detector_network
+
+    torch.manual_seed(1)
+    rng = np.random.default_rng(1)
+    folder = tmp_path_factory.mktemp("networks")
+    images = [rng.integers(0, 256, (64, 96, 3)).astype(np.uint8) for _ in range(2)]
+    patches = rng.integers(0, 256, (5, 48, 48, 3)).astype(np.uint8)
+    sizes = rng.uniform(8, 90, (5, 2)).astype(np.float32)
+    names = "network", "box"
+    network, boxes = detector_network.DetectionNetwork(), box_network.BoxNetwork()
+    # statistics of the normalisations: without them all biases are one
+    network(torch.from_numpy(np.stack(images)))
+    boxes(torch.from_numpy(patches), torch.from_numpy(sizes))
+    with pytest.warns():
+        detector_network.export(network, folder / "network", {})
+    with pytest.warns():
+        box_network.export(boxes, folder / "box", {})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(quantization, "rewrite", lambda graph: None)
+        quantization.quantize(folder / "network", folder / "network_plain", images)
+        samples = [{"patch": patches, "size": sizes}]
+        quantization.quantize_boxes(folder / "box", folder / "box_plain", samples)
+    for name in names:
+        model = onnx.load(str(folder / f"{name}_plain"))
+        rewrite(model.graph)
+        onnx.checker.check_model(model, full_check=True)
+        onnx.save(model, str(folder / f"{name}_rewritten"))
+    seen = {"image": images[0][None]}, {"patches": patches, "sizes": sizes}
+    outputs = "maps", "boxes"
+    return {
+        name: (folder / f"{name}_plain", folder / f"{name}_rewritten", feed, output)
+        for name, feed, output in zip(names, seen, outputs, strict=True)
+    }
+
+
+def operations(path: Path):
+    import onnx
+
+    return [node.op_type for node in onnx.load(str(path)).graph.node]
+
+
+@pytest.mark.parametrize("name", ["network", "box"])
+def test_a_rewritten_network_says_the_same(files, name):
+    plain, rewritten, feed, output = files[name]
+    one, other = (OnnxNetwork(str(path), (output,)).run(feed)[output] for path in files[name][:2])
+    assert plain.read_bytes() != rewritten.read_bytes()
+    assert np.ptp(one) > 0
+    np.testing.assert_array_equal(one, other)
+
+
+def test_all_that_can_be_rewritten_is(files):
+    plain, rewritten = (operations(path) for path in files["network"][:2])
+    assert {"Div", "Resize"} <= set(plain)
+    assert not {"Div", "Resize"} & set(rewritten)
+    assert rewritten.count("Conv") == plain.count("Conv")
+
+
+@pytest.mark.parametrize("name", ["network", "box"])
+def test_the_weights_of_a_rewritten_network_are_read_as_they_were_learned(files, name):
+    from wayside.pipeline.learning.network_weights import read_layers
+
+    one, other = map(read_layers, files[name][:2])
+    assert len(one) == len(other)
+    for layer, same in zip(one, other, strict=True):
+        for values, others in zip(layer, same, strict=True):
+            np.testing.assert_array_equal(values, others)
+
+
+@pytest.mark.parametrize("name", ["network", "box"])
+def test_a_network_is_rewritten_once(files, name):
+    import onnx
+
+    model = onnx.load(str(files[name][1]))
+    before = model.SerializeToString()
+    rewrite(model.graph)
+    assert model.SerializeToString() == before
+
+
+@given(
+    st.integers(1, 9).flatmap(
+        lambda n: arrays(np.int8, (n, 3, 3, 3), elements=st.integers(-64, 63))
+    )
+)
+def test_a_pair_of_kernels_gives_the_single_one_back(kernel):
+    paired = paired_kernel(kernel)
+    assert is_paired(paired)
+    assert not is_paired(kernel)
+    assert paired.astype(int).sum() == 2 * kernel.astype(int).sum()
+    np.testing.assert_array_equal(single_kernel(paired), kernel)
