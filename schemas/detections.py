@@ -65,6 +65,7 @@ VERDICTS = (
     "moving",
     "residual",
     "location",
+    "attached",
     "panel_size",
     "place_score",
     "duplicate",

@@ -19,6 +19,7 @@ EVIDENCE_TERMS = {
     "place": "where it stands beside and above the path",
     "rigidity": "how well its boxes agree on a standing point",
     "registration": "how well its registered images agree on one panel",
+    "surroundings": "how far what surrounds it moves apart from it",
 }
 """Terms of the evidence for a landmark: what each log-likelihood ratio, sign against anything else, rests on."""
 

@@ -47,6 +47,7 @@ _SHORT = {
     "evidence_place": "ev_place",
     "evidence_rigidity": "ev_rigid",
     "evidence_registration": "ev_regist",
+    "evidence_surroundings": "ev_surroun",
     "reviewed_color": "rev_color",
     "reviewed_shape": "rev_shape",
     "review_note": "rev_note",

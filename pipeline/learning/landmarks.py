@@ -50,6 +50,7 @@ EVIDENCE = (
     ("size_scatter", "rigidity", AGAINST, 0.0),
     ("depth_sigma", "rigidity", AGAINST, 0.0),
     ("agreement", "registration", FOR, 8.0),
+    ("surroundings", "surroundings", AGAINST, 0.0),
 )
 """Feature, term, the direction in which it may count, and the value beyond which it is as good as can be: what is known
 from the nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above
@@ -69,11 +70,11 @@ MEASURED_IN_IMAGES = (
 )
 """Features by which images of other roads and cameras differ from those at hand; metres and counts do not. Those of a
 group are jittered alike: what makes the highest score another makes the mean score another."""
-JITTER, REPEATED = 1.0, 8
+JITTER, REPEATED = 1.5, 8
 """Standard deviation that is added to them, as a fraction of that among landmarks of one kind, and how often each
 landmark is learned from. On real images that the networks have not learned from, their log odds are worth half of what
-they are on rendered ones. Numbers that scatter this much more weigh half as much, and the others more."""
-FALSE_ALARM, FALSE_ALARM_BACK = 0.007, 0.1
+they are on rendered ones. Numbers that scatter this much more weigh a third, and the others more."""
+FALSE_ALARM, FALSE_ALARM_BACK = 0.01, 0.1
 """Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
 FOLDS, SEED = 8, 1
 FEWEST_EXAMPLES = 16

@@ -1,7 +1,8 @@
 """Whether a landmark is a sign: the sum of log-likelihood ratios (report chapter 9, for a whole track).
 
-Each term of evidence (appearance, views, size, place, rigidity, registration) is a bounded sum over a few numbers on
-all views of a landmark together. A term that has never seen such a road can therefore not outvote all others.
+Each term of evidence (appearance, views, size, place, rigidity, registration, surroundings) is a bounded sum over a few
+numbers on all views of a landmark together. A term that has never seen such a road can therefore not outvote all the
+others.
 """
 
 from __future__ import annotations
@@ -35,11 +36,13 @@ FEATURES = (
     "size_scatter",
     "depth_sigma",
     "agreement",
+    "surroundings",
 )
 """Names in the order of the values. score_best: mean of the three highest scores of its views; missed: share of the
 frames that should show it in which it has no candidate; color_certainty, shape_certainty: mean log probability of the
 class that the views together give; place_sigmas: Mahalanobis distance from the nearest class of locations;
-size_scatter, depth_sigma: relative; agreement: see `registration_agreement`."""
+size_scatter, depth_sigma: relative; agreement: see `registration_agreement`; surroundings: see
+`surroundings_correlation`."""
 BEST = 3
 FREE_PX, EXACT_PX = 3.0, 0.1
 """Residuals of registered images that show different things, and below which no residual is better than another. With
@@ -79,12 +82,15 @@ class LandmarkClassifier:
         window: Sequence[WindowFrame],
         offset: FrenetOffset,
         agreement: float = nan,
+        surroundings: float = nan,
     ) -> LandmarkEvidence:
         """The evidence for a landmark in its window at an offset from the path.
 
-        agreement: of its registered images; nan: the panel is not measured yet.
+        agreement: of its registered images; surroundings: correlation round it; nan: not measured yet.
         """
-        features = landmark_features(fit, window, offset, self.location, agreement, self.settings)
+        features = landmark_features(
+            fit, window, offset, self.location, agreement, surroundings, self.settings
+        )
         if self.model is None:
             confirmed = fit.used.sum() > 2 or not agreement <= 0
             log_odds = max(fit.value, 0.0) if confirmed else -1.0
@@ -106,9 +112,10 @@ def landmark_features(
     offset: FrenetOffset,
     location: GaussianModel | None,
     agreement: float,
+    surroundings: float,
     settings: LandmarkSettings,
 ) -> NDArray[np.float64]:
-    """Numbers (12,) on a landmark, named by `FEATURES`."""
+    """Numbers (13,) on a landmark, named by `FEATURES`."""
     scores = np.array([window[f].score[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
@@ -128,6 +135,7 @@ def landmark_features(
             (fit.spread / fit.metric).max(),
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
             agreement,
+            surroundings,
         ]
     )
 

@@ -21,6 +21,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.association import AssociationGates
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
@@ -33,6 +34,7 @@ from wayside.stages.mapping.landmark_evidence import (
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
+from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -243,9 +245,17 @@ class _Tracker:
             drift_rad = self._settings.landmark.drift_rad
             seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
         agreement = registration_agreement(len(seen.views), seen.panel)
-        evidence = classifier.classify(fit, self._window, one.offset, agreement)
+        surroundings = surroundings_correlation(self._views_of(fit))
+        evidence = classifier.classify(fit, self._window, one.offset, agreement, surroundings)
         verdict = "sign" if classifier.accepts(evidence) else VERDICT_OF_TERM[evidence.weakest]
         return verdict, evidence, seen
+
+    def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
+        """The images that show a landmark, each with its box."""
+        for frame, row in zip(fit.frames, fit.rows, strict=True):
+            held = self._window[frame]
+            if held.rgb is not None:
+                yield held.rgb, held.candidates.regions.box[held.followed[row]].astype(np.float64)
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

@@ -26,6 +26,7 @@ VERDICT_OF_TERM = {
     "place": "location",
     "rigidity": "residual",
     "registration": "residual",
+    "surroundings": "attached",
 }
 """Verdict on a landmark by the term of evidence that weighs most against it."""
 

@@ -17,6 +17,7 @@ from wayside.stages.mapping.landmark_evidence import (
     FREE_PX,
     registration_agreement,
 )
+from wayside.stages.mapping.surroundings import UNCOMPARED
 from wayside.stages.mapping.tracker import track
 
 
@@ -31,6 +32,13 @@ def landmark_of(frames, classifier):
     front = SideClassifiers(landmark=classifier)
     (found,) = [p for item in track(iter(frames), MappingSettings(), front) for p in item.landmarks]
     return found
+
+
+def with_image(posed, grey):
+    detections = posed.detections
+    image = replace(detections.image, rgb=np.dstack([grey] * 3), grey=grey)
+    segmentation = replace(detections.segmentation, image=image)
+    return replace(posed, detections=replace(detections, segmentation=segmentation))
 
 
 def test_the_score_is_the_sum_of_the_terms_and_the_shift(panel, drive, evidence_model):
@@ -56,6 +64,15 @@ def test_the_features_say_how_a_landmark_was_seen(panel, drive):
     assert named["place_sigmas"] == pytest.approx(1.0, abs=0.02)
     assert named["size_scatter"] < 0.05
     assert named["agreement"] == 0
+    assert named["surroundings"] == UNCOMPARED
+
+
+def test_the_images_show_whether_its_surroundings_move_with_a_panel(panel, drive, texture):
+    """The same image in every frame: what the box of the panel moves over is never twice the same."""
+    grey = texture(1200, 1600, contrast=40.0)
+    frames = [with_image(frame, grey) for frame in drive([panel(3.5, 1.2, 120.0)], 20)]
+    named = dict(zip(FEATURES, landmark_of(frames, LandmarkClassifier()).features, strict=True))
+    assert UNCOMPARED != named["surroundings"] < 0.5
 
 
 @given(value=st.floats(-1e6, 1e6) | st.just(float("nan")))
