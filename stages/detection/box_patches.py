@@ -34,10 +34,10 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
         If an image or the boxes are of another type or layout.
     """
     box = _checked(levels, box)
-    result = np.zeros((len(box), SIDE, SIDE, 3), np.uint8)
+    result = np.empty((len(box), SIDE, SIDE * 3), np.uint8)
     full, half, quarter = levels
     _draw_all(full, half, quarter, box, result)
-    return result
+    return result.reshape(-1, SIDE, SIDE, 3)
 
 
 def _checked(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -54,55 +54,60 @@ def _checked(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @compiled
-def _draw(
-    full: Any, half: Any, quarter: Any, x0: Any, y0: Any, x1: Any, y1: Any, pixels: Any
-) -> None:
-    """Sample the patch (48, 48, 3), linear between pixels, from the size that is nearest above its own."""
-    longest = max(x1 - x0, y1 - y0) / INNER
-    scale = 1
-    image = full
-    if longest >= 4:
-        image = quarter
-        scale = 4
-    elif longest >= 2:
-        image = half
-        scale = 2
+def _draw(image: Any, scale: Any, box: Any, at: Any, above: Any, below: Any, pixels: Any) -> None:
+    """Sample the patch (48, 144), rows of red, green and blue, linear between pixels, from an image `scale` smaller.
+
+    at (48, 3), above, below (144,) int32: room for columns and their weights, and for two rows of the image at these
+    columns. Boxes are mostly smaller than their patches: the rows between two rows of the image use the same ones.
+    """
+    x0, y0, x1, y1 = box
     height, width = image.shape[:2]
     dx = np.float32((x1 - x0) / (INNER * scale))
     dy = np.float32((y1 - y0) / (INNER * scale))
     left = np.float32(((x0 + x1) / scale - 1) / 2) - dx * np.float32((SIDE - 1) / 2)
     top = np.float32(((y0 + y1) / scale - 1) / 2) - dy * np.float32((SIDE - 1) / 2)
     # Weights are whole 256ths: integers are quick, and the same on every machine.
-    at = np.empty((SIDE, 3), np.int32)
     for j in range(SIDE):
         x = min(max(left + j * dx, np.float32(0)), np.float32(width - 1))
         at[j, 0] = int(x)
         at[j, 1] = min(int(x) + 1, width - 1)
         at[j, 2] = int((x - int(x)) * 256)
+    first = second = -1
     for i in range(SIDE):
         y = min(max(top + i * dy, np.float32(0)), np.float32(height - 1))
-        above = image[int(y)]
-        below = image[min(int(y) + 1, height - 1)]
-        b = np.int32((y - int(y)) * 256)
-        for j in range(SIDE):
-            c0 = at[j, 0]
-            c1 = at[j, 1]
-            w01 = at[j, 2] * (256 - b)
-            w11 = at[j, 2] * b
-            w00 = (256 - at[j, 2]) * (256 - b)
-            w10 = (256 - at[j, 2]) * b
-            pixels[i, j, 0] = (
-                w00 * above[c0, 0] + w01 * above[c1, 0] + w10 * below[c0, 0] + w11 * below[c1, 0]
-            ) >> 16
-            pixels[i, j, 1] = (
-                w00 * above[c0, 1] + w01 * above[c1, 1] + w10 * below[c0, 1] + w11 * below[c1, 1]
-            ) >> 16
-            pixels[i, j, 2] = (
-                w00 * above[c0, 2] + w01 * above[c1, 2] + w10 * below[c0, 2] + w11 * below[c1, 2]
-            ) >> 16
+        row = int(y)
+        if row != first:
+            if row == second:
+                above, below = below, above
+            else:
+                _sample_row(image[row], at, above)
+            first = row
+            second = min(row + 1, height - 1)
+            _sample_row(image[second], at, below)
+        weight = np.int32((y - row) * 256)
+        for j in range(3 * SIDE):
+            pixels[i, j] = ((256 - weight) * above[j] + weight * below[j]) >> 16
+
+
+@compiled
+def _sample_row(row: Any, at: Any, samples: Any) -> None:
+    """A row (width, 3) of an image at the columns of a patch, times 256."""
+    for j in range(SIDE):
+        left, right, weight = at[j, 0], at[j, 1], at[j, 2]
+        for k in range(3):
+            samples[3 * j + k] = (256 - weight) * row[left, k] + weight * row[right, k]
 
 
 @compiled
 def _draw_all(full: Any, half: Any, quarter: Any, box: Any, pixels: Any) -> None:
+    """The patch of each box, from the size of the image that is nearest above its own."""
+    at = np.empty((SIDE, 3), np.int32)
+    above, below = np.empty(3 * SIDE, np.int32), np.empty(3 * SIDE, np.int32)
     for n in range(box.shape[0]):
-        _draw(full, half, quarter, box[n, 0], box[n, 1], box[n, 2], box[n, 3], pixels[n])
+        longest = max(box[n, 2] - box[n, 0], box[n, 3] - box[n, 1]) / INNER
+        if longest >= 4:
+            _draw(quarter, 4, box[n], at, above, below, pixels[n])
+        elif longest >= 2:
+            _draw(half, 2, box[n], at, above, below, pixels[n])
+        else:
+            _draw(full, 1, box[n], at, above, below, pixels[n])
