@@ -112,7 +112,10 @@ class RegistrationSettings:
     smallest_blur: float = _expert(0.2, "samples", "smaller blurs are left out", low=0)
     iterations: int = _expert(12, "steps", "Gauss-Newton steps at most", low=1)
     converged: float = _expert(
-        0.005, "samples", "steps shorter than this end the registration", low=0
+        0.005,
+        "samples",
+        "steps that move all samples by less than this end the registration",
+        low=0,
     )
     stretch_sigma: float = _expert(0.03, "", "scatter of the stretches about 1 (prior)", low=0.0001)
     largest_stretch: float = _expert(

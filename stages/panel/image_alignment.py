@@ -44,6 +44,7 @@ def align(
         return None
     mean = float((weight * template).sum()) / total
     spread = float((weight * (template - mean) ** 2).sum())
+    half = (np.array(shape[::-1]) - 1) / 2
     x = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0])
     normal, right = np.zeros((6, 6)), np.zeros(6)
     prior = np.zeros(6)
@@ -58,7 +59,7 @@ def align(
             far = np.abs(x[:2] - start).max() > settings.largest_shift
             if far or np.abs(x[2:4] - 1).max() > settings.largest_stretch:
                 return None
-            if np.abs(step[:2]).max() < settings.converged:
+            if (np.abs(step[:2]) + half * np.abs(step[2:4])).max() < settings.converged:
                 break
         inside, squares = _normal_equations(template, weight, patch, x, normal, right)
         covariance = np.asarray(np.linalg.inv(normal))
