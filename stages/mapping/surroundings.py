@@ -33,6 +33,23 @@ UNCOMPARED = 0.2
 """Where no two views can be compared: midway between the means of signs and of others, it speaks for neither."""
 
 
+_AT = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * SIDES
+_FIRST, _LAST = np.flatnonzero(np.abs(_AT) < 0.5)[[0, -1]] + [0, 1]
+_PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
+"""Samples of the panel in a patch, each way, and those in which it is searched for."""
+
+
+def _samples_around() -> NDArray[np.bool_]:
+    """Which samples, `SEARCH` off the edges of a patch, lie beside and above the panel."""
+    inside, outside = np.abs(_AT) < 0.5, np.abs(_AT) > GAP / 2
+    beside, above = np.outer(inside, outside), np.outer(outside & (_AT < 0), np.abs(_AT) < 0.9)
+    return np.asarray((beside | above)[SEARCH:-SEARCH, SEARCH:-SEARCH])
+
+
+_AROUND = _samples_around()
+"""Below is the post, which moves with any sign."""
+
+
 class Patch(NamedTuple):
     """A panel and its surroundings: its size, px, and grey levels (`SAMPLES`, `SAMPLES`)."""
 
@@ -73,23 +90,15 @@ def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
 
 
 def correlation_around(near: Patch, far: Patch) -> float:
-    """Correlation of what is beside and above the panels of two views, their panels aligned.
-
-    Below is the post, which moves with any sign.
-    """
+    """Correlation of what is beside and above the panels of two views, their panels aligned."""
     blurred = cv2.GaussianBlur(near.grey, (0, 0), 0.7 * SAMPLES / SIDES / far.size_px)
-    at = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * SIDES
-    inside, outside = np.abs(at) < 0.5, np.abs(at) > GAP / 2
-    around = np.outer(inside, outside) | np.outer(outside & (at < 0), np.abs(at) < 0.9)
-    first, last = np.flatnonzero(inside)[[0, -1]] + [0, 1]
-    panel, searched = (slice(first - more, last + more) for more in (0, SEARCH))
     scores = cv2.matchTemplate(
-        far.grey[searched, searched], blurred[panel, panel], cv2.TM_CCOEFF_NORMED
+        far.grey[_SEARCHED, _SEARCHED], blurred[_PANEL, _PANEL], cv2.TM_CCOEFF_NORMED
     )
     _, _, _, (right, down) = cv2.minMaxLoc(scores)
     width = SAMPLES - 2 * SEARCH
-    seen = blurred[SEARCH:-SEARCH, SEARCH:-SEARCH]
-    moved = far.grey[down : down + width, right : right + width]
-    around = around[SEARCH:-SEARCH, SEARCH:-SEARCH]
-    covariance = np.cov(seen[around], moved[around], bias=True) + NOISE**2 * np.eye(2)
-    return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
+    seen = blurred[SEARCH:-SEARCH, SEARCH:-SEARCH][_AROUND]
+    moved = far.grey[down : down + width, right : right + width][_AROUND]
+    one, other = (grey - grey.mean(dtype=np.float64) for grey in (seen, moved))
+    noise = len(one) * NOISE**2
+    return float(one @ other / np.sqrt((one @ one + noise) * (other @ other + noise)))
