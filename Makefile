@@ -68,12 +68,16 @@ learning-drives: .venv/.ready
 AGAIN := .cache/drives/again
 # Thresholds of the report's gates need few drives: every region of an image is an example.
 GATES := causeway compact crossing fells tramway
+# A folder of its own, which begins as a copy of the models that ship: each step finds there what those before it wrote.
+LEARNED := .cache/models
 learn: learning-drives .venv/.learn
-	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o pipeline/models
+	@rm -rf $(LEARNED) && mkdir -p $(LEARNED) && cp pipeline/models/*.json pipeline/models/*.onnx $(LEARNED)
+	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o $(LEARNED)
 	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)
-	@$(RUN) wayside.pipeline.learning.box_thresholds --drives $(AGAIN) -o pipeline/models
-	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) -o pipeline/models
-	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o pipeline/models
+	@$(RUN) wayside.pipeline.learning.box_thresholds --drives $(AGAIN) -o $(LEARNED)
+	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) -o $(LEARNED)
+	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o $(LEARNED)
+	@cp $(LEARNED)/*.json $(LEARNED)/*.onnx pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 # Minutes on an accelerator with many cores, most of a day on two; it can be interrupted, and goes on from its checkpoint.
