@@ -17,15 +17,19 @@ def code_of(row: Mapping[str, Any]) -> str | None:
     return None if not code else " ".join(filter(None, (code, row.get("legend"))))
 
 
-def code_words(row: Mapping[str, Any]) -> str:
-    """The code with its system and how probable it is; a series with what it means."""
-    code = code_of(row)
-    if code is None:
-        return "unknown"
-    system = US if row.get("mutcd") else VIENNA
-    series = SERIES[system].get(code)
-    meant = "" if series is None else f", {series[0]}"
-    return f"{code} ({SYSTEM_WORDS[system]}{meant}), probability {row['code_probability']:.2f}"
+def system_words(row: Mapping[str, Any]) -> str:
+    """The system that the code of a row is of."""
+    return SYSTEM_WORDS[_system(row)]
+
+
+def series_words(row: Mapping[str, Any]) -> str | None:
+    """What the series means that is stated instead of a code; None where a code is, or nothing."""
+    series = SERIES[_system(row)].get(code_of(row) or "")
+    return None if series is None else series[0]
+
+
+def _system(row: Mapping[str, Any]) -> str:
+    return US if row.get("mutcd") else VIENNA
 
 
 def nominal_words(row: Mapping[str, Any]) -> str | None:

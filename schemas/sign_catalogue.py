@@ -25,7 +25,7 @@ SERIES: dict[str, dict[str, tuple[str, str | None]]] = {
         "OM": ("object marker", None),
         "M": ("route marker", None),
         "D/E/I": ("guide", None),
-        "D": ("guide of conventional roads, services, recreation", "D/E/I"),
+        "D": ("guide of conventional roads", "D/E/I"),
         "E": ("guide of freeways and expressways", "D/E/I"),
     },
     VIENNA: {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from wayside.pipeline.code_words import code_words, nominal_words
+from wayside.pipeline.code_words import code_of, nominal_words, series_words, system_words
 from wayside.pipeline.evidence.marks import class_words
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 
@@ -87,13 +87,24 @@ def _panel(sign: dict[str, Any]) -> list[Figure]:
     facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
     nominal = nominal_words(sign)
     return [
-        Figure("Code", code_words(sign)),
+        *_code(sign),
         Figure("Colour", class_words(sign["color"])),
         Figure("Shape", class_words(sign["shape"])),
         Figure("Width", _metres(sign["panel_width_m"]), _sigma(sign["sigma_width_m"], "m")),
         Figure("Height", _metres(sign["panel_height_m"]), _sigma(sign["sigma_height_m"], "m")),
         *([] if nominal is None else [Figure("Standard size", nominal)]),
         Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°")),
+    ]
+
+
+def _code(sign: dict[str, Any]) -> list[Figure]:
+    code, series = code_of(sign), series_words(sign)
+    if code is None:
+        return [Figure("Code", UNKNOWN)]
+    probability = f"probability {sign['code_probability']:.2f}"
+    return [
+        Figure("Code", f"{code} ({system_words(sign)})", probability),
+        *([] if series is None else [Figure("Series", series)]),
     ]
 
 
