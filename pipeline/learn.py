@@ -37,7 +37,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import not_written, write_file
-from wayside.schemas.errors import InputError, WaysideError
+from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import GaussianModel, Model
@@ -76,8 +76,13 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     InputError
         If there are no learning drives, or one cannot be used.
     OutputError
-        If a file cannot be written.
+        If a file cannot be written, or `out` is where the models that ship lie: they are in use meanwhile.
     """
+    if out.resolve() == Path(str(shipped_models())).resolve():
+        raise OutputError(
+            f"{out}: wanted a folder of its own, found that of the models that ship, which are in use while others are "
+            "learned; `make learn` puts the new ones there at its end"
+        )
     logs = learning_logs(drives)
     settings, _ = load_settings()
 

@@ -12,7 +12,8 @@ from wayside.pipeline.learn import main
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
 from wayside.pipeline.learning.samples import read_drive, read_truth, sign_positions
-from wayside.schemas.errors import InputError
+from wayside.pipeline.model_files import shipped_models
+from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.settings import Settings
 
@@ -182,6 +183,12 @@ def test_a_source_to_leave_out_that_is_none_is_named(tmp_path, capsys):
     asked = ["--drives", str(tmp_path), "--real", str(tmp_path), "-o", str(tmp_path)]
     assert main([*asked, "--network-steps", "1", "--without", "garmin"]) == 3
     assert "found garmin" in capsys.readouterr().err
+
+
+def test_the_models_that_ship_are_not_written_over_while_they_are_in_use(tmp_path, capsys):
+    shipped = str(shipped_models())
+    assert main(["--drives", str(tmp_path), "-o", shipped]) == OutputError.exit_status
+    assert f"{shipped}: wanted a folder of its own" in capsys.readouterr().err
 
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):

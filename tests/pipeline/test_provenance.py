@@ -39,7 +39,7 @@ def test_the_models_that_ship_name_the_real_drives_they_saw() -> None:
 def test_the_models_that_ship_name_the_rendered_drives_they_saw() -> None:
     settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
-    assert set(learned_from("learn_alley", said)) == {"box", "location", "network"}
+    assert set(learned_from("learn_alley", said)) == {"box", "location", "network", "outline"}
     assert set(learned_from("learn_alley_90000", said)) == {"network"}
     of_thresholds = {"place", "back_place", "front", "back"}
     assert of_thresholds <= set(learned_from("learn_alley_70000", said))
