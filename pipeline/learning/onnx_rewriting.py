@@ -23,9 +23,9 @@ SINGLE = {"kernel_shape": [KERNEL, KERNEL], "strides": [STRIDE, STRIDE], "pads":
 PAIRED = {"kernel_shape": [KERNEL, 2], "strides": [STRIDE, 1], "pads": [1, 1, 0, 0]}
 """Attributes of such a layer, before and after."""
 
-ROWS_FIRST, CHANNELS_FIRST = (0, 2, 3, 1), (0, 3, 1, 2)
+TO_NHWC, TO_NCHW = (0, 2, 3, 1), (0, 3, 1, 2)
 """Orders of dimensions: (n, channels, rows, columns) to (n, rows, columns, channels), in which integers lie in memory,
-and back."""
+and back. Onnxruntime joins such transpositions with those that it makes itself, so that none is left."""
 
 
 class _Graph:
@@ -84,11 +84,11 @@ class _Graph:
 
 
 def rewrite(graph: Any) -> None:
-    """All that this module has, where it applies."""
+    """Apply every rewrite of this module, in place, where the graph has what it is for."""
     tensors = _Graph(graph)
     _join_levels(tensors)
     _pair_columns(tensors)
-    _repeat_bytes(tensors)
+    _upsample_by_copies(tensors)
     del graph.value_info[:]  # shapes of tensors that are there no more
 
 
@@ -138,11 +138,11 @@ def _place(column: int, k: int) -> tuple[int, slice, slice, int]:
 
 
 def _pair_columns(graph: _Graph) -> None:
-    """Let a first layer of 3 x 3 samples and stride 2 make two columns of its output at once.
+    """Let a first layer of 3 x 3 samples and stride 2 make two columns of its output at once (space to depth).
 
     Four columns of three colours are one of twelve channels, so that half as many and wider products are summed, some
-    of them with weights of 0. Where numbers lie in memory stays as it is. Images of columns that are no multiple of
-    four cannot be seen any more.
+    of them with weights of 0. Where numbers lie in memory stays as it is. The width of an image has to be a multiple of
+    four from then on.
     """
     from onnx import helper
 
@@ -179,32 +179,48 @@ def _rounding_after(layer: Any, graph: _Graph) -> Any:
 def _with_channels(tensor: str, channels: int, before: Any, graph: _Graph) -> str:
     """The same bytes with so many channels, and columns to match."""
     shape = graph.store(f"{tensor}/shape", np.array([0, 0, -1, channels]))
-    rows_first = graph.insert(before, "Transpose", [tensor], perm=ROWS_FIRST)
-    reshaped = graph.insert(before, "Reshape", [rows_first, shape])
-    return graph.insert(before, "Transpose", [reshaped], perm=CHANNELS_FIRST)
+    nhwc = graph.insert(before, "Transpose", [tensor], perm=TO_NHWC)
+    reshaped = graph.insert(before, "Reshape", [nhwc, shape])
+    return graph.insert(before, "Transpose", [reshaped], perm=TO_NCHW)
 
 
-def _repeat_bytes(graph: _Graph) -> None:
-    """Let what doubles rows and columns copy the channels of a sample at a time, not each by itself."""
+def _upsample_by_copies(graph: _Graph) -> None:
+    """Let nearest-neighbour upsampling by two copy all channels of a sample at once, not each by itself."""
     for resize in graph.nodes("Resize"):
-        scales = graph.before(resize, at=2)
+        factors = graph.before(resize, "Constant", at=2)
         values, rounded = graph.before(resize, "DequantizeLinear"), _rounding_after(resize, graph)
-        if values is None or rounded is None or rounded.input[1:] != values.input[1:]:
+        if None in (factors, values, rounded) or not _doubles(resize, factors):
             continue
-        layer = graph.before(graph.before(values))
-        channels = len(graph.array(graph.before(layer, at=1).input[0]))
-        apart = graph.store(f"{resize.name}/apart", np.array([0, 0, 1, -1, 1, channels]))
-        times = graph.store(f"{resize.name}/times", np.array([1, 1, 2, 1, 2, 1]))
-        twice = graph.store(f"{resize.name}/twice", np.array([1, 2, 2, 1]))
-        rows_first = graph.insert(values, "Transpose", [values.input[0]], perm=ROWS_FIRST)
-        shape = graph.insert(values, "Shape", [rows_first])
-        doubled = graph.insert(values, "Mul", [shape, twice])
-        samples = graph.insert(values, "Reshape", [rows_first, apart])
-        repeated = graph.insert(values, "Expand", [samples, times])
+        if rounded.input[1:] != values.input[1:]:  # other scales before and after
+            continue
+        axes, times, twice = (
+            graph.store(f"upsampling/{name}", np.array(one))
+            for name, one in (
+                ("axes", [2, 4]),
+                ("times", [1, 1, 2, 1, 2, 1]),
+                ("twice", [1, 2, 2, 1]),
+            )
+        )
+        nhwc = graph.insert(values, "Transpose", [values.input[0]], perm=TO_NHWC)
+        size = graph.insert(values, "Shape", [nhwc])
+        doubled = graph.insert(values, "Mul", [size, twice])
+        apart = graph.insert(values, "Unsqueeze", [nhwc, axes])
+        repeated = graph.insert(values, "Expand", [apart, times])
         joined = graph.insert(values, "Reshape", [repeated, doubled])
-        larger = graph.insert(values, "Transpose", [joined], perm=CHANNELS_FIRST)
+        larger = graph.insert(values, "Transpose", [joined], perm=TO_NCHW)
         for user in graph.after(rounded):
             user.input[0] = larger
         graph.remove(resize, rounded, values)
-        if scales is not None and not graph.after(scales):
-            graph.remove(scales)
+        if not graph.after(factors):
+            graph.remove(factors)
+
+
+def _doubles(resize: Any, factors: Any) -> bool:
+    """Whether rows and columns become twice as many, each sample four times itself."""
+    from onnx import helper, numpy_helper
+
+    said = {one.name: helper.get_attribute_value(one) for one in resize.attribute}
+    by = numpy_helper.to_array(factors.attribute[0].t)
+    nearest = said.get("mode") == b"nearest" and said.get("nearest_mode") == b"floor"
+    at = said.get("coordinate_transformation_mode")
+    return nearest and at == b"asymmetric" and by.tolist() == [1, 1, 2, 2]

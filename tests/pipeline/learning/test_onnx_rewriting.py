@@ -80,6 +80,16 @@ def test_all_that_can_be_rewritten_is(files):
     assert rewritten.count("Conv") == plain.count("Conv")
 
 
+def test_upsampling_that_is_not_by_nearest_samples_stays(files):
+    import onnx
+
+    model = onnx.load(str(files["network"][0]))
+    resize = next(node for node in model.graph.node if node.op_type == "Resize")
+    next(one for one in resize.attribute if one.name == "mode").s = b"linear"
+    rewrite(model.graph)
+    assert [node.name for node in model.graph.node if node.op_type == "Resize"] == [resize.name]
+
+
 @pytest.mark.parametrize("name", ["network", "box"])
 def test_the_weights_of_a_rewritten_network_are_read_as_they_were_learned(files, name):
     from wayside.pipeline.learning.network_weights import read_layers
