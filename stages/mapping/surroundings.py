@@ -27,13 +27,14 @@ SMALLEST_PX = 9.0
 NEARER = 1.35
 """Views are compared where the panel is so many times larger in one of them: else there is little parallax."""
 MOST_PAIRS = 24
+"""Pairs of views that are compared at most."""
 NOISE = 4.0
 """Grey levels: what varies less shows nothing."""
 UNCOMPARED = 0.2
 """Where no two views can be compared: midway between the means of signs and of others, it speaks for neither."""
 
-
 _AT = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * SIDES
+"""Middles of the samples of a patch, each way, in sides of the panel from its middle."""
 _FIRST, _LAST = np.flatnonzero(np.abs(_AT) < 0.5)[[0, -1]] + [0, 1]
 _PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
 """Samples of the panel in a patch, each way, and those in which it is searched for."""
