@@ -231,8 +231,8 @@ class NetworkBoxes:
     """Boxes found in one image, n rows, best first.
 
     box (n, 4) float32 pixels; score (n,) float32: log odds of the likelier side; front (n,) float32: of a face; color
-    (n, colours) and shape (n, shapes) float32 log probabilities; left_out: how many further ones of lower scores were
-    found.
+    (n, colours) and shape (n, shapes) float32: log probabilities but for a constant a row; left_out: how many further
+    ones of lower scores were found.
     """
 
     box: NDArray[np.float32]

@@ -102,7 +102,7 @@ def boxes_of_crop(
     row, column = (((box[:, k] + box[:, k + 2]) / (2 * STRIDE)).astype(int) for k in (1, 0))
     last = CROP_PX // STRIDE - 1
     row, column = np.minimum(row, last), np.minimum(column, last)
-    weight = negative_weights(doubt[:, row, column].T, maps[:2, row, column].T)
+    weight = negative_weights(doubt[:, row, column].T, maps.heat[:, row, column].T)
     return _targets(box, labels, shown, weight)
 
 

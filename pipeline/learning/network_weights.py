@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from wayside.pipeline.learning.onnx_rewriting import is_paired, single_kernel
 from wayside.schemas.errors import InputError
+from wayside.stages.detection import BIAS, WEIGHT
 
 LAYERS = ("Conv", "Gemm")
 """Operators of an ONNX file that have weights: convolutions and full layers."""
@@ -42,11 +43,14 @@ def read_layers(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float3
         centred = number.astype(np.float32) - zero.astype(np.float32).reshape(axes)
         return np.asarray(centred * scale.astype(np.float32).reshape(axes), np.float32)
 
-    return [
+    layers = [
         _single(values(node.input[1]), values(node.input[2]))
         for node in graph.node
         if node.op_type in LAYERS
     ]
+    if WEIGHT in stored:  # a last layer that is left to be applied
+        layers.append((stored[WEIGHT][:, :, None, None], stored[BIAS]))
+    return layers
 
 
 def _single(

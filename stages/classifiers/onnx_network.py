@@ -15,10 +15,11 @@ ERRORS = 3
 class OnnxNetwork:
     """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
 
-    Raises ValueError where the file is none that can be run.
+    outputs: that are wanted, by name; all of the file where none are named. Raises ValueError where the file is none
+    that can be run.
     """
 
-    def __init__(self, path: str, outputs: tuple[str, ...]) -> None:
+    def __init__(self, path: str, outputs: tuple[str, ...] = ()) -> None:
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
@@ -30,16 +31,19 @@ class OnnxNetwork:
             )
         except Exception as error:  # the engine has a class of its own for each fault of a file
             raise ValueError(str(error)) from error
-        self._outputs = outputs
+        self._outputs = outputs or tuple(one.name for one in self._session.get_outputs())
         self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
 
-    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
-        """Outputs by name; raises ValueError where the inputs are none that the network takes."""
+    def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Outputs by name, integers of 8 bits as they are, other numbers as float32.
+
+        Raises ValueError where the inputs are none that the network takes.
+        """
         try:
             values = self._session.run(list(self._outputs), dict(inputs))
         except Exception as error:
             raise ValueError(str(error)) from error
         return {
-            name: np.asarray(value, np.float32)
+            name: np.asarray(value, np.uint8 if value.dtype == np.uint8 else np.float32)
             for name, value in zip(self._outputs, values, strict=True)
         }

@@ -16,14 +16,20 @@ from wayside.stages.detection.detector import detect
 from wayside.stages.detection.detector_outputs import recognised
 from wayside.stages.detection.external_boxes import detect_externally
 from wayside.stages.detection.network_proposals import (
+    BIAS,
     CENTRE_PX,
+    FEATURES,
+    HEAT,
     IMAGE,
     MAPS,
     MULTIPLE,
     OUTPUT,
+    SCALE,
     SIDE_PX,
     STRIDE,
+    WEIGHT,
     DetectionNetwork,
+    Maps,
     boxes_of_maps,
     padded,
 )
@@ -34,10 +40,13 @@ from wayside.stages.detection.onnx_detector import (
 from wayside.stages.detection.proposals import propose
 
 __all__ = [
+    "BIAS",
     "BOX_OUTPUT",
     "BOX_VALUES",
     "CENTRE_PX",
     "COLOR_AT",
+    "FEATURES",
+    "HEAT",
     "IMAGE",
     "INNER",
     "MAPS",
@@ -45,14 +54,17 @@ __all__ = [
     "OFFSET_AT",
     "OUTPUT",
     "PATCHES",
+    "SCALE",
     "SHAPE_AT",
     "SIDE",
     "SIDE_PX",
     "SIZES",
     "STRIDE",
+    "WEIGHT",
     "BoxClassifier",
     "BoxNetwork",
     "DetectionNetwork",
+    "Maps",
     "boxes_of_maps",
     "detect",
     "detect_externally",

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_softmax
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.stages.classifiers import OnnxNetwork
@@ -34,7 +33,8 @@ class BoxScores:
     """What the network says of boxes, n rows.
 
     front, back (n,): log odds of a face, and of a panel seen from behind; offset (n, 4): how far each side of the panel
-    lies right of or below that of the box, in box sizes; color (n, colours), shape (n, shapes): log probabilities.
+    lies right of or below that of the box, in box sizes; color (n, colours), shape (n, shapes): log probabilities
+    but for a constant a row.
     """
 
     front: NDArray[np.float32]
@@ -80,8 +80,8 @@ class BoxNetwork:
             values[:, 0],
             values[:, 1],
             values[:, OFFSET_AT:COLOR_AT],
-            log_softmax(values[:, COLOR_AT:SHAPE_AT], axis=1),
-            log_softmax(values[:, SHAPE_AT:], axis=1),
+            values[:, COLOR_AT:SHAPE_AT],
+            values[:, SHAPE_AT:],
         )
 
     def _values(

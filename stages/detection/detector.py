@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 
 from wayside.schemas.detections import (
     COLORS,
@@ -143,7 +144,7 @@ def with_names(candidates: Candidates, rows: NDArray[np.int64], found: BoxScores
     colors, shapes = (
         np.full((len(candidates), len(names)), np.nan, np.float32) for names in (COLORS, SHAPES)
     )
-    colors[rows], shapes[rows] = found.color, found.shape
+    colors[rows], shapes[rows] = (log_softmax(s, axis=1) for s in (found.color, found.shape))
     color[rows], shape[rows] = found.color.argmax(axis=1), found.shape.argmax(axis=1)
     return replace(
         candidates,

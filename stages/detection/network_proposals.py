@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_softmax
 
 from wayside.schemas.detections import COLORS, SHAPES, NetworkBoxes
 from wayside.stages.classifiers import OnnxNetwork
@@ -26,19 +28,67 @@ MAXIMA = 4
 IMAGE, OUTPUT = "image", "maps"
 """Names of the input of a network, (1, height, width, 3) uint8, and of its output, (1, `MAPS`, rows, columns)."""
 
+HEAT, FEATURES, SCALE, WEIGHT, BIAS = LAST_LAYER = "heat", "features", "scale", "weight", "bias"
+"""Names of the outputs of a network that leaves most of its last layer to be applied where it is wanted: log odds
+without their biases (1, 2, rows, columns), what that layer sees in steps (1, rows, columns, c), the size of a step, the
+weights (`MAPS`, c) and biases (`MAPS`,) of the layer."""
+
+_ODDS = 2
+"""Of the maps, those that are log odds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Maps:
+    """The maps of a network, those behind the log odds as its last layer and what that sees.
+
+    heat (2, rows, columns): log odds; features (rows, columns, c) of any type; weight (`MAPS` - 2, c), bias
+    (`MAPS` - 2,): of that layer; None where the features are the maps.
+    """
+
+    heat: NDArray[np.float32]
+    features: NDArray[Any]
+    weight: NDArray[np.float32] | None = None
+    bias: NDArray[np.float32] | None = None
+
+    @classmethod
+    def of(cls, maps: NDArray[np.float32]) -> Maps:
+        """Of maps (`MAPS`, rows, columns)."""
+        return cls(maps[:_ODDS], np.moveaxis(maps[_ODDS:], 0, -1))
+
+    def values(
+        self, row: NDArray[np.integer] | slice, column: NDArray[np.integer] | slice
+    ) -> NDArray[np.float32]:
+        """Box, colours and shapes (..., `MAPS` - 2) of cells."""
+        seen = self.features[row, column].astype(np.float32)
+        if self.weight is None or self.bias is None:
+            return np.asarray(seen)
+        return np.asarray(seen @ self.weight.T + self.bias)
+
+    def all(self) -> NDArray[np.float32]:
+        """All maps of all cells, (`MAPS`, rows, columns)."""
+        rest = np.moveaxis(self.values(slice(None), slice(None)), -1, 0)
+        return np.concatenate([self.heat, rest])
+
 
 class DetectionNetwork:
     """A network from an ONNX file; raises ValueError where it cannot be run."""
 
     def __init__(self, path: str) -> None:
-        self._network = OnnxNetwork(path, (OUTPUT,))
-        found = self.maps(np.zeros((MULTIPLE, MULTIPLE, 3), np.uint8)).shape
+        self._network = OnnxNetwork(path)
+        found = self.maps(np.zeros((MULTIPLE, MULTIPLE, 3), np.uint8)).all().shape
         if found != (MAPS, MULTIPLE // STRIDE, MULTIPLE // STRIDE):
             raise ValueError(f"wanted {MAPS} maps of a quarter of the image's size, found {found}")
 
-    def maps(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Maps (`MAPS`, rows, columns) of an image, padded at the right and below to whole multiples of 32."""
-        return np.asarray(self._network.run({IMAGE: padded(rgb)})[OUTPUT][0], np.float32)
+    def maps(self, rgb: NDArray[np.uint8]) -> Maps:
+        """Maps of an image, padded at the right and below to whole multiples of 32."""
+        found = self._network.run({IMAGE: padded(rgb)})
+        if OUTPUT in found:
+            return Maps.of(found[OUTPUT][0])
+        if not set(LAST_LAYER) <= set(found):
+            raise ValueError(f"wanted an output {OUTPUT!r}, found {sorted(found)}")
+        heat, features, scale, weight, bias = (found[name] for name in LAST_LAYER)
+        heat = heat[0] + bias[:_ODDS, None, None]
+        return Maps(heat, features[0], weight[_ODDS:] * scale, bias[_ODDS:])
 
 
 def padded(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -53,7 +103,7 @@ def padded(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def boxes_of_maps(
-    maps: NDArray[np.float32],
+    maps: Maps,
     size: tuple[int, int],
     least_score: float,
     most: int,
@@ -61,15 +111,15 @@ def boxes_of_maps(
 ) -> NetworkBoxes:
     """Faces with log odds of `least_score` and more: the best `most`, none overlapping a better one by more.
 
-    Local maxima of the heat maps (`MAPS`, rows, columns), clipped to the image of `size` (height, width).
+    Local maxima of the log odds, clipped to the image of `size` (height, width).
     """
-    heat = maps[:2]
+    heat = maps.heat
     best = np.stack([cv2.dilate(one, np.ones((3, 3), np.uint8)) for one in heat])
     side, row, column = np.nonzero((heat >= best) & (heat >= least_score))
     score = heat[side, row, column]
     order = np.argsort(-score, kind="stable")[: MAXIMA * most]
     side, row, column, score = side[order], row[order], column[order], score[order]
-    values = maps[2:, row, column].T
+    values = maps.values(row, column)
     middle = np.stack([column, row], 1) * STRIDE + STRIDE / 2 + CENTRE_PX * values[:, :2]
     half = SIDE_PX / 2 * np.exp(np.clip(values[:, 2:4], -4, 5))
     height, width = size
@@ -83,7 +133,7 @@ def boxes_of_maps(
         box[kept],
         score[kept],
         heat[0][row[kept], column[kept]],
-        log_softmax(color, axis=1),
-        log_softmax(shape, axis=1),
+        color,
+        shape,
         len(every) - len(kept),
     )

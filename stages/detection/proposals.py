@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +21,9 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.network_proposals import (
+    MULTIPLE,
     DetectionNetwork,
+    Maps,
     boxes_of_maps,
 )
 from wayside.stages.geometry import non_maximum_suppression
@@ -73,7 +76,7 @@ class Band:
     maps: of the network; size: height and width of its input.
     """
 
-    maps: NDArray[np.float32]
+    maps: Maps
     size: tuple[int, int]
     top: int
     scale: int
@@ -101,8 +104,11 @@ def network_bands(
     half = (settings.half_size_above * camera.fy, settings.half_size_below * camera.fy)
     found = []
     for scale, (above, below) in ((1, (full, full)), (2, half)):
-        top = max(0, round(camera.cy - above))
-        band = rgb[top : max(top, round(camera.cy + below))]
+        # to the next whole multiple of rows: none is padded
+        rows = MULTIPLE * scale * round((above + below) / (MULTIPLE * scale))
+        bottom = round(camera.cy + below)
+        top = max(0, bottom - rows)
+        band = rgb[top : max(top, bottom)]
         band = np.ascontiguousarray(band if scale == 1 else halved(band))
         if band.size:
             found.append(Band(network.maps(band), band.shape[:2], top, scale))
@@ -167,7 +173,7 @@ def mean_colors(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.
     low = np.floor(box[:, :2] + quarter).astype(int)
     high = np.maximum(np.ceil(box[:, 2:] - quarter).astype(int), low + 1)
     means = [
-        rgb[y0:y1, x0:x1].reshape(-1, 3).mean(axis=0)
-        for (x0, y0), (x1, y1) in zip(low, high, strict=True)
+        cv2.mean(rgb[y0:y1, x0:x1])[:3]
+        for (x0, y0), (x1, y1) in zip(low.tolist(), high.tolist(), strict=True)
     ]
     return np.array(means, np.float32).reshape(-1, 3)

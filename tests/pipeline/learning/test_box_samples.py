@@ -32,7 +32,7 @@ from wayside.pipeline.learning.detector_crops import targets as crop_targets
 from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
 from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.stages.detection import MAPS, STRIDE
+from wayside.stages.detection import MAPS, STRIDE, Maps
 from wayside.stages.geometry import iou_matrix
 
 NOISE = make_noise(np.random.default_rng(0))
@@ -44,18 +44,18 @@ class Blind:
     """A detection network that sees no face."""
 
     def maps(self, rgb):
-        return np.full((MAPS, CROP_PX // STRIDE, CROP_PX // STRIDE), -10, np.float32)
+        return Maps.of(np.full((MAPS, CROP_PX // STRIDE, CROP_PX // STRIDE), -10, np.float32))
 
 
 class Seeing(Blind):
     """One that sees the front of a face of 32 px in the middle of every crop."""
 
     def maps(self, rgb):
-        maps = super().maps(rgb)
+        maps = super().maps(rgb).all()
         maps[0, 32, 32] = 5
         maps[2:4, 32, 32] = 0
         maps[4:6, 32, 32] = np.log(2)
-        return maps
+        return Maps.of(maps)
 
 
 def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):

@@ -122,5 +122,5 @@ def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path
     rgb = np.random.default_rng(0).integers(0, 256, (96, 128, 3)).astype(np.uint8)
     with torch.no_grad():
         expected = fresh(torch.from_numpy(rgb)[None])[0]
-    found = InOnnxRuntime(str(tmp_path / "network.onnx")).maps(rgb)
+    found = InOnnxRuntime(str(tmp_path / "network.onnx")).maps(rgb).all()
     np.testing.assert_allclose(found, expected, atol=1e-3)

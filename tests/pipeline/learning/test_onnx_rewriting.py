@@ -1,4 +1,4 @@
-"""Networks in whole numbers before and after they are rewritten: the same output to the last bit."""
+"""Networks in whole numbers before and after they are rewritten: the same output, all but the last layer to the bit."""
 
 from pathlib import Path
 
@@ -8,14 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.pipeline.learning import quantization
+from wayside.pipeline.learning import onnx_rewriting, quantization
 from wayside.pipeline.learning.onnx_rewriting import (
+    _two_digits,
     is_paired,
     paired_kernel,
     rewrite,
     single_kernel,
 )
 from wayside.stages.classifiers import OnnxNetwork
+from wayside.stages.detection import DetectionNetwork
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +49,31 @@ def files(tmp_path_factory):
         quantization.quantize_boxes(folder / "box", folder / "box_plain", samples)
     for name in names:
         model = onnx.load(str(folder / f"{name}_plain"))
-        rewrite(model.graph)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(onnx_rewriting, "_leave_last_layer", lambda graph: None)
+            rewrite(model.graph)
         onnx.checker.check_model(model, full_check=True)
         onnx.save(model, str(folder / f"{name}_rewritten"))
+    rewrite(model.graph)  # the box network has no such layer
+    assert model.SerializeToString() == (folder / "box_rewritten").read_bytes()
     seen = {"image": images[0][None]}, {"patches": patches, "sizes": sizes}
     outputs = "maps", "boxes"
     return {
         name: (folder / f"{name}_plain", folder / f"{name}_rewritten", feed, output)
         for name, feed, output in zip(names, seen, outputs, strict=True)
     }
+
+
+@pytest.fixture
+def left(files, tmp_path):
+    """The detection network with its last layer left to be applied, as a file."""
+    import onnx
+
+    model = onnx.load(str(files["network"][0]))
+    rewrite(model.graph)
+    onnx.checker.check_model(model, full_check=True)
+    onnx.save(model, str(tmp_path / "left"))
+    return tmp_path / "left"
 
 
 def operations(path: Path):
@@ -101,11 +119,40 @@ def test_the_weights_of_a_rewritten_network_are_read_as_they_were_learned(files,
             np.testing.assert_array_equal(values, others)
 
 
-@pytest.mark.parametrize("name", ["network", "box"])
-def test_a_network_is_rewritten_once(files, name):
+def test_a_last_layer_that_is_left_makes_the_same_of_every_cell(files, left):
+    plain, _, feed, _ = files["network"]
+    one, other = (
+        DetectionNetwork(str(path)).maps(feed["image"][0]).all() for path in (plain, left)
+    )
+    assert np.ptp(one) > 0.1
+    np.testing.assert_allclose(other[:2], one[:2], atol=1e-3)
+    np.testing.assert_allclose(other[2:], one[2:], atol=1e-5)
+
+
+def test_a_last_layer_that_is_left_is_read_as_it_was_learned(files, left):
+    from wayside.pipeline.learning.network_weights import read_layers
+
+    for layer, same in zip(read_layers(files["network"][0]), read_layers(left), strict=True):
+        for values, others in zip(layer, same, strict=True):
+            np.testing.assert_array_equal(values, others)
+
+
+@given(
+    arrays(np.float32, (2, 7), elements=st.floats(-8, 8, width=32)).filter(
+        lambda weight: (np.abs(weight).max(axis=1) > 1e-3).all()
+    )
+)
+def test_two_digits_of_seven_bits_make_a_weight(weight):
+    digits, joins = _two_digits(weight)
+    assert -64 <= digits.min() <= digits.max() <= 63
+    largest = np.abs(weight).max(axis=1)
+    assert (np.abs((digits @ joins).T - weight).max(axis=1) <= largest / 16_000).all()
+
+
+def test_a_network_is_rewritten_once(left):
     import onnx
 
-    model = onnx.load(str(files[name][1]))
+    model = onnx.load(str(left))
     before = model.SerializeToString()
     rewrite(model.graph)
     assert model.SerializeToString() == before

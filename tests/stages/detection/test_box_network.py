@@ -84,13 +84,6 @@ def test_every_box_has_a_row_of_each_column(count):
     assert all(values.dtype == np.float32 for values in columns(found).values())
 
 
-def test_colours_and_shapes_are_log_probabilities():
-    found = network().scores(scene(), some_boxes(30))
-    for odds in (found.color, found.shape):
-        assert (odds <= 0).all()
-        np.testing.assert_allclose(np.exp(odds).sum(axis=1), 1, atol=1e-5)
-
-
 def test_a_clear_face_scores_far_higher_than_the_ground():
     faces = np.array([DIAMOND, PLATE, STOP], np.float32)
     shown = network().scores(scene(), np.concatenate([faces, GROUND]))

@@ -13,6 +13,7 @@ from wayside.stages.detection.network_proposals import (
     MAPS,
     SIDE_PX,
     DetectionNetwork,
+    Maps,
     boxes_of_maps,
 )
 
@@ -39,7 +40,6 @@ def test_a_face_is_found_where_it_is_with_its_side_colour_and_shape():
     assert (found.front == found.score)[rows].tolist() == [True, False]
     assert {COLORS[k] for k in found.color.argmax(axis=1)} == {"yellow"}
     assert {SHAPES[k] for k in found.shape.argmax(axis=1)} == {"octagon"}
-    np.testing.assert_allclose(np.exp(found.color).sum(axis=1), 1, atol=1e-5)
 
 
 def test_images_that_are_no_multiple_of_the_stride_are_padded_not_scaled():
@@ -60,7 +60,7 @@ def maps_with(*faces):
     for row, column, score, values in faces:
         maps[0, row, column] = score
         maps[2:6, row, column] = values
-    return maps
+    return Maps.of(maps)
 
 
 def test_the_middle_and_the_sides_of_a_box_are_read_from_its_cell():
@@ -82,6 +82,20 @@ def test_of_boxes_on_one_face_the_best_stays_and_the_best_are_first():
 
 def test_a_box_of_a_back_has_the_log_odds_of_a_face_at_its_middle_beside_its_own():
     maps = maps_with((4, 6, -2.0, (0, 0, 0, 0)))
-    maps[1, 4, 6] = 3.0
+    maps.heat[1, 4, 6] = 3.0
     found = boxes_of_maps(maps, (64, 64), 0.0, 10, 0.5)
     assert (found.score.tolist(), found.front.tolist()) == ([3], [-2])
+
+
+def test_maps_that_are_left_to_a_last_layer_are_what_it_makes_of_its_features():
+    rng = np.random.default_rng(2)
+    features = rng.integers(0, 256, (5, 6, 8)).astype(np.uint8)
+    weight, bias = (rng.normal(size=size).astype(np.float32) for size in ((MAPS - 2, 8), MAPS - 2))
+    maps = Maps(rng.normal(size=(2, 5, 6)).astype(np.float32), features, weight, bias)
+    whole = maps.all()
+    assert whole.shape == (MAPS, 5, 6)
+    np.testing.assert_array_equal(whole[:2], maps.heat)
+    row, column = np.array([0, 4, 2]), np.array([5, 0, 3])
+    expected = np.einsum("kc,rc->rk", weight, features[row, column]) + bias
+    np.testing.assert_allclose(maps.values(row, column), expected, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(whole[2:, row, column].T, expected, rtol=1e-5, atol=1e-3)
