@@ -44,6 +44,7 @@ from wayside.pipeline.learning.training_images import (
     training_images,
 )
 from wayside.pipeline.provenance import onnx_metadata
+from wayside.schemas.errors import InputError
 from wayside.stages.detection import drawn_patches
 from wayside.stages.imaging import pyramid
 
@@ -133,10 +134,11 @@ class TrainingOptions:
 
 
 def learn_networks(drives: Path | None, real: Path, folder: Path, options: TrainingOptions) -> None:
-    """Train both networks and write them with what they were learned from, those of held-out sources into `without/`.
+    """Train both networks and write them with what they were learned from, those without some sources into `without/`.
 
     `float.onnx` and `box_float.onnx` are the networks as they were learned, `network.onnx` and `box.onnx` the same in
-    8-bit integers.
+    8-bit integers. Raises InputError where networks to begin from have other layers or have learned from a source that
+    is held out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
@@ -206,6 +208,14 @@ class _Training:
             self._begin_from(options.begin_from)
 
     def _begin_from(self, folder: Path) -> None:
+        for name in KINDS:
+            seen = onnx_metadata((folder / f"{name}.onnx").read_bytes()).get("sources", "")
+            for source in self.options.without:
+                if source in seen:
+                    raise InputError(
+                        f"{folder}: wanted networks that have not learned from {source}, "
+                        f"found {name}.onnx, which has"
+                    )
         crops = {name: values[:BEGUN_BY].cpu() for name, values in self.buffer.columns.items()}
         boxes = boxes_of(crops)
         inputs = {"network": (crops["rgb"],), "box": (boxes["patch"], boxes["size"])}
