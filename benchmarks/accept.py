@@ -258,7 +258,7 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "",
         "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
         "complete, so precision is a lower bound: a row is right on a sign that they leave out, too, where that "
-        "was boxed by eye before ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
+        "was boxed by eye ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
         "evaluated. A drive is seen where the provenance of a model of the run names it (models in brackets). "
         "Rules, the threshold of the classifier and the kinds of faces rendered to learn from were chosen with "
         "the misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the "
