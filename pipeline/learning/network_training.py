@@ -140,6 +140,8 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
     8-bit integers. Raises InputError where networks to begin from have other layers or have learned from a source that
     is held out.
     """
+    if options.begin_from is not None:
+        _require_unseen(options.begin_from, options.without)
     folder.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     checkpoint = folder / "checkpoint.pt"
@@ -167,6 +169,18 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
         ]
         target = folder if pair is training.pairs[0] else folder / "without"
         _write(target, pair, seen, training_set.library, training, feeds)
+
+
+def _require_unseen(folder: Path, sources: Sequence[str]) -> None:
+    """Raises InputError where a network to begin from, or one that it was begun from, has learned from a source."""
+    for name in KINDS:
+        said = onnx_metadata((folder / f"{name}.onnx").read_bytes()).values()
+        for source in sources:
+            if any(f"{source}: " in text for text in said):
+                raise InputError(
+                    f"{folder}: wanted networks that have not learned from {source}, "
+                    f"found {name}.onnx, which has"
+                )
 
 
 def _training_set(drives: Path | None, real: Path, without: Sequence[str]) -> TrainingSet:
@@ -208,14 +222,6 @@ class _Training:
             self._begin_from(options.begin_from)
 
     def _begin_from(self, folder: Path) -> None:
-        for name in KINDS:
-            seen = onnx_metadata((folder / f"{name}.onnx").read_bytes()).get("sources", "")
-            for source in self.options.without:
-                if source in seen:
-                    raise InputError(
-                        f"{folder}: wanted networks that have not learned from {source}, "
-                        f"found {name}.onnx, which has"
-                    )
         crops = {name: values[:BEGUN_BY].cpu() for name, values in self.buffer.columns.items()}
         boxes = boxes_of(crops)
         inputs = {"network": (crops["rgb"],), "box": (boxes["patch"], boxes["size"])}

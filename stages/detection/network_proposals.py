@@ -33,8 +33,8 @@ HEAT, FEATURES, SCALE, WEIGHT, BIAS = LAST_LAYER = "heat", "features", "scale", 
 without their biases (1, 2, rows, columns), what that layer sees in steps (1, rows, columns, c), the size of a step, the
 weights (`MAPS`, c) and biases (`MAPS`,) of the layer."""
 
-_ODDS = 2
-"""Of the maps, those that are log odds."""
+ODDS = 2
+"""The first so many maps are log odds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Maps:
     @classmethod
     def of(cls, maps: NDArray[np.float32]) -> Maps:
         """Of maps (`MAPS`, rows, columns)."""
-        return cls(maps[:_ODDS], np.moveaxis(maps[_ODDS:], 0, -1))
+        return cls(maps[:ODDS], np.moveaxis(maps[ODDS:], 0, -1))
 
     def values(
         self, row: NDArray[np.integer] | slice, column: NDArray[np.integer] | slice
@@ -87,8 +87,8 @@ class DetectionNetwork:
         if not set(LAST_LAYER) <= set(found):
             raise ValueError(f"wanted an output {OUTPUT!r}, found {sorted(found)}")
         heat, features, scale, weight, bias = (found[name] for name in LAST_LAYER)
-        heat = heat[0] + bias[:_ODDS, None, None]
-        return Maps(heat, features[0], weight[_ODDS:] * scale, bias[_ODDS:])
+        heat = heat[0] + bias[:ODDS, None, None]
+        return Maps(heat, features[0], weight[ODDS:] * scale, bias[ODDS:])
 
 
 def padded(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
