@@ -20,7 +20,7 @@ def with_checked_boxes(labels: dict[str, Any], drive: str) -> dict[str, Any]:
     own = {known["id"] for known in labels["signs"]}
     added = [
         {
-            "id": f"{path.parent.name} {frame}/{k}",
+            "id": f"{frame}/{k}",
             "what": "a sign without a label",
             "facing": "front",
             "wanted": False,

@@ -205,7 +205,7 @@ def simulated_table() -> Iterator[str]:
         for k in range(3):
             cells.append(pair(*np.quantile(np.abs(one.error[:, k]), [0.5, 0.95]), 100))
             cells += [f"{100 * np.median(v[:, k]):.1f}" for v in (one.sigma, one.bound)]
-            one_sigma, two_sigma = (100 * one.share_within(n)[k] for n in (1, 2))
+            one_sigma, two_sigma = (100 * one.fraction_within(n)[k] for n in (1, 2))
             cells.append(f"{one_sigma:.0f} / {two_sigma:.0f} %")
         yield row(cells)
     yield ""

@@ -106,9 +106,9 @@ def network_bands(
     for scale, (above, below) in ((1, (full, full)), (2, half)):
         # to the next whole multiple of rows: none is padded
         rows = MULTIPLE * scale * round((above + below) / (MULTIPLE * scale))
-        bottom = round(camera.cy + below)
-        top = max(0, bottom - rows)
-        band = rgb[top : max(top, bottom)]
+        first = round(camera.cy - above)
+        top = max(0, first)
+        band = rgb[top : max(top, first + rows)]
         band = np.ascontiguousarray(band if scale == 1 else halved(band))
         if band.size:
             found.append(Band(network.maps(band), band.shape[:2], top, scale))
