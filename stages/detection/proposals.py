@@ -21,7 +21,6 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.network_proposals import (
-    MULTIPLE,
     DetectionNetwork,
     Maps,
     boxes_of_maps,
@@ -104,11 +103,8 @@ def network_bands(
     half = (settings.half_size_above * camera.fy, settings.half_size_below * camera.fy)
     found = []
     for scale, (above, below) in ((1, (full, full)), (2, half)):
-        # to the next whole multiple of rows: none is padded
-        rows = MULTIPLE * scale * round((above + below) / (MULTIPLE * scale))
-        first = round(camera.cy - above)
-        top = max(0, first)
-        band = rgb[top : max(top, first + rows)]
+        top = max(0, round(camera.cy - above))
+        band = rgb[top : max(top, round(camera.cy + below))]
         band = np.ascontiguousarray(band if scale == 1 else halved(band))
         if band.size:
             found.append(Band(network.maps(band), band.shape[:2], top, scale))

@@ -9,8 +9,7 @@ from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection import DetectionNetwork
-from wayside.stages.detection.proposals import network_bands, propose
+from wayside.stages.detection.proposals import propose
 from wayside.stages.geometry import iou_matrix
 
 NETWORK = OnnxFile(str(Path(__file__).parent / "red_cells.onnx"), "")
@@ -50,21 +49,6 @@ def test_boxes_of_the_network_are_in_pixels_of_the_image_whatever_rows_it_sees(r
     # where the rows begin off a multiple of 4, the red cell lies in two cells of the maps
     assert np.abs(found.box[0] - [314, 194, 330, 210]).max() <= 3
     assert found.area_px[0] == pytest.approx(0.83 * 256, abs=40)  # of an octagon
-
-
-def test_the_rows_of_a_band_are_a_whole_multiple_of_what_the_network_takes():
-    rgb, network = np.zeros((480, 640, 3), np.uint8), DetectionNetwork(NETWORK.path)
-    for rows, above, below in ((48, 0.3, 0.1), (60, 0.21, 0.14), (70, 0.25, 0.2)):
-        seen = CandidateSettings(
-            full_size_px=rows, half_size_above=above, half_size_below=below, network_least=0
-        )
-        bands = network_bands(network, rgb, CAMERA, seen)
-        wanted = [2 * rows, (above + below) * CAMERA.fy / 2]
-        for band, whole in zip(bands, wanted, strict=True):
-            assert band.size[0] % 32 == 0
-            assert abs(band.size[0] - whole) <= 16.5
-        tops = [round(CAMERA.cy - rows), round(CAMERA.cy - above * CAMERA.fy)]
-        assert [band.top for band in bands] == tops
 
 
 def test_a_face_outside_of_the_rows_of_the_network_is_not_looked_for():
