@@ -141,7 +141,7 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
     is held out.
     """
     if options.begin_from is not None:
-        _require_unseen(options.begin_from, options.without)
+        _require_without(options.begin_from, options.without)
     folder.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     checkpoint = folder / "checkpoint.pt"
@@ -171,15 +171,18 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
         _write(target, pair, seen, training_set.library, training, feeds)
 
 
-def _require_unseen(folder: Path, sources: Sequence[str]) -> None:
-    """Raises InputError where a network to begin from, or one that it was begun from, has learned from a source."""
+def _require_without(folder: Path, sources: Sequence[str]) -> None:
+    """Raises InputError where a network to begin from is missing, or it or a predecessor has learned from a source."""
     for name in KINDS:
-        said = onnx_metadata((folder / f"{name}.onnx").read_bytes()).values()
+        path = folder / f"{name}.onnx"
+        if not path.is_file():
+            raise InputError(f"{folder}: wanted {path.name} to begin from, found none")
+        said = onnx_metadata(path.read_bytes()).values()
         for source in sources:
             if any(f"{source}: " in text for text in said):
                 raise InputError(
                     f"{folder}: wanted networks that have not learned from {source}, "
-                    f"found {name}.onnx, which has"
+                    f"found {path.name}, which has"
                 )
 
 

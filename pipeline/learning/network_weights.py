@@ -48,7 +48,7 @@ def read_layers(path: Path) -> list[tuple[NDArray[np.float32], NDArray[np.float3
         for node in graph.node
         if node.op_type in LAYERS
     ]
-    if WEIGHT in stored:  # a last layer that is left to be applied
+    if WEIGHT in stored:  # the last layer is split
         layers.append((stored[WEIGHT][:, :, None, None], stored[BIAS]))
     return layers
 

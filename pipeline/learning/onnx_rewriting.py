@@ -95,7 +95,7 @@ def rewrite(graph: Any) -> None:
     _join_levels(tensors)
     _pair_columns(tensors)
     _upsample_by_copies(tensors)
-    _leave_last_layer(tensors)
+    _split_last_layer(tensors)
     del graph.value_info[:]  # shapes of tensors that are there no more
 
 
@@ -222,13 +222,13 @@ def _upsample_by_copies(graph: _Graph) -> None:
             graph.remove(factors)
 
 
-def _leave_last_layer(graph: _Graph) -> None:
-    """Let the last layer of the detection network make the log odds alone, and leave the rest to who wants some cells.
+def _split_last_layer(graph: _Graph) -> None:
+    """Split the last layer of the detection network: the log odds of all cells stay in the graph, the rest is left out.
 
-    That layer, in floating point, makes boxes and classes of 50,000 cells, of which some 100 are looked at, in 7 % of
-    the time of the network. The outputs become `HEAT`, `FEATURES`, `SCALE`,
-    `WEIGHT` and `BIAS`. The weights of the log odds are split into two numbers of 7 bits each, so that they are sums of
-    integers; the bias, which takes onnxruntime longer to add than all of that, is left out.
+    In floating point that layer takes 7 % of the time of the network, most of it for the boxes and classes of 50,000
+    cells, of which some hundred are read. Whoever reads them applies the layer to those cells: the outputs become
+    `HEAT`, `FEATURES`, `SCALE`, `WEIGHT` and `BIAS`. The weights of the log odds are two digits of 7 bits each, so that
+    sums of integers make them; their bias, which takes onnxruntime longer to add than all of that, is left out.
     """
     from onnx import TensorProto, helper
 

@@ -28,10 +28,10 @@ MAXIMA = 4
 IMAGE, OUTPUT = "image", "maps"
 """Names of the input of a network, (1, height, width, 3) uint8, and of its output, (1, `MAPS`, rows, columns)."""
 
-HEAT, FEATURES, SCALE, WEIGHT, BIAS = LAST_LAYER = "heat", "features", "scale", "weight", "bias"
-"""Names of the outputs of a network that leaves most of its last layer to be applied where it is wanted: log odds
-without their biases (1, 2, rows, columns), what that layer sees in steps (1, rows, columns, c), the size of a step, the
-weights (`MAPS`, c) and biases (`MAPS`,) of the layer."""
+HEAT, FEATURES, SCALE, WEIGHT, BIAS = SPLIT_OUTPUTS = "heat", "features", "scale", "weight", "bias"
+"""Names of the outputs of a network whose last layer is split: log odds without their biases (1, 2, rows, columns); the
+inputs of that layer as integers (1, rows, columns, c), and their scale; its weights (`MAPS`, c) and biases (`MAPS`,),
+to be applied to single cells."""
 
 ODDS = 2
 """The first so many maps are log odds."""
@@ -39,10 +39,10 @@ ODDS = 2
 
 @dataclass(frozen=True, slots=True)
 class Maps:
-    """The maps of a network, those behind the log odds as its last layer and what that sees.
+    """The maps of a network: log odds of every cell, the others as the inputs and the weights of the last layer.
 
-    heat (2, rows, columns): log odds; features (rows, columns, c) of any type; weight (`MAPS` - 2, c), bias
-    (`MAPS` - 2,): of that layer; None where the features are the maps.
+    heat (2, rows, columns): log odds; features (rows, columns, c): inputs of the last layer, of any type; weight
+    (`MAPS` - 2, c), bias (`MAPS` - 2,): of that layer; None where the features are the other maps themselves.
     """
 
     heat: NDArray[np.float32]
@@ -84,9 +84,9 @@ class DetectionNetwork:
         found = self._network.run({IMAGE: padded(rgb)})
         if OUTPUT in found:
             return Maps.of(found[OUTPUT][0])
-        if not set(LAST_LAYER) <= set(found):
+        if not set(SPLIT_OUTPUTS) <= set(found):
             raise ValueError(f"wanted an output {OUTPUT!r}, found {sorted(found)}")
-        heat, features, scale, weight, bias = (found[name] for name in LAST_LAYER)
+        heat, features, scale, weight, bias = (found[name] for name in SPLIT_OUTPUTS)
         heat = heat[0] + bias[:ODDS, None, None]
         return Maps(heat, features[0], weight[ODDS:] * scale, bias[ODDS:])
 

@@ -256,7 +256,9 @@ def test_a_training_begins_from_networks_of_the_same_layers_and_says_so(training
         )
 
 
-def test_networks_are_not_begun_from_such_as_have_seen_what_is_held_out(training, tmp_path: Path):
+def test_networks_to_begin_from_are_there_and_have_not_seen_what_is_held_out(
+    training, tmp_path: Path
+):
     shipped = Path(str(shipped_models()))
     with pytest.raises(
         InputError, match=r"have not learned from ca_city_garmin, found network\.onnx"
@@ -268,3 +270,11 @@ def test_networks_are_not_begun_from_such_as_have_seen_what_is_held_out(training
             options(training, 1, begin_from=shipped, without=("ca_city_garmin",)),
         )
     assert not (tmp_path / "refused").exists()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"wanted network\.onnx to begin from, found none"):
+        training.learn_networks(
+            None,
+            tmp_path,
+            tmp_path / "refused",
+            options(training, 1, begin_from=tmp_path / "empty"),
+        )

@@ -50,7 +50,7 @@ def files(tmp_path_factory):
     for name in names:
         model = onnx.load(str(folder / f"{name}_plain"))
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(onnx_rewriting, "_leave_last_layer", lambda graph: None)
+            patch.setattr(onnx_rewriting, "_split_last_layer", lambda graph: None)
             rewrite(model.graph)
         onnx.checker.check_model(model, full_check=True)
         onnx.save(model, str(folder / f"{name}_rewritten"))
@@ -65,15 +65,15 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture
-def left(files, tmp_path):
-    """The detection network with its last layer left to be applied, as a file."""
+def split(files, tmp_path):
+    """The detection network with its last layer split, as a file."""
     import onnx
 
     model = onnx.load(str(files["network"][0]))
     rewrite(model.graph)
     onnx.checker.check_model(model, full_check=True)
-    onnx.save(model, str(tmp_path / "left"))
-    return tmp_path / "left"
+    onnx.save(model, str(tmp_path / "split"))
+    return tmp_path / "split"
 
 
 def operations(path: Path):
@@ -119,20 +119,20 @@ def test_the_weights_of_a_rewritten_network_are_read_as_they_were_learned(files,
             np.testing.assert_array_equal(values, others)
 
 
-def test_a_last_layer_that_is_left_makes_the_same_of_every_cell(files, left):
+def test_a_split_last_layer_makes_the_same_of_every_cell(files, split):
     plain, _, feed, _ = files["network"]
     one, other = (
-        DetectionNetwork(str(path)).maps(feed["image"][0]).all() for path in (plain, left)
+        DetectionNetwork(str(path)).maps(feed["image"][0]).all() for path in (plain, split)
     )
     assert np.ptp(one) > 0.1
     np.testing.assert_allclose(other[:2], one[:2], atol=1e-3)
     np.testing.assert_allclose(other[2:], one[2:], atol=1e-5)
 
 
-def test_a_last_layer_that_is_left_is_read_as_it_was_learned(files, left):
+def test_a_split_last_layer_is_read_as_it_was_learned(files, split):
     from wayside.pipeline.learning.network_weights import read_layers
 
-    for layer, same in zip(read_layers(files["network"][0]), read_layers(left), strict=True):
+    for layer, same in zip(read_layers(files["network"][0]), read_layers(split), strict=True):
         for values, others in zip(layer, same, strict=True):
             np.testing.assert_array_equal(values, others)
 
@@ -149,10 +149,10 @@ def test_two_digits_of_seven_bits_make_a_weight(weight):
     assert (np.abs((digits @ joins).T - weight).max(axis=1) <= largest / 16_000).all()
 
 
-def test_a_network_is_rewritten_once(left):
+def test_a_network_is_rewritten_once(split):
     import onnx
 
-    model = onnx.load(str(left))
+    model = onnx.load(str(split))
     before = model.SerializeToString()
     rewrite(model.graph)
     assert model.SerializeToString() == before

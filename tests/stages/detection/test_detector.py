@@ -15,7 +15,7 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxScores
-from wayside.stages.detection.detector import detect, regressed_boxes
+from wayside.stages.detection.detector import detect, regressed_boxes, with_names
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 FRONT = ScoreModel(0.0, "made by hand")
@@ -157,6 +157,28 @@ def test_what_passes_the_threshold_is_named_and_the_rest_is_not():
     assert [SHAPES[k] for k in found.candidates.shape[:2]] == ["octagon", "octagon"]
     assert found.candidates.color[2] == found.candidates.shape[2] == -1
     assert np.isneginf(odds[0, COLORS.index("white")])
+
+
+def test_what_is_named_has_log_probabilities_whatever_constant_its_scores_have():
+    detected = run(unclassified([[10, 10, 60, 30], [100, 10, 110, 35]])).candidates
+    rng = np.random.default_rng(3)
+    color, shape = (
+        rng.normal(5, 3, (1, len(names))).astype(np.float32) for names in (COLORS, SHAPES)
+    )
+    none = np.zeros((1, 4), np.float32)
+    rows = np.array([1])
+    named = [
+        with_names(detected, rows, BoxScores(none[:, 0], none[:, 0], none, color + c, shape + c))
+        for c in (0, 7)
+    ]
+    for one in named:
+        for odds, scores in (
+            (one.color_log_probability, color),
+            (one.shape_log_probability, shape),
+        ):
+            assert np.exp(odds[1]).sum() == pytest.approx(1, abs=1e-5)
+            np.testing.assert_allclose(odds[1] - odds[1, 0], scores[0] - scores[0, 0], atol=1e-5)
+            assert np.isnan(odds[0]).all()
 
 
 GROWN = ByHeight(offset=(0, 0, 0, 0.5))

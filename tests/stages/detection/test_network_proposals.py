@@ -87,7 +87,7 @@ def test_a_box_of_a_back_has_the_log_odds_of_a_face_at_its_middle_beside_its_own
     assert (found.score.tolist(), found.front.tolist()) == ([3], [-2])
 
 
-def test_maps_that_are_left_to_a_last_layer_are_what_it_makes_of_its_features():
+def test_maps_of_a_split_last_layer_are_what_it_makes_of_its_inputs():
     rng = np.random.default_rng(2)
     features = rng.integers(0, 256, (5, 6, 8)).astype(np.uint8)
     weight, bias = (rng.normal(size=size).astype(np.float32) for size in ((MAPS - 2, 8), MAPS - 2))
