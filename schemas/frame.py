@@ -177,9 +177,11 @@ class Frame:
 class Image:
     """Decoded pixels of a frame: `rgb` (height, width, 3) uint8, `grey` (height, width) uint8.
 
-    Both are None where the frame is not used (any more).
+    Both are None where the frame is not used (any more). levels: `rgb` at full, half and quarter size, (rows, columns,
+    3) uint8 each; None before a stage has made them.
     """
 
     frame: Frame
     rgb: NDArray[np.uint8] | None = field(repr=False)
     grey: NDArray[np.uint8] | None = field(repr=False)
+    levels: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)

@@ -19,7 +19,7 @@ from wayside.pipeline.learning.onnx_rewriting import LEVELS
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 
-CHANNELS, BLOCKS, HEAD = (24, 40, 64, 80), (1, 2, 2, 1), 32
+CHANNELS, BLOCKS, HEAD = (16, 40, 64, 80), (0, 2, 2, 2), 32
 """Filters and residual blocks at stride 4, 8, 16 and 32; filters of the head."""
 
 PRIOR = 0.01
@@ -71,9 +71,7 @@ class DetectionNetwork(nn.Module):  # type: ignore[misc]
         )
         self.smooth = nn.ModuleList(Residual(channels) for channels in CHANNELS[1:-1])
         self.up = nn.Upsample(scale_factor=2, mode="nearest")
-        self.head = nn.Sequential(
-            _layer(first, HEAD, 3), nn.ReLU(), _layer(HEAD, HEAD, 3), nn.ReLU()
-        )
+        self.head = nn.Sequential(_layer(first, HEAD, 3), nn.ReLU())
         self.maps = nn.Conv2d(HEAD, MAPS, 1)
         with torch.no_grad():
             self.maps.weight.mul_(0.3)

@@ -88,6 +88,18 @@ class _Graph:
         for node in nodes:
             self.graph.node.remove(node)
 
+    def remove_unused(self) -> None:
+        """Take out nodes and stored tensors that nothing takes."""
+        outputs = {one.name for one in self.graph.output}
+        while True:
+            used = outputs.union(*(node.input for node in self.graph.node))
+            unused = [node for node in self.graph.node if used.isdisjoint(node.output)]
+            if not unused:
+                break
+            self.remove(*unused)
+        for name in self._stored.keys() - used:
+            self.graph.initializer.remove(self._stored.pop(name))
+
 
 def rewrite(graph: Any) -> None:
     """Apply every rewrite of this module, in place, where the graph has what it is for."""
@@ -96,6 +108,7 @@ def rewrite(graph: Any) -> None:
     _pair_columns(tensors)
     _upsample_by_copies(tensors)
     _split_last_layer(tensors)
+    tensors.remove_unused()
     del graph.value_info[:]  # shapes of tensors that are there no more
 
 
@@ -162,9 +175,14 @@ def _pair_columns(graph: _Graph) -> None:
     given = {one.name: list(one.ints) for one in layer.attribute if one.name in SINGLE}
     if given != SINGLE or kernel.shape[1] != COLORS:
         return
-    graph.store(weight.input[0], paired_kernel(kernel))
-    for name in (*weight.input[1:], *bias.input):
-        graph.store(name, np.tile(graph.array(name), TOGETHER))
+    # another layer may share the tensors of its numbers, which stay
+    for at, node in enumerate((weight, bias), 1):
+        inputs = []
+        for name in node.input:
+            values = graph.array(name)
+            wide = paired_kernel(values) if values.ndim > 1 else np.tile(values, TOGETHER)
+            inputs.append(graph.store(f"{name}/paired", wide))
+        layer.input[at] = graph.insert(layer, node.op_type, inputs, axis=0)
     for one in [one for one in layer.attribute if one.name in PAIRED]:
         layer.attribute.remove(one)
     layer.attribute.extend(helper.make_attribute(*one) for one in PAIRED.items())

@@ -70,7 +70,7 @@ def detect(
         classified = classified_regions(item)
         candidates = candidates.with_verdict(np.flatnonzero(~classified), "glance")
         rows, box = np.flatnonzero(classified), regions.box[classified]
-        levels = pyramid(image.rgb)
+        levels = image.levels or pyramid(image.rgb)
         found = network.scores(levels, box)
         near = np.flatnonzero(found.best >= settings.regressed_from)
         moved = regressed_boxes(box[near], found.offset[near], image.frame.camera, settings)

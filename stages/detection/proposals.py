@@ -26,7 +26,7 @@ from wayside.stages.detection.network_proposals import (
     boxes_of_maps,
 )
 from wayside.stages.geometry import non_maximum_suppression
-from wayside.stages.imaging import halved
+from wayside.stages.imaging import Pyramid, pyramid
 
 FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
 """Area of a shape as a fraction of its box."""
@@ -52,7 +52,9 @@ def propose(
             continue
         regions, left_out, score = item.regions, 0, None
         if detection_network is not None:
-            bands = network_bands(detection_network, rgb, camera, settings)
+            levels = pyramid(rgb)
+            item = replace(item, image=replace(item.image, levels=levels))
+            bands = network_bands(detection_network, levels, camera, settings)
             found = boxes_of_bands(bands, len(rgb), settings)
             segments = np.full(len(regions), np.nan, np.float32)
             regions = network_regions(found, rgb, settings).joined(regions)
@@ -94,7 +96,7 @@ class Band:
 
 def network_bands(
     network: DetectionNetwork,
-    rgb: NDArray[np.uint8],
+    levels: Pyramid,
     camera: Camera,
     settings: CandidateSettings,
 ) -> list[Band]:
@@ -102,12 +104,11 @@ def network_bands(
     full = settings.full_size_px
     half = (settings.half_size_above * camera.fy, settings.half_size_below * camera.fy)
     found = []
-    for scale, (above, below) in ((1, (full, full)), (2, half)):
-        top = max(0, round(camera.cy - above))
-        band = rgb[top : max(top, round(camera.cy + below))]
-        band = np.ascontiguousarray(band if scale == 1 else halved(band))
+    for scale, rgb, (above, below) in zip((1, 2), levels, ((full, full), half), strict=False):
+        top = max(0, round((camera.cy - above) / scale))
+        band = rgb[top : max(top, round((camera.cy + below) / scale))]
         if band.size:
-            found.append(Band(network.maps(band), band.shape[:2], top, scale))
+            found.append(Band(network.maps(band), band.shape[:2], top * scale, scale))
     return found
 
 

@@ -109,6 +109,7 @@ class WindowFrame:
             landmarks=[],
             measurements=[],
             rgb=detections.image.rgb,
+            _pyramid=detections.image.levels,
         )
 
     def image_pyramid(self) -> tuple[NDArray[np.uint8], ...] | None:

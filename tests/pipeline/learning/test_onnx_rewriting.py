@@ -109,6 +109,14 @@ def test_upsampling_that_is_not_by_nearest_samples_stays(files):
 
 
 @pytest.mark.parametrize("name", ["network", "box"])
+def test_nothing_that_is_not_used_is_left(files, name):
+    graph = pytest.importorskip("onnx").load(str(files[name][1])).graph
+    used = {one.name for one in graph.output}.union(*(node.input for node in graph.node))
+    assert {one.name for one in graph.initializer} <= used
+    assert not [node for node in graph.node if used.isdisjoint(node.output)]
+
+
+@pytest.mark.parametrize("name", ["network", "box"])
 def test_the_weights_of_a_rewritten_network_are_read_as_they_were_learned(files, name):
     from wayside.pipeline.learning.network_weights import read_layers
 

@@ -11,6 +11,7 @@ from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.proposals import propose
 from wayside.stages.geometry import iou_matrix
+from wayside.stages.imaging import pyramid
 
 NETWORK = OnnxFile(str(Path(__file__).parent / "red_cells.onnx"), "")
 CAMERA = Camera(640, 480, 700.0, 700.0, 319.5, 239.5)
@@ -115,6 +116,14 @@ def test_no_more_boxes_of_the_network_than_asked_for():
     found = proposed(segmented(red=red), settings=few)
     assert len(of_network(found)) == 2
     assert found.dropped.left_out == 1
+
+
+def test_an_image_is_made_smaller_once_for_both_networks():
+    item = segmented(red=[(50, 80)])
+    found = proposed(item)
+    for level, made in zip(pyramid(item.image.rgb), found.image.levels, strict=True):
+        np.testing.assert_array_equal(level, made)
+    assert proposed(item, network=None).image.levels is None
 
 
 @pytest.mark.parametrize(("status", "camera"), [(USED, None), (THINNED, CAMERA)])
