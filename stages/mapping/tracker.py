@@ -7,14 +7,14 @@ greedily, best first. A landmark is finished when the vehicle has passed it (rep
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Features
+from wayside.schemas.detections import SOURCES, Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
@@ -35,7 +35,13 @@ from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, in_swept_volume, same_face
+from wayside.stages.mapping.verdicts import (
+    VERDICT_OF_TERM,
+    View,
+    in_swept_volume,
+    never_apart,
+    same_face,
+)
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -86,6 +92,13 @@ def track(
     yield from through_window(posed, tracker, settings.track)
 
 
+class _Reported(NamedTuple):
+    """A sign as it was measured, and its views by number of the image."""
+
+    fit: LandmarkFit
+    views: Mapping[int, View]
+
+
 class _Classified(NamedTuple):
     """A fitted landmark with what decides on it."""
 
@@ -112,7 +125,7 @@ class _Tracker:
         self._path = TravelledPath(self._length + settings.track.longest)
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
-        self._reported: list[LandmarkFit] = []
+        self._reported: list[_Reported] = []
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
@@ -155,7 +168,9 @@ class _Tracker:
         """Decide the landmarks of the window that the vehicle has passed, most likely signs first."""
         fits = self._fits(last=last)
         oldest = self._window[0].motion.pose
-        self._reported = [f for f in self._reported if not oldest.to_camera(f.point)[2] < 0]
+        self._reported = [
+            one for one in self._reported if not oldest.to_camera(one.fit.point)[2] < 0
+        ]
         for one in sorted(
             (self._classify(fit) for fit in fits), key=lambda one: -one.evidence.log_odds
         ):
@@ -219,7 +234,8 @@ class _Tracker:
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])
-            self._reported.append(replace(fit, point=measured.point, metric=size))
+            face = replace(fit, point=measured.point, metric=size)
+            self._reported.append(_Reported(face, self._boxes_of(fit)))
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:
@@ -238,8 +254,7 @@ class _Tracker:
             return "moving", evidence, seen
         if not classifier.accepts(evidence):
             return VERDICT_OF_TERM[evidence.weakest], evidence, seen
-        camera = self._window[fit.frames[-1]].motion.pose
-        if any(same_face(fit, other, camera, settings) for other in self._reported):
+        if self._is_reported(fit):
             return "duplicate", evidence, seen
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
@@ -249,6 +264,26 @@ class _Tracker:
         evidence = classifier.classify(fit, self._window, one.offset, agreement, surroundings)
         verdict = "sign" if classifier.accepts(evidence) else VERDICT_OF_TERM[evidence.weakest]
         return verdict, evidence, seen
+
+    def _is_reported(self, fit: LandmarkFit) -> bool:
+        """Whether a reported sign is the same face: by where both stand, or by the images that show them."""
+        camera, views = self._window[fit.frames[-1]].motion.pose, self._boxes_of(fit)
+        settings, same_iou = self._settings.verdict, self._settings.acceptance.same_face_iou
+        return any(
+            same_face(fit, other.fit, camera, settings)
+            or (fit.back == other.fit.back and never_apart(views, other.views, same_iou))
+            for other in self._reported
+        )
+
+    def _boxes_of(self, fit: LandmarkFit) -> dict[int, View]:
+        """The views of a landmark by number of the image."""
+        views = {}
+        for k, row in zip(fit.frames, fit.rows, strict=True):
+            held = self._window[k]
+            regions, own = held.candidates.regions, held.followed[row]
+            predicted = regions.source[own] == SOURCES.index("predicted")
+            views[held.frame.index] = View(regions.box[own], bool(predicted))
+        return views
 
     def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
         """The images that show a landmark, each with its box."""

@@ -8,6 +8,9 @@ Verdicts of single candidates in one image are the detection's.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +19,7 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
-from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas
+from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas, iou_matrix
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
 VERDICT_OF_TERM = {
@@ -60,6 +63,29 @@ def same_face(
     box = np.concatenate([centre - half, centre + half], axis=1)
     shared = intersection_areas(box[:1], box[1:])[0, 0]
     return bool(shared > settings.same_cover * box_areas(box).min())
+
+
+class View(NamedTuple):
+    """A view of a landmark: its box (4,) in pixels, and whether that is predicted, not a candidate's."""
+
+    box: NDArray[np.floating[Any]]
+    predicted: bool
+
+
+def never_apart(one: Mapping[int, View], other: Mapping[int, View], same_iou: float) -> bool:
+    """Whether two landmarks are one face by their views (by number of the image), where the motion sets them apart.
+
+    No image shows both by candidates of their own; and most views of the one that has fewer are predicted boxes on
+    candidates of the other or the other way round, with an overlap (IoU) of more than `same_iou`.
+    """
+    common = [(one[k], other[k]) for k in one.keys() & other.keys()]
+    if any(not a.predicted and not b.predicted for a, b in common):
+        return False
+    on_other = sum(
+        a.predicted != b.predicted and bool(iou_matrix(a.box[None], b.box[None])[0, 0] > same_iou)
+        for a, b in common
+    )
+    return 2 * on_other > min(len(one), len(other))
 
 
 def location_verdict(

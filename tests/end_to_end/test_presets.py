@@ -155,7 +155,7 @@ def test_the_default_finds_every_panel_that_stands_there_and_no_other(default_de
         place, size = {
             "work_panel": (0.95, 0.22),
             "guide_destination": (0.12, 0.18),
-            "school": (0.09, 0.05),
+            "school": (0.09, 0.06),
         }.get(sign["kind"], (0.05, 0.05))
         assert [row[axis] for axis in "xyz"] == pytest.approx(sign["centre"], abs=place)
         measured = [row["panel_width_m"], row["panel_height_m"]]
@@ -227,7 +227,7 @@ def codes(result):
 
 
 def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
-    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", None, "W", "D9", "D"]
+    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", "S", "W", "D9", "D"]
     assert default_demo.about["us_probability"] > 0.99
     limit = next(row for row in default_demo.signs if row["mutcd"] == "R2-1")
     assert limit["legend"] == "45"

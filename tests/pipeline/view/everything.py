@@ -61,7 +61,12 @@ EVERYTHING: dict[type, dict[str, str]] = {
     },
     Fix: dict.fromkeys(("latitude_deg", "longitude_deg"), "/map/route")
     | {"altitude_m": FIGURES, "sigma_m": TABLES, "span_s": TABLES},
-    Image: {"frame": WITHIN, "rgb": f"{CAMERA}/image", "grey": "not: the image without its colour"},
+    Image: {
+        "frame": WITHIN,
+        "rgb": f"{CAMERA}/image",
+        "grey": "not: the image without its colour",
+        "levels": "not: the image made smaller",
+    },
     Segmentation: {
         "network_score": HELD,
         "image": WITHIN,

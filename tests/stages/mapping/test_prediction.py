@@ -179,6 +179,28 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
         assert tuple(table.regions.box[view.row].tolist()) == view.box
 
 
+@pytest.mark.parametrize(("score", "found"), [(3.0, 114.0), (9.0, 120.0)])
+def test_of_two_points_that_no_image_shows_apart_that_of_more_evidence_stays(
+    shown, panel, score, found
+):
+    # one face that the motion sets 6 m apart: each point predicts the views of the other
+    early = panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=tuple(range(4, 10)))
+    late = replace(early, along=120.0, only_in=tuple(range(10, 15)), score=score)
+    frames = shown([early, late], 20)
+    tracked = list(track(iter(frames), SETTINGS, SideClassifiers(reddish())))
+    landmarks = [p for s in tracked for p in s.landmarks]
+    assert sorted(p.verdict for p in landmarks) == ["duplicate", "sign"]
+    (sign,) = [p for p in landmarks if p.verdict == "sign"]
+    assert sign.station_m == pytest.approx(found, abs=0.3)
+
+
+def test_two_panels_that_one_image_shows_apart_are_both_found(shown, panel):
+    early = panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=(*range(4, 10), 13))
+    late = replace(early, along=120.0, only_in=tuple(range(10, 15)))
+    tracked = track(iter(shown([early, late], 20)), SETTINGS, SideClassifiers(reddish()))
+    assert [p.verdict for s in tracked for p in s.landmarks] == ["sign", "sign"]
+
+
 def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
     tracked = track(iter(frames), SETTINGS, SideClassifiers(reddish()))

@@ -9,7 +9,9 @@ from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings, Verdi
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import (
+    View,
     in_swept_volume,
+    never_apart,
     same_face,
     unassigned_verdicts,
 )
@@ -53,6 +55,36 @@ def test_a_landmark_covers_itself_and_nothing_from_behind(fit_at):
 )
 def test_nothing_stands_where_the_vehicle_drove(fit_at, right, above, swept):
     assert in_swept_volume(fit_at(60.0), FrenetOffset(60.0, right, above), SETTINGS) == swept
+
+
+def views(boxes, predicted):
+    return {k: View(np.array(box, float), k in predicted) for k, box in boxes.items()}
+
+
+@pytest.mark.parametrize(
+    ("predicted", "aside", "one_face"),
+    [
+        ((1, 2, 3), (), True),
+        ((1, 2, 3), (4,), True),
+        ((1, 2, 3), (2, 3), False),  # on the other in half of the views at most
+        ((1, 2), (), False),  # image 3 shows them apart
+    ],
+)
+def test_two_landmarks_are_one_face_where_one_is_predicted_on_the_other(predicted, aside, one_face):
+    own = views({k: [10, 10, 30, 30] for k in range(5)}, predicted=(4,))
+    far = {k: [11, 10, 31, 30] if k not in aside else [40, 10, 60, 30] for k in range(1, 5)}
+    other = views(far, predicted)
+    assert never_apart(own, other, 0.4) == never_apart(other, own, 0.4) == one_face
+
+
+def test_one_view_that_is_predicted_on_another_face_is_not_enough():
+    one = views({k: [10, 10, 30, 30] for k in range(1, 6)}, predicted=(1,))
+    other = views({0: [10, 10, 30, 30], 1: [10, 10, 30, 30]}, predicted=())
+    assert not never_apart(one, other, 0.4)
+
+
+def test_landmarks_without_a_common_image_are_not_one_face_by_their_views():
+    assert not never_apart(views({1: [0, 0, 9, 9]}, ()), views({2: [0, 0, 9, 9]}, (2,)), 0.4)
 
 
 def test_candidates_without_a_landmark_are_named_by_their_pairs():
