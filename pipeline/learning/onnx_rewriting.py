@@ -175,7 +175,7 @@ def _pair_columns(graph: _Graph) -> None:
     given = {one.name: list(one.ints) for one in layer.attribute if one.name in SINGLE}
     if given != SINGLE or kernel.shape[1] != COLORS:
         return
-    # another layer may share the tensors of its numbers, which stay
+    # what another layer takes as well stays as it is
     for at, node in enumerate((weight, bias), 1):
         inputs = []
         for name in node.input:

@@ -37,10 +37,10 @@ from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
-    View,
+    SeenBox,
     in_swept_volume,
-    never_apart,
     same_face,
+    same_face_in_images,
 )
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -93,10 +93,10 @@ def track(
 
 
 class _Reported(NamedTuple):
-    """A sign as it was measured, and its views by number of the image."""
+    """A sign as it was measured, and its boxes by image number."""
 
     fit: LandmarkFit
-    views: Mapping[int, View]
+    boxes: Mapping[int, SeenBox]
 
 
 class _Classified(NamedTuple):
@@ -235,7 +235,7 @@ class _Tracker:
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])
             face = replace(fit, point=measured.point, metric=size)
-            self._reported.append(_Reported(face, self._boxes_of(fit)))
+            self._reported.append(_Reported(face, self._boxes_by_image(fit)))
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:
@@ -267,23 +267,23 @@ class _Tracker:
 
     def _is_reported(self, fit: LandmarkFit) -> bool:
         """Whether a reported sign is the same face: by where both stand, or by the images that show them."""
-        camera, views = self._window[fit.frames[-1]].motion.pose, self._boxes_of(fit)
+        camera, boxes = self._window[fit.frames[-1]].motion.pose, self._boxes_by_image(fit)
         settings, same_iou = self._settings.verdict, self._settings.acceptance.same_face_iou
         return any(
             same_face(fit, other.fit, camera, settings)
-            or (fit.back == other.fit.back and never_apart(views, other.views, same_iou))
+            or (fit.back == other.fit.back and same_face_in_images(boxes, other.boxes, same_iou))
             for other in self._reported
         )
 
-    def _boxes_of(self, fit: LandmarkFit) -> dict[int, View]:
-        """The views of a landmark by number of the image."""
-        views = {}
+    def _boxes_by_image(self, fit: LandmarkFit) -> dict[int, SeenBox]:
+        """The boxes of a landmark by image number."""
+        boxes = {}
         for k, row in zip(fit.frames, fit.rows, strict=True):
             held = self._window[k]
             regions, own = held.candidates.regions, held.followed[row]
             predicted = regions.source[own] == SOURCES.index("predicted")
-            views[held.frame.index] = View(regions.box[own], bool(predicted))
-        return views
+            boxes[held.frame.index] = SeenBox(regions.box[own], bool(predicted))
+        return boxes
 
     def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
         """The images that show a landmark, each with its box."""

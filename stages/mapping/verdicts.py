@@ -65,18 +65,20 @@ def same_face(
     return bool(shared > settings.same_cover * box_areas(box).min())
 
 
-class View(NamedTuple):
-    """A view of a landmark: its box (4,) in pixels, and whether that is predicted, not a candidate's."""
+class SeenBox(NamedTuple):
+    """A box (4,) of a landmark in one image, pixels; predicted: by its point, not a candidate of that image."""
 
     box: NDArray[np.floating[Any]]
     predicted: bool
 
 
-def never_apart(one: Mapping[int, View], other: Mapping[int, View], same_iou: float) -> bool:
-    """Whether two landmarks are one face by their views (by number of the image), where the motion sets them apart.
+def same_face_in_images(
+    one: Mapping[int, SeenBox], other: Mapping[int, SeenBox], same_iou: float
+) -> bool:
+    """Whether two landmarks, their boxes by image number, are one face that an error of the motion has placed twice.
 
-    No image shows both by candidates of their own; and most views of the one that has fewer are predicted boxes on
-    candidates of the other or the other way round, with an overlap (IoU) of more than `same_iou`.
+    So where no image has a candidate of each, and where a predicted box of either overlaps the candidate of the other
+    (IoU above `same_iou`) in more images than half of those that the landmark in fewer images has.
     """
     common = [(one[k], other[k]) for k in one.keys() & other.keys()]
     if any(not a.predicted and not b.predicted for a, b in common):

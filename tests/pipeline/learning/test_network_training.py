@@ -235,6 +235,11 @@ def test_the_same_seed_learns_the_same(torch, training, tmp_path: Path):
     assert one == same
 
 
+def assert_refused(training, folder: Path, match: str, **given):
+    with pytest.raises(InputError, match=match):
+        training.learn_networks(None, folder, folder / "refused", options(training, 1, **given))
+
+
 def test_a_training_begins_from_networks_of_the_same_layers_and_says_so(training, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     shipped = Path(str(shipped_models()))
@@ -247,34 +252,16 @@ def test_a_training_begins_from_networks_of_the_same_layers_and_says_so(training
     (tmp_path / "other").mkdir()
     for name in ("network.onnx", "box.onnx"):
         (tmp_path / "other" / name).write_bytes((shipped / "network.onnx").read_bytes())
-    with pytest.raises(InputError, match=r"box\.onnx"):
-        training.learn_networks(
-            None,
-            tmp_path,
-            tmp_path / "refused",
-            options(training, 1, begin_from=tmp_path / "other"),
-        )
+    assert_refused(training, tmp_path, r"box\.onnx", begin_from=tmp_path / "other")
 
 
 def test_networks_to_begin_from_are_there_and_have_not_seen_what_is_held_out(
     training, tmp_path: Path
 ):
     shipped = Path(str(shipped_models()))
-    with pytest.raises(
-        InputError, match=r"have not learned from ca_city_garmin, found network\.onnx"
-    ):
-        training.learn_networks(
-            None,
-            tmp_path,
-            tmp_path / "refused",
-            options(training, 1, begin_from=shipped, without=("ca_city_garmin",)),
-        )
+    seen = r"have not learned from ca_city_garmin, found network\.onnx"
+    assert_refused(training, tmp_path, seen, begin_from=shipped, without=("ca_city_garmin",))
     assert not (tmp_path / "refused").exists()
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=r"wanted network\.onnx to begin from, found none"):
-        training.learn_networks(
-            None,
-            tmp_path,
-            tmp_path / "refused",
-            options(training, 1, begin_from=tmp_path / "empty"),
-        )
+    none = r"wanted network\.onnx to begin from, found none"
+    assert_refused(training, tmp_path, none, begin_from=tmp_path / "empty")

@@ -9,10 +9,10 @@ from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings, Verdi
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import (
-    View,
+    SeenBox,
     in_swept_volume,
-    never_apart,
     same_face,
+    same_face_in_images,
     unassigned_verdicts,
 )
 
@@ -58,7 +58,7 @@ def test_nothing_stands_where_the_vehicle_drove(fit_at, right, above, swept):
 
 
 def views(boxes, predicted):
-    return {k: View(np.array(box, float), k in predicted) for k, box in boxes.items()}
+    return {k: SeenBox(np.array(box, float), k in predicted) for k, box in boxes.items()}
 
 
 @pytest.mark.parametrize(
@@ -74,17 +74,19 @@ def test_two_landmarks_are_one_face_where_one_is_predicted_on_the_other(predicte
     own = views({k: [10, 10, 30, 30] for k in range(5)}, predicted=(4,))
     far = {k: [11, 10, 31, 30] if k not in aside else [40, 10, 60, 30] for k in range(1, 5)}
     other = views(far, predicted)
-    assert never_apart(own, other, 0.4) == never_apart(other, own, 0.4) == one_face
+    assert same_face_in_images(own, other, 0.4) == same_face_in_images(other, own, 0.4) == one_face
 
 
 def test_one_view_that_is_predicted_on_another_face_is_not_enough():
     one = views({k: [10, 10, 30, 30] for k in range(1, 6)}, predicted=(1,))
     other = views({0: [10, 10, 30, 30], 1: [10, 10, 30, 30]}, predicted=())
-    assert not never_apart(one, other, 0.4)
+    assert not same_face_in_images(one, other, 0.4)
 
 
 def test_landmarks_without_a_common_image_are_not_one_face_by_their_views():
-    assert not never_apart(views({1: [0, 0, 9, 9]}, ()), views({2: [0, 0, 9, 9]}, (2,)), 0.4)
+    assert not same_face_in_images(
+        views({1: [0, 0, 9, 9]}, ()), views({2: [0, 0, 9, 9]}, (2,)), 0.4
+    )
 
 
 def test_candidates_without_a_landmark_are_named_by_their_pairs():
