@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import turn_deg
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _LONGEST_ID = 240
@@ -140,7 +141,7 @@ def _north(located: list[dict[str, Any]]) -> NDArray[np.float64] | None:
     )
     if not len(located):
         return None
-    east = (np.remainder(lon - lon[0] + 180, 360) - 180) * np.cos(np.radians(lat[0]))
+    east = turn_deg(lon[0], lon) * np.cos(np.radians(lat[0]))
     world, globe = x + 1j * y, east + 1j * (lat - lat[0])
     factor = np.vdot(world - world.mean(), globe - globe.mean())
     if factor == 0:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE
+from wayside.schemas.frame import turn_deg
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.stages.inventory import PanelPlaces
 
@@ -79,7 +80,7 @@ def same_face(one: Row, other: Row, settings: ChangeSettings, merge: MergeSettin
         a, b = one[name], other[name]
         same &= a is None or b is None or abs(a - b) < settings.same_size * max(a, b)
     a, b = one["bearing_deg"], other["bearing_deg"]
-    turn = 0.0 if a is None or b is None else abs((a - b + 180) % 360 - 180)
+    turn = 0.0 if a is None or b is None else abs(turn_deg(b, a))
     return bool(same and turn < merge.facing_deg)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.stamps import Flags, Floats, Integers
-from wayside.schemas.frame import EARTH_RADIUS_M
+from wayside.schemas.frame import EARTH_RADIUS_M, median_longitude_deg, turn_deg
 from wayside.schemas.settings import ReadSettings
 
 _LOOK_BACK = 256
@@ -45,9 +45,12 @@ def fix_positions(degrees: Floats) -> Floats:
     """East, north, up (n, 3) on a sphere about the median, of latitude, longitude (deg) and height (m)."""
     if not len(degrees):
         return degrees
-    latitude, longitude = np.median(degrees[:, 0]), np.median(degrees[:, 1])
-    turn = (degrees[:, 1] - longitude + 180.0) % 360.0 - 180.0
-    east = np.radians(turn) * np.cos(np.radians(latitude)) * EARTH_RADIUS_M
+    latitude, longitude = np.median(degrees[:, 0]), median_longitude_deg(degrees[:, 1])
+    east = (
+        np.radians(turn_deg(longitude, degrees[:, 1]))
+        * np.cos(np.radians(latitude))
+        * EARTH_RADIUS_M
+    )
     north = np.radians(degrees[:, 0] - latitude) * EARTH_RADIUS_M
     return np.stack([east, north, degrees[:, 2]], axis=1)
 

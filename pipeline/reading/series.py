@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from wayside.pipeline.reading.contents import PoseContent, Quaternion
-from wayside.schemas.frame import Fix
+from wayside.schemas.frame import Fix, turn_deg
 from wayside.schemas.settings import ReadSettings
 
 V = TypeVar("V")
@@ -122,8 +122,8 @@ def unit(q: Quaternion) -> Quaternion:
 
 def blend_fixes(first: Fix, second: Fix, fraction: float) -> Fix:
     """Fix between two, the short way around the earth; sigmas of the nearer one."""
-    turn = (second.longitude_deg - first.longitude_deg + 180.0) % 360.0 - 180.0
-    longitude = (first.longitude_deg + turn * fraction + 180.0) % 360.0 - 180.0
+    turn = turn_deg(first.longitude_deg, second.longitude_deg)
+    longitude = turn_deg(0.0, first.longitude_deg + turn * fraction)
     rise = second.latitude_deg - first.latitude_deg
     climb = second.altitude_m - first.altitude_m
     return Fix(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from wayside.schemas.frame import EARTH_RADIUS_M, Fix, PosePrior
+from wayside.schemas.frame import EARTH_RADIUS_M, Fix, PosePrior, turn_deg
 
 Position = tuple[str, tuple[float, float, float]]
 
@@ -27,8 +27,7 @@ def distance_m(first: Position | None, second: Position | None) -> float | None:
         return math.dist(first[1], second[1])
     # Fixes are compared in the plane: their heights jitter most and tell nothing of the way along the road.
     (lat_a, lon_a, _), (lat_b, lon_b, _) = first[1], second[1]
-    turn = (lon_b - lon_a + 180.0) % 360.0 - 180.0
-    east = math.radians(turn) * math.cos(math.radians((lat_a + lat_b) / 2))
+    east = math.radians(turn_deg(lon_a, lon_b)) * math.cos(math.radians((lat_a + lat_b) / 2))
     north = math.radians(lat_b - lat_a)
     return EARTH_RADIUS_M * math.hypot(east, north)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
-from wayside.schemas.frame import Fix, Pose
+from wayside.schemas.frame import Fix, Pose, median_longitude_deg, turn_deg
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
@@ -82,10 +82,10 @@ class Globe:
 def origin_of(fixes: Sequence[Fix], reach_deg: float) -> LocalOrigin:
     """The first fix within reach of the median of all: receivers that start up report other continents."""
     latitude = float(np.median([f.latitude_deg for f in fixes]))
-    longitude = float(np.median([f.longitude_deg for f in fixes]))
+    longitude = median_longitude_deg(np.array([f.longitude_deg for f in fixes]))
 
     def near(fix: Fix) -> bool:
-        eastward = (fix.longitude_deg - longitude + 180) % 360 - 180
+        eastward = turn_deg(longitude, fix.longitude_deg)
         return abs(fix.latitude_deg - latitude) < reach_deg and abs(eastward) < reach_deg
 
     first = next((f for f in fixes if near(f)), fixes[0])

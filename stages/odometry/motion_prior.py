@@ -8,11 +8,14 @@ from math import cos, inf, isfinite, nan, radians, sqrt
 import numpy as np
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior
+from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior, turn_deg
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
+
+_LEAST_COSINE = 1e-6
+"""Of the angle between the direction of travel that poses give and the optical axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +132,14 @@ def _by_poses(
     # The direction between two noisy positions is no more accurate than the mount's: weighted mean of both.
     given, mounted = (sigma_m / baseline) ** -2, travel.sigma**-2
     expected = halfway_direction(np.ascontiguousarray(step.rotation), travel.direction)
-    slopes = (given * direction[:2] / direction[2] + mounted * expected[:2] / expected[2]) / (
-        given + mounted
-    )
+    slopes = expected[:2] / expected[2]
     backward = step.centre[2] < -settings.doubt_sigmas * sigma_m
+    if backward or direction[2] > _LEAST_COSINE:
+        slopes = (given * direction[:2] / direction[2] + mounted * slopes) / (given + mounted)
+    else:
+        given = (
+            0.0  # No camera of a vehicle looks across its way: such poses are not of this camera.
+        )
     both = np.array([slopes[0], slopes[1], 1.0]) * (-1.0 if backward else 1.0)
     prior = StepPrior(
         step.rotation,
@@ -155,7 +162,7 @@ def _by_poses(
 def fix_distance_m(first: Fix, second: Fix) -> float:
     """Distance between two fixes a few metres apart, on a sphere."""
     north = radians(second.latitude_deg - first.latitude_deg) * EARTH_RADIUS_M
-    east = radians(second.longitude_deg - first.longitude_deg) * EARTH_RADIUS_M
+    east = radians(turn_deg(first.longitude_deg, second.longitude_deg)) * EARTH_RADIUS_M
     east *= cos(radians(first.latitude_deg))
     up = second.altitude_m - first.altitude_m
     return float(np.sqrt(north * north + east * east + up * up))

@@ -99,6 +99,19 @@ def test_fixes_serve_where_there_is_neither_pose_nor_spacing():
     assert found.prior.sigma_m == pytest.approx(0.2)
 
 
+def test_fixes_on_both_sides_of_the_date_line_are_as_near_as_elsewhere():
+    first, second = Fix(-17.0, 179.99999, 5.0, None), Fix(-17.0, -179.99999, 5.0, None)
+    assert fix_distance_m(first, second) == pytest.approx(2.13, abs=0.01)
+
+
+@pytest.mark.parametrize("centre", [(2.0, 0, 0), (2.0, 0, -0.01), (0, 2.0, 0)])
+def test_poses_that_move_across_the_view_say_nothing_of_the_direction(centre):
+    found = expect(posed((0, 0, 0)), posed(centre))
+    np.testing.assert_allclose(found.prior.direction, AHEAD, atol=1e-9)
+    np.testing.assert_allclose(found.prior.sigma_direction, MOUNTED.sigma)
+    assert found.prior.length_m == pytest.approx(2.0, abs=1e-3)
+
+
 @pytest.mark.parametrize("off_deg", [0.0005, 38.0])
 def test_fixes_that_jump_further_than_a_vehicle_goes_say_little_of_the_way(off_deg):
     before = replace(FRAME, fix=Fix(38.0, -97.0, 500.0, (1.0, 1.0, 2.0)))
