@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from collections import Counter
@@ -24,6 +23,7 @@ from wayside.pipeline.evidence.marks import appearance_of, class_words
 from wayside.pipeline.evidence.sheet_page import css, glyph
 from wayside.pipeline.file_marks import marked_head
 from wayside.pipeline.reviewing.review import COLUMNS as REVIEW_COLUMNS
+from wayside.pipeline.webp import data_address
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 
@@ -143,9 +143,8 @@ def _card(card: Card) -> str:
     data = " ".join(f'data-{name}="{escape(value)}"' for name, value in values.items())
     image = '<span class="none">no image</span>'
     if card.thumb is not None:
-        source = base64.b64encode(card.thumb).decode()
         image = (
-            f'<img src="data:image/webp;base64,{source}" width="240" height="180" loading="lazy" '
+            f'<img src="{data_address(card.thumb)}" width="240" height="180" loading="lazy" '
             f'alt="{escape(face)}">'
         )
     status = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from html import escape
@@ -10,7 +9,6 @@ from importlib.resources import files
 from string import Template
 from urllib.parse import quote
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,8 +24,8 @@ from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.marks import appearance_of, ink_of, outline_of
 from wayside.pipeline.evidence.sheet import BIG, TILE, draw_crop, map_images
 from wayside.pipeline.file_marks import marked_head
+from wayside.pipeline.webp import data_address, encode_webp
 
-_WEBP_QUALITY = 75
 _MAP_ADDRESS = (
     "https://www.openstreetmap.org/?mlat={lat:.7f}&mlon={lon:.7f}#map=19/{lat:.7f}/{lon:.7f}"
 )
@@ -97,13 +95,6 @@ def css(color: str | None) -> str:
     return "#{:02x}{:02x}{:02x}".format(*ink_of(color))
 
 
-def webp(rgb: NDArray[np.uint8], quality: int = _WEBP_QUALITY) -> str:
-    """An image as a data address; quality above 100 is lossless."""
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    content = cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, quality))[1].tobytes()
-    return f"data:image/webp;base64,{base64.b64encode(content).decode()}"
-
-
 def _links(neighbours: Mapping[str, str]) -> str:
     words = {"prev": "← previous", "up": "↑ all signs", "next": "next →"}
     return "".join(
@@ -167,7 +158,8 @@ def _view(
 
 def _figure(rgb: NDArray[np.uint8], caption: str, words: str) -> str:
     height, width = rgb.shape[:2]
+    source = data_address(encode_webp(rgb))
     return (
-        f'<figure><img src="{webp(rgb)}" width="{width}" height="{height}" loading="lazy" alt="{escape(words)}">'
+        f'<figure><img src="{source}" width="{width}" height="{height}" loading="lazy" alt="{escape(words)}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )

@@ -21,6 +21,7 @@ from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_run, read_settings
 from wayside.pipeline.reviewing.review import result_name
+from wayside.pipeline.webp import encode_webp
 from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.settings import ReadSettings
 
@@ -166,8 +167,7 @@ class _Binder:
             _write(self.folder / f"{evidence.name}.png", marked_png(png, self.mark))
         if evidence.best in crops:
             thumb = draw_crop(crops[evidence.best], THUMB)
-            quality = cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY
-            self.thumbs[evidence.name] = _encoded(".webp", thumb, *quality)
+            self.thumbs[evidence.name] = encode_webp(thumb)
 
 
 def _fill(

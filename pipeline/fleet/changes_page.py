@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +11,6 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-import cv2
-
 from wayside.pipeline.evidence.crops import cut, read_images
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.evidence.sheet import draw_crop
@@ -22,6 +19,7 @@ from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.webp import data_address, encode_webp
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
@@ -31,7 +29,6 @@ Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
 """Changes that a page shows only where all are asked for, or where something hides the place."""
 _SIZE = 480, 360
-_WEBP_QUALITY = 75
 _MARK = "wayside changes"
 
 
@@ -147,9 +144,7 @@ def _images(
                         crop = cut(
                             image.rgb, tuple(rows[number][f"box_{side}"]), _SIZE[0] / _SIZE[1]
                         )
-                        drawn = cv2.cvtColor(draw_crop(crop, _SIZE), cv2.COLOR_RGB2BGR)
-                        quality = (cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY)
-                        images[number, side] = cv2.imencode(".webp", drawn, quality)[1].tobytes()
+                        images[number, side] = encode_webp(draw_crop(crop, _SIZE))
         except InputError as error:
             faults.append(str(error))
     watch(len(wanted), len(wanted))
@@ -200,8 +195,7 @@ def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
     caption = f"{survey}: {face}; {by}{where}"
     shown = '<span class="none">no image</span>'
     if image is not None:
-        data = base64.b64encode(image).decode()
-        shown = f'<img src="data:image/webp;base64,{data}" loading="lazy" alt="{escape(face)}">'
+        shown = f'<img src="{data_address(image)}" loading="lazy" alt="{escape(face)}">'
     return f"<figure>{shown}<figcaption>{escape(caption)}</figcaption></figure>"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -13,16 +12,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from wayside.pipeline.evidence.crops import Crop, cut, read_images
 from wayside.pipeline.evidence.marks import class_words
 from wayside.pipeline.file_marks import is_marked, marked_head
 from wayside.pipeline.labelling.items import Item, Questions, questions
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.webp import data_address, encode_webp
 from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
@@ -161,7 +157,7 @@ def _image(crop: Crop) -> dict[str, Any]:
     small = crop if width <= _LARGEST[0] else crop.scaled_to(*_LARGEST)
     return {
         "outline": [round(100 * value, 2) for value in outline],
-        "image": f"data:image/webp;base64,{base64.b64encode(_webp(small.rgb)).decode()}",
+        "image": data_address(encode_webp(small.rgb, _WEBP_QUALITY)),
     }
 
 
@@ -190,8 +186,3 @@ def _entry(item: Item, image: Mapping[str, Any], times_ns: Mapping[int, int]) ->
         "views": views,
         **image,
     }
-
-
-def _webp(rgb: NDArray[np.uint8]) -> bytes:
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY))[1].tobytes()
