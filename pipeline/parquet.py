@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +18,7 @@ from wayside.schemas.tables import Table
 
 
 class ParquetFile:
-    """A new Parquet file; it is removed where the block ends with an error.
+    """A new Parquet file at a path, removed where the block ends with an error, or in a stream that its owner closes.
 
     Raises
     ------
@@ -26,9 +26,9 @@ class ParquetFile:
         It cannot be written, or something stands there.
     """
 
-    def __init__(self, path: Path, schema: pa.Schema, geo: str | None = None) -> None:
-        self._path, self._schema, self._geo = path, schema, geo
-        self._stream = create(path)
+    def __init__(self, file: Path | BinaryIO, schema: pa.Schema, geo: str | None = None) -> None:
+        self._file, self._schema, self._geo = file, schema, geo
+        self._stream = create(file) if isinstance(file, Path) else file
         self._writer = pq.ParquetWriter(self._stream, schema, compression="zstd")
 
     def __enter__(self) -> ParquetFile:
@@ -43,14 +43,15 @@ class ParquetFile:
             if self._geo is not None:
                 self._writer.add_key_value_metadata({"geo": self._geo})
             self._writer.close()
-            self._stream.close()
+            if isinstance(self._file, Path):
+                self._stream.close()
         except OSError:
             kind = OSError
             raise
         finally:
-            if kind is not None:
+            if kind is not None and isinstance(self._file, Path):
                 with suppress(OSError):
-                    self._path.unlink()
+                    self._file.unlink()
                 with suppress(OSError):  # what waits in its buffer does not fit, either
                     self._stream.close()
 

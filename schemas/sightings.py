@@ -18,7 +18,7 @@ class Sightings:
     Metres and radians; nan and -1: unknown. drive (n,): number of the drive; row (n,): in its table; time_ns (n,);
     position (n, 3): east, north, up in one frame for all; covariance (n, 3, 3): relative to the cameras nearby;
     common_sigma_m (n, 2): level and up, standard deviation of the error that neighbouring panels of the drive share;
-    station_m (n,); assembly (n,): number of the support within the drive; color, shape (n,): codes of the classes;
+    assembly (n,): number of the support within the drive; color, shape (n,): codes of the classes;
     bearing_rad (n,): compass direction that the face looks in; size_m, size_sigma_m (n, 2): width and height.
     """
 
@@ -28,7 +28,6 @@ class Sightings:
     position: Floats
     covariance: Floats
     common_sigma_m: Floats
-    station_m: Floats
     assembly: Ints
     color: Ints
     shape: Ints

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from wayside.pipeline.exporting.flat_table import (
     FlatTable,
@@ -19,7 +17,7 @@ from wayside.pipeline.exporting.flat_table import (
     flat_table,
     kept_columns,
 )
-from wayside.pipeline.fleet.folders import finish_merging
+from wayside.pipeline.fleet.folders import finish_merging, merged_parts, read_part
 from wayside.pipeline.result import RUN_FILE, read_run
 from wayside.pipeline.reviewing.review import Review
 from wayside.schemas.errors import InputError
@@ -112,7 +110,7 @@ def inventory_rows(inventory: Path, name: str) -> Source:
     """
     table = INVENTORY_TABLES[name]
     finish_merging(inventory)
-    parts = sorted((inventory / name).glob("cell=*/part-0.parquet"))
+    parts = merged_parts(inventory, name)
     if not parts:
         raise InputError(
             f"{inventory}: wanted {name} of an inventory, found none: nothing is merged yet, or no drive has satellite "
@@ -120,20 +118,11 @@ def inventory_rows(inventory: Path, name: str) -> Source:
         )
     columns = flat_columns(table)
     wanted = [column.name for column in kept_columns(table)]
-    seen = [pc.max(_read_part(part, ["last_seen"])["last_seen"]).as_py() for part in parts]
+    seen = [pc.max(read_part(part, ["last_seen"])["last_seen"]).as_py() for part in parts]
 
     def chunks() -> Iterator[FlatTable]:
         for part in parts:
-            rows = _read_part(part, wanted).to_pylist()
+            rows = read_part(part, wanted).to_pylist()
             yield FlatTable(columns, tuple(flat_row(table, row) for row in rows))
 
     return Source(inventory, name, columns, chunks, max(seen))
-
-
-def _read_part(part: Path, columns: list[str]) -> pa.Table:
-    try:
-        return pq.ParquetFile(part, pre_buffer=False).read(columns, use_threads=False)
-    except (pa.ArrowException, OSError, KeyError) as error:
-        raise InputError(
-            f"{part} cannot be read: {error}; merge the drives again by running the fleet once more with --overwrite"
-        ) from error

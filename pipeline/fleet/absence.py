@@ -167,3 +167,8 @@ def _mark_hidden_of_drive(
         first = min((int(coverage.rows[0]) for _, coverage in waiting), default=row + 1)
         for old in [r for r in kept if r < first]:
             del kept[old]
+    if waiting:
+        last = int(view.frames.frame[waiting[-1][1].rows[-1]])
+        raise InputError(
+            f"{log}: wanted image {last}, found the end of the log: it is shorter than at the run"
+        )

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 import mercantile
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.spatial import cKDTree
 
@@ -27,16 +24,15 @@ from wayside.pipeline.fleet.changes_rows import (
     same_face,
     successor,
 )
-from wayside.pipeline.fleet.folders import finish_merging
+from wayside.pipeline.fleet.folders import finish_merging, merged_parts, read_part
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
 from wayside.pipeline.fleet.manifest import DRIVES, MANIFEST, read_manifest
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import DriveView, read_view
-from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.result import RUN_FILE, read_rows
-from wayside.pipeline.writing import not_written, refuse
+from wayside.pipeline.writing import refuse, whole_file
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
@@ -127,7 +123,7 @@ def find_changes(
     finish_merging(inventory)
     if not (inventory / PANELS.name).is_dir():
         raise InputError(
-            f"{inventory}: wanted an inventory, found no folder {PANELS.name} in it; merge drives first"
+            f"{inventory}: wanted an inventory, found no folder {PANELS.name} in it; `wayside fleet` merges drives"
         )
     if before.from_ns < after.until_ns and after.from_ns < before.until_ns:
         raise UsageError(f"wanted two surveys, found that {before.words} and {after.words} overlap")
@@ -137,24 +133,15 @@ def find_changes(
     target = inventory / CHANGES.file
     if target.exists() and not overwrite and not _is_own(target):
         raise refuse(target, "a file that is no comparison of surveys")
-    scratch = target.with_name(f".{CHANGES.file}.wayside-part")
-    try:
-        with suppress(FileNotFoundError):
-            scratch.unlink()
-        schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
-        with ParquetFile(scratch, schema, geoparquet_metadata([])) as sink:
-            for rows in comparison.rows():
-                if rows:
-                    sink.write(
-                        [
-                            record_batch(
-                                CHANGES, {n: [r.get(n) for r in rows] for n in CHANGES.schema.names}
-                            )
-                        ]
-                    )
-        os.replace(scratch, target)
-    except OSError as error:
-        raise not_written(target, error) from error
+    schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
+    with (
+        whole_file(target, is_own=_is_own, overwrite=overwrite) as stream,
+        ParquetFile(stream, schema, geoparquet_metadata([])) as sink,
+    ):
+        for rows in comparison.rows():
+            if rows:
+                columns = {n: [r.get(n) for r in rows] for n in CHANGES.schema.names}
+                sink.write([record_batch(CHANGES, columns)])
     return comparison.report
 
 
@@ -170,7 +157,7 @@ class _Comparison:
         self._side: dict[str, Side] = {}
         self._time_ns: dict[str, int] = {}
         self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
-        self._parts = sorted((inventory / PANELS.name).glob("cell=*/part-0.parquet"))
+        self._parts = merged_parts(inventory, PANELS.name)
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
         self._zoom = self.merge.cell_zoom
         self._view = lru_cache(self.merge.drives_in_memory)(self._read_view)
@@ -243,11 +230,11 @@ class _Comparison:
 
     def _cell(self, part: Path) -> tuple[list[Row], list[Absence]]:
         """One row for each panel, or pair of panels at a place, that both surveys saw; panels that one alone saw."""
-        panels = {row["panel_id"]: row for row in _read_part(part, PANEL_COLUMNS)}
+        panels = {row["panel_id"]: row for row in read_part(part, PANEL_COLUMNS).to_pylist()}
         sightings = self._inventory / SIGHTINGS.name / part.parent.name / part.name
         seen: dict[str, dict[str, list[Row]]] = {side: defaultdict(list) for side in _SIDES}
         offsets: defaultdict[str, list[list[float]]] = defaultdict(list)
-        for row in _read_part(sightings, _SIGHTING):
+        for row in read_part(sightings, _SIGHTING).to_pylist():
             offsets[row["drive"]].append(
                 [row[f"offset_{axis}_m"] for axis in ("east", "north", "up")]
             )
@@ -353,15 +340,6 @@ def _merged_results(inventory: Path) -> list[Path]:
             "under way, or was ended before it merged; let `wayside fleet` come to its end and compare then"
         )
     return [inventory / DRIVES / entry.name for entry in manifest.done()]
-
-
-def _read_part(part: Path, columns: Sequence[str]) -> list[Row]:
-    try:
-        return list(read_parquet(part, list(columns)).to_pylist())
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(
-            f"{part} cannot be read: {error}; it is damaged or of an earlier version: run the fleet once more"
-        ) from error
 
 
 def _tile(quadkey: str) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Folders of an inventory that replace those of before together, whenever the process ends.
+"""Folders of the merged tables of an inventory: they replace those of before together, whenever the process ends.
 
 They are written into a scratch folder, whose renaming is the moment from which the new ones count; what remains is to
 move them into place, which whoever opens the inventory next goes on with.
@@ -7,11 +7,15 @@ move them into place, which whoever opens the inventory next goes on with.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import pyarrow as pa
+
+from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.writing import not_written, refuse, sync
+from wayside.schemas.errors import InputError
 
 _PART, _DONE = ".wayside-merge-part", ".wayside-merge-done"
 
@@ -78,3 +82,25 @@ def _require_own(folder: Path) -> None:
         )
     if not own:
         raise refuse(folder, "something there that is no table of an inventory")
+
+
+def merged_parts(inventory: Path, name: str) -> list[Path]:
+    """The files of a merged table, one a cell, in order."""
+    return sorted((inventory / name).glob("cell=*/part-0.parquet"))
+
+
+def read_part(part: Path, columns: Sequence[str]) -> pa.Table:
+    """Columns of one file of a merged table.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or lacks a column.
+    """
+    try:
+        return read_parquet(part, columns)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(
+            f"{part} cannot be read: {error}; it is damaged or of an earlier version: remove {part.parent.parent} and "
+            "run the fleet once more, which merges its drives again"
+        ) from error

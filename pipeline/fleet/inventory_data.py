@@ -151,7 +151,6 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         position=np.zeros((len(table), 3)),
         covariance=covariance,
         common_sigma_m=np.sqrt(np.column_stack([shared[:, :2].mean(axis=1), shared[:, 2]])),
-        station_m=np.nan_to_num(_numbers(table, "station_m")),
         assembly=_codes(table, "assembly_id"),
         color=_class(table, "color", COLORS),
         shape=_class(table, "shape", SHAPES),

@@ -46,7 +46,7 @@ class MergeReport:
     """What was merged: counts of rows, and of what could not be.
 
     local_drives: drives without fixes, kept as they are; left_out: their signs, and signs of other drives without a
-    place on WGS 84; offset_m: root mean square of the level offset that was taken out, by drive.
+    place on WGS 84.
     """
 
     drives: int = 0
@@ -56,10 +56,9 @@ class MergeReport:
     cells: int = 0
     local_drives: list[str] = field(default_factory=list)
     left_out: int = 0
-    offset_m: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """One line for a person, a second where drives could not be merged."""
+        """One line for a person, more where drives or signs could not be merged."""
         words = (
             f"{self.panels} panels on {self.supports} supports, by {self.sightings} sightings of {self.drives} drives, "
             f"in {self.cells} cells"
@@ -70,6 +69,8 @@ class MergeReport:
             )
             count = len(self.local_drives)
             words += f"\n{count} drives have no satellite fixes and are kept as they are, unmerged: {some}"
+        if self.left_out:
+            words += f"\n{self.left_out} signs have no place on WGS 84 and are in no merged table"
         return words
 
 
@@ -125,7 +126,6 @@ class _Merging:
         self._read = lru_cache(settings.drives_in_memory)(self._read_drive)
         self._by_cell: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
         self._taken: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
-        self._squares = np.zeros((len(folders), 2))
         for number, folder in enumerate(folders):
             tiles, left_out = read_tiles(folder, settings)
             self.report.left_out += left_out
@@ -149,16 +149,7 @@ class _Merging:
                 self.report.supports += counts.supports
                 self.report.sightings += counts.sightings
                 self.report.cells += 1
-                level = np.square(merged.offset_m[own, :2]).sum(axis=1)
-                np.add.at(
-                    self._squares,
-                    block.sightings.drive[own],
-                    np.stack([level, np.ones(own.sum())], 1),
-                )
         watch(len(order), len(order))
-        for folder, (total, count) in zip(self._folders, self._squares.tolist(), strict=True):
-            if count:
-                self.report.offset_m[folder.name] = (total / count) ** 0.5
         return self.report
 
     def _read_drive(self, number: int) -> DriveSigns:

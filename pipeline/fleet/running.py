@@ -24,7 +24,7 @@ from wayside.pipeline.fleet.manifest import (
     Manifest,
     write_manifest,
 )
-from wayside.pipeline.fleet.merging import merge_inventory
+from wayside.pipeline.fleet.merging import MERGED, merge_inventory
 from wayside.pipeline.fleet.planning import earlier_logs, planned_logs
 from wayside.pipeline.fleet.status import locked_inventory
 from wayside.pipeline.fleet.task import (
@@ -291,12 +291,13 @@ def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine
 def _merge(
     inventory: Path, book: _Book, settings: MergeSettings, watch: WatchMerging
 ) -> str | None:
-    """Merge what is done, if it or the settings have changed since the last time; what came of it."""
+    """Merge what is done, if it, the settings or the merged tables are not as the last time; what came of it."""
     merged = book.manifest.results()
     by = hashlib.sha256(json.dumps(asdict(settings)).encode()).hexdigest()
     folders = [inventory / DRIVES / entry.name for entry in book.manifest.done()]
     nothing = not folders and not book.manifest.merged
-    if nothing or (book.manifest.merged, book.manifest.merged_by) == (merged, by):
+    kept = all((inventory / name).is_dir() for name in MERGED)
+    if nothing or (kept and (book.manifest.merged, book.manifest.merged_by) == (merged, by)):
         return None
     book.save(merged="")
     report = merge_inventory(folders, inventory, settings, watch)

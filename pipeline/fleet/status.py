@@ -22,6 +22,7 @@ from wayside.pipeline.fleet.manifest import (
     Manifest,
     read_manifest,
 )
+from wayside.pipeline.fleet.merging import MERGED
 from wayside.pipeline.output_folder import take_lock
 from wayside.pipeline.writing import not_written
 from wayside.schemas.errors import OutputError
@@ -96,7 +97,7 @@ def format_status(inventory: Path) -> str:
     lost = sum(entry.state == DONE and entry.status != 0 for entry in entries)
     if lost:
         lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
-    lines.append(f"panels: {_merging(manifest, running=running)}")
+    lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
     at_work = [entry for entry in entries if entry.state == RUNNING] if running else []
     lines += _listed(
         "running", [f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt" for e in at_work]
@@ -167,13 +168,16 @@ def describe_duration(seconds: float) -> str:
     return f"{hours // 24} days {hours % 24} h"
 
 
-def _merging(manifest: Manifest, *, running: bool) -> str:
+def _merging(inventory: Path, manifest: Manifest, *, running: bool) -> str:
     """Whether the merged tables are of the results as they are now, in words."""
-    if manifest.merged == manifest.results():
+    stand = all((inventory / name).is_dir() for name in MERGED)
+    if stand and manifest.merged == manifest.results():
         return "merged"
     if running and all(entry.state in ENDED for entry in manifest.logs.values()):
         return "being merged now"
-    return "of earlier results, to be merged anew" if manifest.merged else "not merged yet"
+    return (
+        "of earlier results, to be merged anew" if stand and manifest.merged else "not merged yet"
+    )
 
 
 def _clock(seconds: float) -> str:

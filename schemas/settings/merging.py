@@ -52,7 +52,7 @@ class MergeSettings:
         origin="four standard deviations between two drives with fixes of 5 m",
     )  # fmt: skip
     near_sigmas: float = setting(
-        4.0, "sigmas", "nor are those farther apart than so many standard deviations of their common errors", low=0.1,
+        4.0, "sigmas", "nor are those farther apart than so many standard deviations of their errors", low=0.1,
         origin="of normal errors one pair in 16,000 lies beyond",
     )  # fmt: skip
     facing_deg: float = setting(

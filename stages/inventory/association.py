@@ -22,7 +22,7 @@ def candidate_pairs(
 ) -> Ints:
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
 
-    Near: within `near_sigmas` standard deviations of the common errors of both, level, and at most within `reach_m`.
+    Near: within `near_sigmas` standard deviations of the errors of both, level, and at most within `reach_m`.
 
     Parameters
     ----------
@@ -73,9 +73,7 @@ def faces_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSetti
 
     Either one face, or another one that was put up in its place between the two: what is seen then is as by chance.
     """
-    replaced = np.clip(
-        settings.change_per_year * _years(sightings, i, j), 1e-9, settings.most_changed
-    )
+    replaced = np.maximum(changed_share(_years(sightings, i, j), settings), 1e-9)
     return np.logaddexp(
         np.log1p(-replaced) + face_log_ratio(sightings, i, j, settings), np.log(replaced)
     )
@@ -87,7 +85,7 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     A drive that saw the front of its panel would have seen that of a neighbour which faces the same way, unless it
     missed it or the neighbour did not stand there at the time. What is seen from behind is missed too often to tell.
     """
-    replaced = settings.change_per_year * _years(sightings, i, j)
+    replaced = changed_share(_years(sightings, i, j), settings)
     absent = np.minimum(settings.missed + replaced, 1.0)
     fronts = (sightings.color[i] >= 0).astype(np.int64) + (sightings.color[j] >= 0)
     return np.asarray(-np.log(absent) * fronts)
@@ -114,10 +112,15 @@ def gone_probability(
     settings
         How often faces are replaced, and panels missed.
     """
-    changed = np.clip(settings.change_per_year * years, 0.0, settings.most_changed)
+    changed = changed_share(years, settings)
     panel = confidence * settings.missed**misses
     gone, missed = panel * changed, panel * (1 - changed) * settings.missed**looks
     return np.asarray(gone / (gone + missed + 1 - confidence), np.float64)
+
+
+def changed_share(years: Floats, settings: MergeSettings) -> Floats:
+    """Probability (n,) that a face is replaced, put up or taken down within years (n,)."""
+    return np.minimum(settings.change_per_year * years, settings.most_changed)
 
 
 def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:

@@ -15,6 +15,7 @@ from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory.association import (
     YEAR_NS,
     candidate_pairs,
+    changed_share,
     faces_log_ratio,
     miss_log_ratio,
     place_log_ratio,
@@ -215,7 +216,11 @@ def _differ(sightings: Sightings, place: Ints, settings: MergeSettings) -> NDArr
         any_code = np.zeros(count, np.int64)
         any_code[place[known]] = code[known]
         differ[place[known[code[known] != any_code[place[known]]]]] = True
-    first = np.unique(place, return_index=True)[1]
+    first, sized = np.zeros(count, np.int64), np.isfinite(sightings.size_m).all(axis=1)
+    known = np.flatnonzero(sized)[::-1]
+    first[place[known]] = (
+        known  # the first one whose size is known; of several the last written stays
+    )
     ratio = size_log_ratio(sightings, np.arange(len(place)), first[place], settings)
     differ[place[ratio < -1]] = True
     return differ
@@ -231,10 +236,10 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
         right, wrong = log(1 - settings.misread), log(settings.misread)
         fit += np.where(known, np.where(code[seen] == code[face], right, wrong), 0.0)
     fit = fit.reshape(count, count)
-    years = np.diff(sightings.time_ns[rows]) / YEAR_NS
+    changes = changed_share(np.diff(sightings.time_ns[rows]) / YEAR_NS, settings)
     best, back = fit[0], np.zeros((count, count), np.int64)
     for k in range(1, count):
-        changed = min(max(settings.change_per_year * years[k - 1], 1e-9), settings.most_changed)
+        changed = max(float(changes[k - 1]), 1e-9)
         move = np.where(
             np.eye(count, dtype=bool), log(1 - changed), log(changed / max(count - 1, 1))
         )

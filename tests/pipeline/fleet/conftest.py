@@ -101,6 +101,8 @@ def fleet(tmp_path, monkeypatch):
     def merge(folders, out, settings, watch):
         seen.merged.append([folder.name for folder in folders])
         seen.merge_settings = settings
+        for name in running.MERGED:
+            (out / name).mkdir(exist_ok=True)
         return f"{len(folders)} drives"
 
     task._equipment.cache_clear()

@@ -169,6 +169,16 @@ def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(
     assert "what stood in front of a place is not known" in str(report)
 
 
+def test_a_log_that_is_shorter_than_at_its_run_is_said_to_be(surveyed: Surveyed) -> None:
+    frames = pq.read_table(surveyed.drive / "frames.parquet")
+    pq.write_table(frames.slice(0, 8), surveyed.drive / "frames.parquet")
+    surveyed.write_log(lambda along: view(along, covered=True))
+    pq.write_table(frames, surveyed.drive / "frames.parquet")
+    report, rows = surveyed.changes()
+    assert [row["hidden_after"] for row in rows] == [1, 0]  # the log shows the first place still
+    assert "shorter than at the run" in report.unseen[0]
+
+
 def test_images_without_texture_tell_nothing(surveyed: Surveyed) -> None:
     surveyed.write_log(lambda along: np.full((1200, 1600), 200, np.uint8))
     report, rows = surveyed.changes()

@@ -219,3 +219,11 @@ def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
 )
 def test_durations_are_told_in_two_units_at_most(seconds, words):
     assert describe_duration(seconds) == words
+
+
+def test_merged_tables_that_are_gone_are_made_again(fleet):
+    seen = fleet({"a": "one"})
+    (seen.inventory / "panels").rmdir()
+    assert "panels: not merged yet" in format_status(seen.inventory)
+    assert fleet({}).merged == [["a"]]
+    assert fleet({}).merged == []

@@ -44,7 +44,6 @@ def make_sightings(
         position=truth[panel] + np.repeat(offsets, n, axis=0) + rng.normal(0, noise_m, (count, 3)),
         covariance=np.tile(np.eye(3) * 0.05**2, (count, 1, 1)),
         common_sigma_m=np.full((count, 2), common_m),
-        station_m=truth[panel, 0],
         assembly=panel,
         color=panel % 5,
         shape=panel % 3,
@@ -219,6 +218,11 @@ def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_t
     later = np.array([0, 2, 2]) * 366 * DAY_NS  # the neighbour may have been put up since
     years = replace(sightings, color=color, time_ns=later)
     assert 0 < miss_log_ratio(years, i, j, SETTINGS)[0] < front
+    ever = replace(
+        years, time_ns=later * 1000
+    )  # as in the other ratios, faces change so often at most
+    largest = SETTINGS.missed + SETTINGS.most_changed
+    assert miss_log_ratio(ever, i, j, SETTINGS)[0] == pytest.approx(-2 * np.log(largest))
 
 
 def off_by(sigmas: float, other_face: bool = False) -> Sightings:
