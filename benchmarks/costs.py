@@ -76,7 +76,7 @@ def main() -> int:
 
 
 def window_ms(frames: int, ties: int, times: int = 50) -> float:
-    """Processor time of one place adjusted with so many frames and ties a step, milliseconds, median."""
+    """Processor time of one landmark adjusted with so many frames and ties a step, milliseconds, median."""
     drive = SimulatedDrive(Survey(ties=ties, signs=1))
     moved = [
         m

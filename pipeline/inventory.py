@@ -79,7 +79,7 @@ class InventoryWriter:
     log
         Stem of the log's file name, the first part of every sign's name.
     every_region
-        Also list regions that the colour gate refused.
+        Also list regions that no classifier looked at, or the colour gate refused.
 
     Raises
     ------

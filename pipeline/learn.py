@@ -13,7 +13,6 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import cv2
@@ -158,15 +157,7 @@ def images(log: Path) -> Iterator[Image]:
 def _origin(drives: Sequence[TrainingDrive], seed: int) -> str:
     """What was learned from, as `learned_from` finds it: each drive with its number of images."""
     rendered = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
-    return f"rendered drives {rendered}; seed {seed}; numpy {_version('numpy')}"
-
-
-def _version(package: str) -> str:
-    try:
-        # without the name of the build, which says where the package came from
-        return version(package).partition("+")[0]
-    except PackageNotFoundError:
-        return "absent"
+    return f"rendered drives {rendered}; seed {seed}; numpy {np.__version__}"
 
 
 def write_model(path: Path, model: Model, notify: Notify) -> str:

@@ -35,7 +35,7 @@ class Inventory:
     """The signs of one log as Arrow tables, of a finished run or of one that proceeds as it is asked for.
 
     Attributes are read at the first access and kept. Asking for a table carries the run to its end. Iterating yields
-    each frame as soon as all its candidates are decided, with the landmarks that ended there; a frame is given once,
+    each frame as soon as all its candidates are decided, with the landmarks first seen in it; a frame is given once,
     so the iteration of a finished inventory is empty.
 
     `run` and `open_inventory` make them.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class OnnxFile:
-    """A network that OpenCV reads from its file itself: `path`, and the SHA-256 of what it held when it was named."""
+    """A network in an ONNX file: `path`, and the SHA-256 of what it held when it was named."""
 
     path: str
     sha256: str

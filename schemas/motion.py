@@ -66,7 +66,7 @@ class Motion:
     "odometry", "poses", "fixes" or "speed" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line
     and adjusted motion.
     expected: the step by the prior alone (None where there was no measurement);
-    history_px: RMS of eq. 7.5 per coordinate over all ties at the start of the adjustment and after each iteration.
+    history_px: RMS of eq. 7.5 per coordinate over the inliers at the start of the adjustment and after each iteration.
     length_ratio: length of the step over that of the step before, by points common to both, and its scatter;
     prior: what is known of the step before its images are compared (None: nothing).
     """

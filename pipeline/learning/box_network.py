@@ -24,7 +24,7 @@ from wayside.stages.detection import (
 CHANNELS, BLOCKS, HIDDEN, DROPOUT = (24, 48, 96, 128), (0, 1, 2, 1), 160, 0.2
 """Filters and residual blocks at 24, 12, 6 and 3 samples; units behind them, and the fraction dropped in training."""
 
-DARK_LEVEL = 16.0
+PATCH_DARK_LEVEL = 16.0
 """Added to a grey value before its logarithm, so that noise of dark pixels is no contrast."""
 
 USUAL_PX, USUAL_BRIGHTNESS = 24.0, 4.5
@@ -85,7 +85,7 @@ def relative_colors(patches: Tensor) -> tuple[Tensor, Tensor]:
     Logarithms of red, green and blue over the mean of the box: illumination multiplies colours, so it is an offset of
     their logarithms.
     """
-    levels = torch.log(patches + DARK_LEVEL)
+    levels = torch.log(patches + PATCH_DARK_LEVEL)
     edge = (SIDE - INNER) // 2
     inside = levels[:, edge : edge + INNER, edge : edge + INNER].mean((1, 2, 3))
     return (levels - inside[:, None, None, None]).permute(0, 3, 1, 2), inside

@@ -17,9 +17,10 @@ from wayside.pipeline.learning.distractor_drawings import draw_distractor
 from wayside.pipeline.learning.face_compositing import draw_faces
 from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.schemas.detections import NONE
+from wayside.stages.detection import STRIDE
 
-CROP_PX, STRIDE = 256, 4
-"""Side of a crop; pixels a cell of the maps."""
+CROP_PX = 256
+"""Side of a crop."""
 
 AS_TAKEN = 0.3
 """Fraction of the crops that are not altered: runs see images as one camera takes them."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.faces import FaceSample
+from wayside.pipeline.roc.curves import KNEE_RULE
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.report import fourier_descriptors
@@ -21,8 +22,6 @@ SHAPE_FLOOR = 0.01
 PLACE_FLOOR = (2.0, 0.8)
 FEWEST = 4
 """A class of fewer samples is not learned."""
-
-KNEE = "knee of the ROC: largest true minus false positive rate (report chapter 10)"
 
 
 def color_model(
@@ -74,7 +73,7 @@ def location_model(places: NDArray[np.float64], provenance: str) -> GaussianMode
     floor = np.array(PLACE_FLOOR)
     classes = []
     for name, own in groups.items():
-        if own.sum() < 3:
+        if own.sum() < FEWEST:
             continue
         mean, covariance = moments(places[own], np.full(own.sum(), 1 / own.sum()), floor)
         if name == "overhead":
@@ -124,7 +123,7 @@ def _fitted(
     others: NDArray[np.float64],
 ) -> GaussianClass:
     mean, covariance = moments(values, weight, floor)
-    unbounded = GaussianClass(name, mean, covariance, np.inf, KNEE, len(values))
+    unbounded = GaussianClass(name, mean, covariance, np.inf, KNEE_RULE, len(values))
     single = GaussianModel("", (unbounded,), "")
     threshold = knee(single.distances(values)[:, 0], single.distances(others)[:, 0])
-    return GaussianClass(name, mean, covariance, threshold, KNEE, len(values))
+    return GaussianClass(name, mean, covariance, threshold, KNEE_RULE, len(values))

@@ -18,12 +18,16 @@ from wayside.stages.detection import BIAS, FEATURES, HEAT, ODDS, OUTPUT, SCALE, 
 LEVELS = 255
 """Steps of a colour of an image from none to full: the networks see 0 to 1."""
 
-COLORS, KERNEL, STRIDE, TOGETHER = 3, 3, 2, 2
+CHANNELS, KERNEL, FIRST_STRIDE, TOGETHER = 3, 3, 2, 2
 """Colours of an image; columns and stride of the kernel of a first layer that is rewritten, and columns of the output
 that it makes at once then."""
 
-SINGLE = {"kernel_shape": [KERNEL, KERNEL], "strides": [STRIDE, STRIDE], "pads": [1, 1, 1, 1]}
-PAIRED = {"kernel_shape": [KERNEL, 2], "strides": [STRIDE, 1], "pads": [1, 1, 0, 0]}
+SINGLE = {
+    "kernel_shape": [KERNEL, KERNEL],
+    "strides": [FIRST_STRIDE, FIRST_STRIDE],
+    "pads": [1, 1, 1, 1],
+}
+PAIRED = {"kernel_shape": [KERNEL, 2], "strides": [FIRST_STRIDE, 1], "pads": [1, 1, 0, 0]}
 """Attributes of such a layer, before and after."""
 
 DIGIT = 128
@@ -130,30 +134,30 @@ def _join_levels(graph: _Graph) -> None:
 
 def paired_kernel(kernel: NDArray[Any]) -> NDArray[Any]:
     """The kernel (2 n, 12, 3, 2) that makes of four columns in one two columns of what (n, 3, 3, 3) makes, stride 2."""
-    filters, seen = len(kernel), TOGETHER * STRIDE
-    wide = np.zeros((TOGETHER, filters, seen, COLORS, KERNEL, 2), kernel.dtype)
+    filters, seen = len(kernel), TOGETHER * FIRST_STRIDE
+    wide = np.zeros((TOGETHER, filters, seen, CHANNELS, KERNEL, 2), kernel.dtype)
     for column in range(TOGETHER):
         for k in range(KERNEL):
             wide[column, :, *_place(column, k)] = kernel[:, :, :, k]
-    return wide.reshape(TOGETHER * filters, seen * COLORS, KERNEL, 2)
+    return wide.reshape(TOGETHER * filters, seen * CHANNELS, KERNEL, 2)
 
 
 def is_paired(kernel: NDArray[Any]) -> bool:
     """Whether weights are those of `paired_kernel`."""
-    return kernel.shape[1:] == (TOGETHER * STRIDE * COLORS, KERNEL, 2)
+    return kernel.shape[1:] == (TOGETHER * FIRST_STRIDE * CHANNELS, KERNEL, 2)
 
 
 def single_kernel(paired: NDArray[Any]) -> NDArray[Any]:
     """The kernel (n, 3, 3, 3) that `paired_kernel` was made of."""
-    wide = paired.reshape(TOGETHER, -1, TOGETHER * STRIDE, COLORS, KERNEL, 2)
+    wide = paired.reshape(TOGETHER, -1, TOGETHER * FIRST_STRIDE, CHANNELS, KERNEL, 2)
     return np.stack([wide[0, :, *_place(0, k)] for k in range(KERNEL)], axis=-1)
 
 
 def _place(column: int, k: int) -> tuple[int, slice, slice, int]:
     """Where a column of a kernel goes for a column of the output: column of four, colours, rows, which four."""
-    seen = TOGETHER * STRIDE
+    seen = TOGETHER * FIRST_STRIDE
     # the kernel begins a column left of those that are joined
-    group, at = divmod(seen + STRIDE * column + k - 1, seen)
+    group, at = divmod(seen + FIRST_STRIDE * column + k - 1, seen)
     return at, slice(None), slice(None), group
 
 
@@ -173,7 +177,7 @@ def _pair_columns(graph: _Graph) -> None:
         return
     kernel = graph.array(weight.input[0])
     given = {one.name: list(one.ints) for one in layer.attribute if one.name in SINGLE}
-    if given != SINGLE or kernel.shape[1] != COLORS:
+    if given != SINGLE or kernel.shape[1] != CHANNELS:
         return
     # what another layer takes as well stays as it is
     for at, node in enumerate((weight, bias), 1):
@@ -190,7 +194,9 @@ def _pair_columns(graph: _Graph) -> None:
     apart = _with_channels(rounded.output[0], len(kernel), users[0], graph)
     for user in users:
         user.input[0] = apart
-    image.input[0] = _with_channels(image.input[0], TOGETHER * STRIDE * COLORS, image, graph)
+    image.input[0] = _with_channels(
+        image.input[0], TOGETHER * FIRST_STRIDE * CHANNELS, image, graph
+    )
 
 
 def _rounding_after(layer: Any, graph: _Graph) -> Any:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp, softmax
 
+from wayside.pipeline.evaluate_rendered import camera_pose
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Image, Pose
 from wayside.schemas.models import LinearModel
@@ -39,7 +39,7 @@ VISIBLE = 0.9
 """Visible fraction of a face from which an image shows it."""
 INNER_FIELD, SIZE_SIGMA, CENTRE_SIGMA = 1.06, 0.05, 0.02
 """Boxes follow the inner field of a face: the panel is larger by this factor; relative scatter of their size and centre
-(measured, as in `stages/mapping/landmark.py`)."""
+(measured, as in `schemas/settings/landmark.py`)."""
 BOXES = 3
 """Detected boxes that are drawn for each face."""
 NEAREST = 1.5
@@ -55,7 +55,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class OutlineChoice:
-    """The candidates of a face: features (n, 12), number of the right one, and the drive."""
+    """The candidates of a face: features (n, 11), number of the right one, and the drive."""
 
     features: Floats
     right: int
@@ -80,7 +80,7 @@ def gather_choices(
     """
     signs = [s for s in truth["signs"] if "centre" in s and _shape(s) in OUTLINE_SHAPES]
     shown = {s["id"]: [v["frame"] for v in s["frames"] if _clear(v)] for s in signs}
-    poses = {frame["index"]: _pose(frame) for frame in truth["frames"]}
+    poses = {frame["index"]: Pose(*camera_pose(frame)) for frame in truth["frames"]}
     rng = np.random.default_rng(seed)
     held: dict[int, PosedImage] = {}
     choices: list[OutlineChoice] = []
@@ -167,7 +167,7 @@ def learn_outlines(choices: Sequence[OutlineChoice], origin: str) -> LinearModel
 
 
 def _fitted(choices: Sequence[OutlineChoice]) -> Floats:
-    """Weights (12,) of largest likelihood, with a ridge."""
+    """Weights (11,) of largest likelihood, with a ridge."""
     scale = np.concatenate([c.features for c in choices]).std(axis=0)
     scale[scale < 1e-9] = 1.0
     tables = [(c.features / scale, c.right) for c in choices]
@@ -192,8 +192,3 @@ def _shape(sign: dict[str, Any]) -> str:
 
 def _clear(view: dict[str, Any]) -> bool:
     return bool(view["side"] == "front" and view["visible_fraction"] >= VISIBLE)
-
-
-def _pose(frame: dict[str, Any]) -> Pose:
-    rotation = Rotation.from_quat(frame["quaternion"]).as_matrix()
-    return Pose(rotation, np.array(frame["position"], np.float64))

@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learning.gaussians import KNEE, knee
+from wayside.pipeline.learning.gaussians import knee
 from wayside.pipeline.learning.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
 from wayside.pipeline.learning.samples import read_truth
 from wayside.pipeline.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.roc.curves import KNEE_RULE
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import write_file
@@ -152,7 +153,7 @@ def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureMod
         fitted(tracks.of(sign).in_form(form), form, best),
         threshold=threshold,
         threshold_rule=(
-            f"{KNEE}; on drives held out in turn {found:.3f} of {sign.sum()} tracks of signs and {wrong:.3f} of "
+            f"{KNEE_RULE}; on drives held out in turn {found:.3f} of {sign.sum()} tracks of signs and {wrong:.3f} of "
             f"{(~sign).sum()} others"
         ),
         count=int(sign.sum()),

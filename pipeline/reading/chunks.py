@@ -46,7 +46,6 @@ class ChunkHead:
     unpacked_size: int
     checksum: int
     compression: str
-    packed_size: int
 
     def span_after(self, zero_ns: int | None) -> str:
         """From when to when its messages are, counted from the first of the log; empty where that is not known."""
@@ -86,7 +85,7 @@ def parse_chunk_head(content: bytes, record_length: int) -> tuple[ChunkHead, int
         raise ChunkError(
             f"its records have {packed} bytes, its length leaves room for {record_length - size}"
         )
-    return ChunkHead(start, end, unpacked, checksum, name, packed), size
+    return ChunkHead(start, end, unpacked, checksum, name), size
 
 
 def unpack_chunk(head: ChunkHead, packed: memoryview) -> memoryview:

@@ -146,7 +146,9 @@ def make_camera(
             f"its lens model {model} is not understood; plumb_bob and rational_polynomial are: {OTHER_LENSES}"
         )
     if len(d) not in _COEFFICIENTS:
-        raise ContentError(f"its lens has {len(d)} coefficients; 0, 4, 5 or 8 are understood")
+        raise ContentError(
+            f"its lens has {len(d)} coefficients; 0, 4, 5, 8, 12 or 14 are understood"
+        )
     if abs(k[1]) > _ROUNDING * k[0]:
         raise ContentError(
             f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "

@@ -51,17 +51,14 @@ class ReadReport(ScanReport):
     images_held: int = 0
     """Image messages of the chosen camera in the whole log."""
     with_pose: int = 0
-    with_fix: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
     camera_topic: str = ""
     camera_frame: str = ""
     calibration_source: str = ""
     motion_source: str = ""
     motion_topic: str = ""
-    fix_topic: str = ""
     spacing_m: float = 0.0
     first_time_ns: int | None = None
-    last_time_ns: int | None = None
     notes: list[str] = field(default_factory=list)
 
 
@@ -98,7 +95,6 @@ def read_frames(
     report.images_held = plan.camera.count
     report.motion_source = plan.motion_source
     report.motion_topic = "" if plan.motion is None else plan.motion.name
-    report.fix_topic = "" if plan.fixes is None else plan.fixes.name
     report.spacing_m = plan.spacing_m
     inspection = inspect_log(plan, settings)
     plan.survey.stamps.forget_entries()
@@ -262,10 +258,8 @@ class _Reader:
         report = self.report
         report.statuses[frame.status] += 1
         report.with_pose += pose is not None
-        report.with_fix += fix is not None
         if report.first_time_ns is None:
             report.first_time_ns = frame.time_ns
-        report.last_time_ns = frame.time_ns
         return frame
 
     def _finish(self) -> None:

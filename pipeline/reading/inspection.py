@@ -46,7 +46,7 @@ class Inspection:
     notes: list[str] = field(default_factory=list)
 
     def moved(self, entry: int, content: PoseContent) -> PoseContent:
-        """A pose in the frame of the first origin of its series."""
+        """A pose in the frame of the origin of its series that most positions are of."""
         move = self.moves.get(entry)
         if move is None:
             return content

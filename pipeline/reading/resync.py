@@ -78,7 +78,7 @@ def is_chunk(content: bytes, length: int) -> bool:
     return head.compression in ("", "none", "lz4", "zstd") and head.start_ns <= head.end_ns
 
 
-def data_ends(stream: BinaryIO, opcode: int, offset: int, size: int) -> bool:
+def data_ends(stream: BinaryIO, opcode: int, offset: int) -> bool:
     """Whether a record of this opcode, `DATA_END` or `FOOTER`, that ends at `offset` can be the end of the data.
 
     Behind the end of the data stands the summary or the footer, behind the footer the file mark.

@@ -148,7 +148,7 @@ class Scanner:
         if opcode == 0 or end > self.size or not length_is_plausible(opcode, length):
             return False
         if opcode in (DATA_END, FOOTER):
-            sound = data_ends(self.stream, opcode, end, self.size)
+            sound = data_ends(self.stream, opcode, end)
         elif opcode <= LAST_KNOWN:
             return True
         else:

@@ -32,10 +32,9 @@ _LARGEST = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Channels by id, how many messages there are, and how many of each channel (empty where the log does not say)."""
+    """Channels by id, and how many messages there are (None where the log does not say)."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
-    message_counts: dict[int, int] = field(default_factory=dict)
     messages: int | None = None
 
 
@@ -106,20 +105,5 @@ def _parse(section: memoryview) -> Summary:
             channel = parse_channel(content, schemas)
             summary.channels[channel.id] = channel
         elif opcode == STATISTICS:
-            messages, counts = _message_counts(content)
-            summary.message_counts.update(counts)
+            messages = Fields(content).integer(8)
     return replace(summary, messages=messages)
-
-
-def _message_counts(content: memoryview) -> tuple[int, dict[int, int]]:
-    """Of all channels together and of each."""
-    fields = Fields(content)
-    messages = fields.integer(8)
-    for size in (2, 4, 4, 4, 4, 8, 8):  # schemas, channels ... chunks, first and last time
-        fields.integer(size)
-    end = fields.integer(4) + fields.position
-    counts: dict[int, int] = {}
-    while fields.position < end:
-        channel = fields.integer(2)
-        counts[channel] = fields.integer(8)
-    return messages, counts

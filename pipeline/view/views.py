@@ -41,7 +41,7 @@ from wayside.schemas.detections import (
 from wayside.schemas.frame import Camera, Frame, Image, Pose
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.motion import Motion, PosedDetections, Ties
-from wayside.stages.geometry import distort_points, pair_midpoint, pair_residual, rays_of_ideal
+from wayside.stages.geometry import distort_points, pair_residual, points_of_second, rays_of_ideal
 
 RECENT = 60
 """Frames whose path and landmarks stay in view behind the vehicle."""
@@ -201,7 +201,7 @@ def _points2d(points: NDArray[np.float32], ink: tuple[int, int, int]) -> rr.Poin
 
 
 def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Entity]:
-    """The camera's landmark and path; ties, their points by both motions, and residuals before and after adjustment."""
+    """The camera's pose and path; ties, their points by both motions, and residuals before and after adjustment."""
     frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
         return []
@@ -255,24 +255,12 @@ def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
     residual = np.sqrt(np.minimum(squares, 1e6) / 4).astype(np.float32)
     ink = np.where(ties.inlier[:, None], GOOD, BAD).astype(np.uint8)
     lines = rr.LineStrips2D(ends, colors=ink, radii=rr.Radius.ui_points(1.0))
+    straight = points_of_second(before, after, expected.rotation, expected.centre)
     return [
         Entity(at.MATCHES, (lines, rr.AnyValues(residual_px=residual))),
-        Entity(
-            at.POINTS_STRAIGHT,
-            (_cloud(tied_points(before, after, expected), motion, ties, BEFORE),),
-        ),
+        Entity(at.POINTS_STRAIGHT, (_cloud(straight, motion, ties, BEFORE),)),
         Entity(at.POINTS_ADJUSTED, (_cloud(ties.point, motion, ties, AFTER),)),
     ]
-
-
-def tied_points(
-    before: NDArray[np.float64], after: NDArray[np.float64], step: Pose
-) -> NDArray[np.float64]:
-    """Midpoints (n, 3) of ties in the current camera's frame by one step; nan where rays do not meet ahead."""
-    found = pair_midpoint(before, after, step.rotation, step.centre)
-    points = (found.point - step.centre) @ step.rotation
-    points[~found.ahead] = np.nan
-    return points
 
 
 def _cloud(

@@ -87,7 +87,7 @@ class GeoreferenceSettings:
     unknown_length_sigma: float = setting(
         0.3,
         "",
-        "relative scatter of the scale of a step whose length was taken from fixes",
+        "relative scatter of the scale of a step whose length was first taken from fixes, points or the last speed",
         origin="estimate",
         expert=True,
         low=1e-3,

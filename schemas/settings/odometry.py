@@ -11,9 +11,7 @@ from wayside.schemas.settings.field import setting
 class FeatureSettings:
     """Key points (report chapter 5)."""
 
-    corners_per_cell: int = setting(
-        3, "corners", "strongest corners kept in each 50 px cell", low=1
-    )
+    corners_per_cell: int = setting(3, "corners", "strongest corners kept in each cell", low=1)
     pyramid_levels: int = setting(
         3, "levels", "of the corners' image pyramid, from half size", expert=True, low=1
     )
@@ -48,7 +46,7 @@ class MotionSettings:
         0.5, "px", "straight-line residual above which a pair is adjusted", low=0
     )
     smallest_ties: int = setting(
-        20, "points", "fewer tie points: the prior is kept as it is", low=5
+        20, "points", "fewer tie points: the step is not measured, the expected one stands", low=5
     )
     spacing_sigma_m: float = setting(
         0.02, "m", "scatter of the distance between triggers", low=0.001

@@ -57,7 +57,7 @@ class TieSettings:
     )
     road_search_px: int = setting(3, "px", "the same, on the road", expert=True, low=0)
     farthest_px: float = setting(
-        3.0, "px", "largest shift from the search's end", expert=True, low=0
+        3.0, "px", "largest shift from where it is expected, besides the search", expert=True, low=0
     )
     scale_change: float = setting(1.3, "", "largest change of scale by the fit", expert=True, low=1)
     registration_iterations: int = setting(12, "iterations", "at most", expert=True, low=1)

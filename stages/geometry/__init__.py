@@ -14,7 +14,12 @@ from wayside.stages.geometry.linear_algebra import (
     invert_symmetric,
 )
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
-from wayside.stages.geometry.ray_midpoint import meet_rays, pair_midpoint, pair_residual
+from wayside.stages.geometry.ray_midpoint import (
+    meet_rays,
+    pair_midpoint,
+    pair_residual,
+    points_of_second,
+)
 from wayside.stages.geometry.rotation import (
     halfway_direction,
     rotation_from_vector,
@@ -49,6 +54,7 @@ __all__ = [
     "non_maximum_suppression",
     "pair_midpoint",
     "pair_residual",
+    "points_of_second",
     "rays_of_ideal",
     "rotation_from_vector",
     "tangent_basis",

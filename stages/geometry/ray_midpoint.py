@@ -82,6 +82,19 @@ def pair_midpoint(
     )
 
 
+def points_of_second(
+    previous: NDArray[np.floating[Any]],
+    current: NDArray[np.floating[Any]],
+    rotation: NDArray[np.floating[Any]],
+    centre: NDArray[np.floating[Any]],
+) -> Array:
+    """Midpoints (n, 3) of `pair_midpoint` in the axes of the second camera, nan where not ahead of both."""
+    found = pair_midpoint(previous, current, rotation, centre)
+    points = (found.point - centre) @ rotation
+    points[~found.ahead] = np.nan
+    return np.asarray(points)
+
+
 def pair_residual(
     previous: NDArray[np.floating[Any]],
     current: NDArray[np.floating[Any]],

@@ -224,7 +224,7 @@ def _acceleration(time_s: Array, centre: Array) -> Array:
 def _scales(
     path: Sequence[PathPoint], chain: RelativeMotionChain, found: Trajectory
 ) -> dict[int, StepScale]:
-    """Scales of the steps whose length was first taken from fixes."""
+    """Scales of the steps whose length was first taken from fixes, points or the last speed."""
     relative = chain.relative_length_sigma
     sigma = np.sqrt(found.covariance[:, 6, 6])
     return {

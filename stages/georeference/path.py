@@ -60,7 +60,8 @@ class DrivePath:
 
     world: "log" (that of the log's poses), "enu" (east, north, up at the first fix) or "drive_start"; stations,
     baselines: final, metres; given_stations (n,): as first taken; globe: the path on WGS 84, where there are fixes;
-    scales: of the steps whose length was first taken from fixes; notes: faults of the poses and fixes, in words.
+    scales: of the steps whose length was first taken from fixes, points or the last speed; notes: faults of the poses
+    and fixes, in words.
     """
 
     world: str

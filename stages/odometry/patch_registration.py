@@ -78,7 +78,7 @@ def register_patches(
 
     Returns
     -------
-    Registered
+    PatchRegistration
         zncc is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
         correlation is low.
 

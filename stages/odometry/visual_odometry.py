@@ -14,7 +14,7 @@ import numpy as np
 from wayside.schemas.frame import USED, Frame, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
-from wayside.stages.geometry import halfway_direction, pair_midpoint, pair_residual
+from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
@@ -137,7 +137,7 @@ class VisualOdometry:
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
         )
-        points = _points(step, rotation, direction, baseline)
+        points = points_of_second(step.previous, step.current, rotation, baseline * direction)
         depths = np.full(len(image.corners), np.nan)
         matched = step.inlier & (step.tied.rows[:, 1] >= 0)
         depths[step.tied.rows[matched, 1]] = points[matched, 2]
@@ -202,15 +202,6 @@ class VisualOdometry:
         """
         best = np.sort(squares)[: max(1, int(self.settings.trimmed * len(squares)))]
         return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf
-
-
-def _points(step: RelativePose, rotation: Array, direction: Array, baseline_m: float) -> Array:
-    """Ties in the current camera's frame (n, 3), nan where rays do not meet ahead of both cameras."""
-    centre = baseline_m * direction
-    found = pair_midpoint(step.previous, step.current, rotation, centre)
-    points = (found.point - centre) @ rotation
-    points[~found.ahead] = np.nan
-    return points
 
 
 def _ratio(carried: tuple[float, float], last_m: float) -> tuple[float, float]:

@@ -253,7 +253,7 @@ def test_signs_stand_right_left_and_above_of_the_road():
         [
             rng.normal((6, 0.5), 0.5, (50, 2)),
             rng.normal((-8, 0.5), 0.5, (20, 2)),
-            [(0, 4.5), (1, 4.6), (3, 4.4)],
+            [(0, 4.5), (1, 4.6), (3, 4.4), (-1, 4.5)],
         ]
     )
     model = location_model(places, "made by hand")

@@ -91,7 +91,6 @@ def test_every_dialect_and_packing_gives_the_same_frames(new_log, dialect, packi
     assert report.camera_topic == "/camera/image"
     assert report.motion_source == "poses"
     assert report.first_time_ns == START
-    assert report.last_time_ns == START + 7 * STEP
     assert report.bytes_read == report.bytes_total > 0
 
 
@@ -256,7 +255,6 @@ def test_fixes_once_a_second_are_interpolated(new_log):
         log.add_image(index)
     frames, report = read(log.finish())
     assert report.motion_source == ""
-    assert report.with_fix == 13
     for index, frame in enumerate(frames):
         expected = place_at(index * STEP)["place"]
         found = frame.fix.latitude_deg, frame.fix.longitude_deg, frame.fix.altitude_m
