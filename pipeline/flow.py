@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain
-from time import thread_time
 from typing import Protocol
 
 from wayside.pipeline.image_memory import ImageMemory
@@ -20,6 +19,7 @@ from wayside.pipeline.model_files import Models
 from wayside.pipeline.route_file import RouteFile
 from wayside.pipeline.workers import Item, Result, StageClock, Value, ordered_parallel
 from wayside.schemas.detections import Detections, Segmentation
+from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
@@ -34,6 +34,8 @@ from wayside.stages.calibration import (
 from wayside.stages.detection import (
     BoxClassifier,
     BoxNetwork,
+    DetectionNetwork,
+    OnnxDetector,
     detect,
     detect_externally,
     propose,
@@ -99,16 +101,24 @@ class Flow:
     counts: FrameCounts = field(default_factory=FrameCounts)
     boxes: BoxNetwork | None = field(init=False)
     faces: FaceClassifier | None = field(init=False)
+    proposer: DetectionNetwork | None = field(init=False)
+    external: OnnxDetector | BoxFile | None = field(init=False)
 
     def __post_init__(self) -> None:
         """Watch the calibration by its settings, and load the networks that all workers share."""
         object.__setattr__(self, "calibration", CalibrationWatch(self.settings.calibration))
-        box, face = self.models.box_network, self.models.face_network
+        m = self.models
+        box, face, detection = m.box_network, m.face_network, m.detection_network
         object.__setattr__(self, "boxes", None if box is None else BoxNetwork(box.path))
         object.__setattr__(self, "faces", None if face is None else FaceClassifier(face.path))
+        own = None if detection is None or m.external else DetectionNetwork(detection.path)
+        object.__setattr__(self, "proposer", own)
+        given = m.external
+        source = OnnxDetector(given) if isinstance(given, DetectorFile) else given
+        object.__setattr__(self, "external", source)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
-        """Send frames all the way: every frame comes out once, in order, with the landmarks that ended there."""
+        """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
         run = self.settings.run
         read, memory = self.stage("read", self.memory.taken(frames)), self.memory
         found = ordered_parallel(
@@ -158,8 +168,8 @@ class Flow:
 
     def _external(self, images: Iterator[Image]) -> Iterator[Detections]:
         """The boxes of another detector: they are the detections, and wayside's own does not run."""
-        s, m = self.settings, self.models
-        if m.external is None or self.boxes is None:
+        s = self.settings
+        if self.external is None or self.boxes is None:
             raise ValueError(
                 "models: wanted a detector or a file of boxes, and the box network, found none"
             )
@@ -167,7 +177,7 @@ class Flow:
             "detect",
             detect_externally(
                 images,
-                source=m.external,
+                source=self.external,
                 settings=s.candidates,
                 network=self.boxes,
             ),
@@ -189,7 +199,7 @@ class Flow:
         if self.boxes is None or m.front_scores is None:
             raise ValueError("models: wanted the box network and its thresholds, found none")
         proposed = stage(
-            "propose", propose(segmented, settings=s.candidates, network=m.detection_network)
+            "propose", propose(segmented, settings=s.candidates, network=self.proposer)
         )
         return stage(
             "detect",
@@ -317,9 +327,8 @@ class Flow:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""
         for item in self.clock.timed(name, items):
             if self.observer is not None:
-                start = thread_time()
-                self.observer.see(name, item)
-                self.clock.add("view", thread_time() - start)
+                with self.clock.aside("view"):
+                    self.observer.see(name, item)
             yield item
 
     def drive_stage(self, name: str, items: Iterator[Value]) -> Iterator[Value]:

@@ -200,7 +200,7 @@ def process_log(
     arguments
         The command line, for `run.json`.
     every_region
-        List regions that the colour gate refused, too.
+        List regions that no classifier looked at, or the colour gate refused, too.
     open_observer
         Called with what reading chose and the folder to write to, when the log can be read; what it gives sees every
         item of every stage.
@@ -261,12 +261,9 @@ def _process(
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
-    observer = open_observer(report)
     memory = image_memory(settings)
-    flow = Flow(
-        settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts
-    )
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
+    observer = open_observer(report)
     statuses: Counter[str] = Counter()
     duplicates: list[str] = []
     misplaced: list[str] = []
@@ -278,6 +275,9 @@ def _process(
     if isinstance(source, BoxFile) and source.images:
         read = paired_by_order(read, source)
     try:
+        flow = Flow(
+            settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts
+        )
         for settled in flow.track(read):
             statuses[settled.frame.status] += 1
             if settled.frame.status == DUPLICATE:

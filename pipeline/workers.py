@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import Empty, Queue
 from time import thread_time
@@ -43,6 +44,17 @@ class StageClock:
         """Count time spent in a stage."""
         with self._lock:
             self._seconds[stage] += seconds
+
+    @contextmanager
+    def aside(self, name: str) -> Iterator[None]:
+        """Count what is done between two stages under a name of its own, not under that of the later stage."""
+        start = thread_time()
+        try:
+            yield
+        finally:
+            spent = thread_time() - start
+            self.add(name, spent)
+            self._thread.upstream += spent
 
     def seconds(self) -> dict[str, float]:
         """CPU seconds by stage so far."""

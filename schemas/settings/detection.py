@@ -24,7 +24,10 @@ class CandidateSettings:
         choices=("network", "report"),
     )
     keep: int = setting(
-        60, "candidates", "at most this many of the best are tracked in one image", low=1
+        60,
+        "candidates",
+        "so many of the best in one image may begin landmarks; others may join them",
+        low=1,
     )
 
     # --- which boxes can be faces ---

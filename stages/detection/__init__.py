@@ -35,6 +35,7 @@ from wayside.stages.detection.network_proposals import (
     padded,
 )
 from wayside.stages.detection.onnx_detector import (
+    OnnxDetector,
     multiple_of,
     named_boxes,
 )
@@ -67,6 +68,7 @@ __all__ = [
     "BoxNetwork",
     "DetectionNetwork",
     "Maps",
+    "OnnxDetector",
     "boxes_of_maps",
     "detect",
     "detect_externally",

@@ -21,7 +21,7 @@ from wayside.schemas.detections import (
     Detections,
     Regions,
 )
-from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
+from wayside.schemas.detectors import BoxFile, ExternalBoxes
 from wayside.schemas.frame import Image
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork
@@ -35,7 +35,7 @@ from wayside.stages.segmentation import unsegmented
 def detect_externally(
     items: Iterator[Image],
     *,
-    source: DetectorFile | BoxFile,
+    source: OnnxDetector | BoxFile,
     settings: CandidateSettings,
     network: BoxNetwork,
 ) -> Iterator[Detections]:
@@ -48,7 +48,7 @@ def detect_externally(
     source
         The detector, or the boxes by image.
     settings
-        Least score; overlap of suppression; number of candidates that are tracked. Of boxes that overlap more the best
+        Least score; overlap of suppression; number of candidates that stay open. Of boxes that overlap more the best
         stays (`overlap`), of all of them the best `settings.keep` (`score`).
     network
         The box network, which names what the classes of the boxes do not.
@@ -62,18 +62,15 @@ def detect_externally(
     InputError
         If the detector's outputs are not understood.
     """
-    # not safe to share between threads, and each worker has its own instance of this stage
-    detector = None if isinstance(source, BoxFile) else OnnxDetector(source)
     for item in items:
         segmentation, camera = unsegmented(item), item.frame.camera
         if item.rgb is None or camera is None:
             yield Detections(segmentation, Candidates.of(segmentation.regions))
             continue
-        if detector is not None:
-            found = detector.boxes(item.rgb, settings.external_score, settings.same_face_iou)
-        else:
-            assert isinstance(source, BoxFile)
+        if isinstance(source, BoxFile):
             found = source.of(item.frame).inside(camera)
+        else:
+            found = source.boxes(item.rgb, settings.external_score, settings.same_face_iou)
         segmentation = replace(
             segmentation,
             regions=external_regions(found, item.rgb, settings),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -34,7 +33,7 @@ GREY = 114
 
 
 class OnnxDetector:
-    """A detector that is run on images; one each thread."""
+    """A detector that is run on images; threads may share it."""
 
     def __init__(self, file: DetectorFile) -> None:
         self._file = file
@@ -138,8 +137,7 @@ def sign_boxes(
     rows = rows[np.argsort(-raw.score[rows], kind="stable")]
     if same_iou is not None:
         rows = rows[non_maximum_suppression(box[rows], same_iou)]
-    found = named_boxes(box[rows], raw.score[rows], raw.number[rows], signs)
-    return replace(found, found=len(rows))
+    return named_boxes(box[rows], raw.score[rows], raw.number[rows], signs)
 
 
 def named_boxes(

@@ -18,7 +18,6 @@ from wayside.schemas.detections import (
     Segmentation,
 )
 from wayside.schemas.frame import Camera
-from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.network_proposals import (
     DetectionNetwork,
@@ -36,7 +35,7 @@ def propose(
     items: Iterator[Segmentation],
     *,
     settings: CandidateSettings,
-    network: OnnxFile | None = None,
+    network: DetectionNetwork | None = None,
 ) -> Iterator[Segmentation]:
     """Add the boxes of a detection network to each image's segments.
 
@@ -44,17 +43,16 @@ def propose(
     of nearly the same boxes one stays, those of the network before segments; what is dropped is counted. Without a
     network the segments stand alone. An image that is not used passes unchanged.
     """
-    detection_network = None if network is None else DetectionNetwork(network.path)
     for item in items:
         rgb, camera = item.image.rgb, item.frame.camera
         if rgb is None or camera is None:
             yield item
             continue
         regions, left_out, score = item.regions, 0, None
-        if detection_network is not None:
+        if network is not None:
             levels = pyramid(rgb)
             item = replace(item, image=replace(item.image, levels=levels))
-            bands = network_bands(detection_network, levels, camera, settings)
+            bands = network_bands(network, levels, camera, settings)
             found = boxes_of_bands(bands, len(rgb), settings)
             segments = np.full(len(regions), np.nan, np.float32)
             regions = network_regions(found, rgb, settings).joined(regions)

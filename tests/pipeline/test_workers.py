@@ -132,3 +132,23 @@ def test_the_clock_counts_a_stage_without_the_stages_before_it():
     list(clock.timed("second", (item for item in first)))
     seconds = clock.seconds()
     assert seconds["first"] > 10 * seconds["second"]
+
+
+def test_what_is_done_between_two_stages_counts_for_neither():
+    def busy(seconds):
+        end = time.thread_time() + seconds
+        while time.thread_time() < end:
+            pass
+
+    def watched(items):
+        for item in items:
+            with clock.aside("view"):
+                busy(0.05)
+            yield item
+
+    clock = StageClock()
+    first = watched(clock.timed("first", map(Numbered, range(1, 4))))
+    list(clock.timed("second", (item for item in first)))
+    seconds = clock.seconds()
+    assert seconds["view"] >= 0.15
+    assert max(seconds["first"], seconds["second"]) < seconds["view"] / 10

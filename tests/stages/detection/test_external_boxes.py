@@ -7,10 +7,10 @@ import pytest
 from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, verdict_code
-from wayside.schemas.detectors import BoxFile, ExternalBoxes
+from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.settings import CandidateSettings, ModelSettings
-from wayside.stages.detection import BoxNetwork, detect_externally
+from wayside.stages.detection import BoxNetwork, OnnxDetector, detect_externally
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
@@ -47,6 +47,8 @@ def network():
 
 def detections(items, source):
     settings = CandidateSettings()
+    if isinstance(source, DetectorFile):
+        source = OnnxDetector(source)
     return list(detect_externally(iter(items), source=source, settings=settings, network=network()))
 
 

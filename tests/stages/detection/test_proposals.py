@@ -7,13 +7,12 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
-from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import CandidateSettings
-from wayside.stages.detection.proposals import propose
+from wayside.stages.detection import DetectionNetwork, propose
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
 
-NETWORK = OnnxFile(str(Path(__file__).parent / "red_cells.onnx"), "")
+NETWORK = DetectionNetwork(str(Path(__file__).parent / "red_cells.onnx"))
 CAMERA = Camera(640, 480, 700.0, 700.0, 319.5, 239.5)
 SETTINGS = CandidateSettings()
 NO_BOXES = np.zeros((0, 4), np.float32)
