@@ -46,6 +46,7 @@ _STEP_OF_VERDICT = {
     "overlap": "suppressed",
     "unmatched": "not_followed",
     "few_views": "not_followed",
+    "far_view": "not_followed",
     "open": "not_followed",
     "sign": "reported",
 }

@@ -89,7 +89,10 @@ def missed_faces(evaluation: RenderedEvaluation, truth: Row) -> list[Face]:
 def false_distances(
     evaluation: RenderedEvaluation, signs: Sequence[Row], truth: Row
 ) -> dict[tuple[str, int | str], float]:
-    """Distance of each row that is matched with no panel from each missed panel, metres, by their names."""
+    """Distance of each row that is matched with no panel from each missed panel, metres, by their names.
+
+    Rows whose best frame the truth lacks have none.
+    """
     unmatched = {sign.sign_id for sign in evaluation.false}
     rows = [sign for sign in signs if sign["sign_id"] in unmatched]
     missed = {panel.id for panel in evaluation.missed}
@@ -99,6 +102,7 @@ def false_distances(
         (row["sign_id"], panel["id"]): float(lengths[i, j])
         for i, row in enumerate(rows)
         for j, panel in enumerate(panels)
+        if np.isfinite(lengths[i, j])
     }
 
 
@@ -159,7 +163,7 @@ def _matched(
     """Reported minus true position, (n, m, 3) metres, and the pairs of row and panel that are matched one to one."""
     poses = {frame["index"]: camera_pose(frame) for frame in frames}
     centres = np.array([panel["centre"] for panel in panels], np.float64).reshape(-1, 3)
-    errors = np.zeros((len(signs), len(panels), 3))
+    errors = np.full((len(signs), len(panels), 3), np.nan)
     cost = np.full((len(signs), len(panels)), _UNMATCHED)
     for i, sign in enumerate(signs):
         if sign["best_frame"] not in poses:

@@ -54,7 +54,16 @@ _HEAD = struct.Struct("<II")
 _ENTRY = struct.Struct("<Bq")  # kind, frame
 _IMAGE, _STEP = 0, 1
 _SYNC_S = 2.0
-_PACKAGES = ("lz4", "numba", "numpy", "opencv-python-headless", "scipy")
+_PACKAGES = (
+    "lz4",
+    "numba",
+    "numpy",
+    "onnxruntime",
+    "opencv-python-headless",
+    "pyproj",
+    "scipy",
+    "simplejpeg",
+)
 
 
 def journal_key(log: Path, settings: Settings, models: Models) -> dict[str, Any]:

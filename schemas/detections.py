@@ -61,6 +61,7 @@ VERDICTS = (
     "score",
     "overlap",
     "unmatched",
+    "far_view",
     "few_views",
     "moving",
     "residual",
@@ -232,7 +233,7 @@ class NetworkBoxes:
 
     box (n, 4) float32 pixels; score (n,) float32: log odds of the likelier side; front (n,) float32: of a face; color
     (n, colours) and shape (n, shapes) float32: log probabilities but for a constant a row; left_out: how many further
-    ones of lower scores were found.
+    ones of the maxima that were looked at were found.
     """
 
     box: NDArray[np.float32]

@@ -54,11 +54,13 @@ class Measurement:
     """What the measurement of a landmark rests on.
 
     views: those registered, the template first; outline (k, 2, 2): ends of the segments of the face's outline, samples
-    of the template (None: none was found); shape: that of the outline; adjustment: None where there was none.
+    of the template (None: none was found), without its rounded corners; shape: that of the outline; face (4,): the box
+    [left, top, right, bottom] round all of it; adjustment: None where there was none.
     """
 
     track_id: int
     views: tuple[PanelView, ...]
     outline: NDArray[np.float64] | None
     shape: str | None
+    face: NDArray[np.float64] | None
     adjustment: WindowResidual | None

@@ -44,6 +44,7 @@ VERDICT_WORDS = {
     "score": "rejected by the classifier of boxes in one image",
     "overlap": "covered by a candidate of higher score on the same face",
     "unmatched": "no candidate of another frame matches",
+    "far_view": "an early view of what was followed on, in more images than the setting `track.longest`",
     "few_views": "seen in fewer frames than the setting `track.fewest_views`, or in too few that should show it",
     "moving": "moves along the road",
     "residual": "rays do not meet in one point, or the few views do not look alike",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
@@ -122,3 +123,10 @@ def test_the_change_log_knows_the_version(project: dict[str, Any]) -> None:
     assert re.search(
         r"^## \[?(Unreleased|" + re.escape(version("wayside")) + r")\b", log, re.MULTILINE
     )
+
+
+def test_the_package_runs_as_a_module() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "wayside", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("wayside ")

@@ -8,7 +8,17 @@ import rerun.blueprint as rrb
 from wayside.pipeline.view import entities as at
 from wayside.schemas.detections import VERDICTS
 
-QUIET = ("glance", "score", "size", "overlap", "color", "shape", "unmatched", "few_views")
+QUIET = (
+    "glance",
+    "score",
+    "size",
+    "overlap",
+    "color",
+    "shape",
+    "unmatched",
+    "few_views",
+    "far_view",
+)
 """Verdicts whose boxes are there, but off: too many of them hide the image."""
 AROUND = 4.0
 """The image of one sign shows this many times its size on every side."""

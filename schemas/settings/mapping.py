@@ -14,7 +14,12 @@ from wayside.schemas.settings.ties import TieSettings
 class TrackSettings:
     """Following candidates from frame to frame and measuring them."""
 
-    longest: int = setting(14, "frames", "frames over which a sign is followed", low=2)
+    longest: int = setting(
+        14,
+        "frames",
+        "last frames that show a sign, over which it is followed",
+        low=2,
+    )
     fewest_views: int = setting(2, "views", "landmarks with fewer views are not reported", low=2)
     gap_px: float = setting(
         3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share", low=0
@@ -125,7 +130,7 @@ class AssociationSettings:
     gap_cost: float = setting(
         1.0,
         "log odds",
-        "cost of a view at the gate, falling with the square of the gap",
+        "cost of a view at the gate of its place, and of one at that of its size, falling with the square",
         origin=SET,
         expert=True,
         low=0,
@@ -155,7 +160,12 @@ class AcceptanceSettings:
         expert=True,
     )
     rounds: int = setting(
-        3, "", "fits of a hypothesis to its views at most", origin=SET, expert=True, low=1
+        3,
+        "",
+        "fits of a hypothesis to its views before the last one, at most",
+        origin=SET,
+        expert=True,
+        low=1,
     )
     same_face_iou: float = setting(
         0.4, "", "other boxes of more overlap show the same face", origin=SET, expert=True

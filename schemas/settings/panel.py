@@ -24,13 +24,13 @@ class PanelSettings:
         0.4, "", "edge strength all round (0 to 1) below which an outline is refused", low=0, high=1
     )
     centre_sigma_px: float = _expert(
-        0.15, "px", "scatter of a registered centre beyond its covariance", low=0
+        0.15, "px", "scatter of a registered centre beyond its covariance", low=1e-4
     )
     stretch_sigma: float = _expert(
         0.003,
         "",
         "relative scatter of a registered stretch beyond its covariance: motion from view to view",
-        low=0,
+        low=1e-4,
     )
     blur_sigma: float = _expert(
         0.025,
@@ -292,7 +292,7 @@ class LocalAdjustmentSettings:
         low=0,
     )
     anchor_sigma_px: float = _expert(
-        0.01, "px", "scatter of the first corner of a track: it defines the point", low=0
+        0.01, "px", "scatter of the first corner of a track: it defines the point", low=1e-4
     )
     nearest_m: float = _expert(1.0, "m", "least depth of a tie at the start", low=0.01)
     farthest_m: float = _expert(2000.0, "m", "largest depth of a tie at the start", low=1)

@@ -79,7 +79,8 @@ class RelativeMotionChain:
         timed = (now > stamp) & (before > stamp)
         now, before = np.where(timed, now, 1.0), np.where(timed, before, 1.0)
         by_speed = settings.acceleration_mps2 * 0.5 * (now + before) * now / self.length[rows]
-        by_stamps = stamp * np.sqrt(now**-2 + before**-2 + 1 / (now * before))
+        # of the logarithm of the ratio of two intervals that share a stamp
+        by_stamps = stamp * np.sqrt(2 * (now**-2 + before**-2 + 1 / (now * before)))
         wanted = np.where(timed, np.log(now / before) - self._given(rows), 0.0)
         sigma = np.where(timed, np.hypot(by_speed, by_stamps), settings.equal_length_sigma)
         return rows, wanted, sigma

@@ -29,6 +29,7 @@ from wayside.stages.panel import (
     PanelPlane,
     PosedImage,
     RegisteredViews,
+    box_round,
     outline_of,
     register_views,
     segments_of,
@@ -77,6 +78,13 @@ class PanelMeasurement(NamedTuple):
             return None
         sides = segments_of(self.outline.shape, self.outline.box, self.outline.rotation)
         return np.stack([sides.begin, sides.end], axis=1)
+
+    @property
+    def face(self) -> Array | None:
+        """Box [left, top, right, bottom] round the outline, corners and all."""
+        if self.outline is None:
+            return None
+        return box_round(self.outline.shape, self.outline.box, self.outline.rotation)
 
 
 def measure_panel(

@@ -194,9 +194,19 @@ class _Tracker:
                 settings.adjustment,
                 fewest=settings.track.fewest_views,
             )
-            fits += [replace(f, back=back) for f in found if last or self._passed(f)]
+            for fit in found:
+                if last or self._passed(fit):
+                    fits.append(replace(fit, back=back))
+                else:
+                    self._note_far_views(fit)
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
         return add_predicted_views(fits, window, views, settings.prediction, settings.association)
+
+    def _note_far_views(self, fit: LandmarkFit) -> None:
+        """Remember which candidates of the frames that leave the window show a landmark that is still in sight."""
+        for k, row in zip(fit.frames, fit.rows, strict=True):
+            if k < self._settings.track.window_step:
+                self._window[k].standing[row] = True
 
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
@@ -241,7 +251,9 @@ class _Tracker:
         if seen.views or measured.residual is not None:
             shape = None if seen.outline is None else seen.outline.shape
             first.measurements.append(
-                Measurement(self._next_id, seen.views, seen.segments, shape, measured.residual)
+                Measurement(
+                    self._next_id, seen.views, seen.segments, shape, seen.face, measured.residual
+                )
             )
         self._assign(fit, verdict)
         self._next_id += 1

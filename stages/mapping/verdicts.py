@@ -122,10 +122,14 @@ def same_station(one: Landmark, other: Landmark, settings: AssemblySettings) -> 
     return abs(one.station_m - other.station_m) < max(settings.support_m, scatter)
 
 
-def unassigned_verdicts(paired: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def unassigned_verdicts(
+    paired: NDArray[np.bool_], standing: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
     """Verdicts (k,) of candidates that no landmark has, paired (k, 2) with an earlier and with a later candidate.
 
-    `unmatched` with neither, `few_views` with one of both; with both it fits no standing point: `moving`.
+    `far_view` where it was standing (k,): a view of a landmark that was in sight still when the image left the window.
+    Else `unmatched` with neither, `few_views` with one of both; with both it fits no standing point: `moving`.
     """
     codes = [verdict_code(v) for v in ("unmatched", "few_views", "moving")]
-    return np.asarray(np.take(codes, paired.sum(axis=1)), np.uint8)
+    by_pairs = np.take(codes, paired.sum(axis=1))
+    return np.asarray(np.where(standing, verdict_code("far_view"), by_pairs), np.uint8)

@@ -34,13 +34,14 @@ NO_TRACK = -1
 class WindowFrame:
     """A frame in the window; its candidates and what is known of them change until it leaves.
 
-    plain: it as it came; followed (k,): candidate rows that are followed; back (k,): as the back of a panel (a row may
-    be followed as a face, too); seeds (k,): those that may form hypotheses; ray, size (k, 2): ideal image coordinates
-    of centre and extent; score (k,): log odds of what they are followed as; whole (k,): the box does not touch the edge
-    of the image; assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate of an earlier, of a
-    later frame; bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks:
-    those first seen here; measurements: what theirs rest on; matches: see `TrackedFrame`; rgb: the image, None where
-    there is none.
+    plain: it as it came; followed (k,): candidate rows that are followed; back (k,): as the back of a panel (a row
+    may be followed as a face, too); seeds (k,): those that may form hypotheses; ray, size (k, 2): ideal image
+    coordinates of centre and extent; score (k,): log odds of what they are followed as; whole (k,): the box does
+    not touch the edge of the image; assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate
+    of an earlier, of a later frame; standing (k,): belonged to a landmark still in sight when the frame left the
+    window; bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks:
+    those first seen here; measurements: what theirs rest on; matches: see `TrackedFrame`; rgb: the image, None
+    where there is none.
     """
 
     plain: TrackedFrame
@@ -59,6 +60,7 @@ class WindowFrame:
     focal: float
     assigned: NDArray[np.bool_]
     paired: NDArray[np.bool_]
+    standing: NDArray[np.bool_]
     verdict: NDArray[np.uint8]
     track_id: NDArray[np.int32]
     residual_px: NDArray[np.float32]
@@ -103,6 +105,7 @@ class WindowFrame:
             focal=(camera.fx + camera.fy) / 2,
             assigned=np.zeros(len(rows), np.bool_),
             paired=np.zeros((len(rows), 2), np.bool_),
+            standing=np.zeros(len(rows), np.bool_),
             verdict=table.verdict.copy(),
             track_id=np.full(len(table), NO_TRACK, np.int32),
             residual_px=np.full(len(table), np.nan, np.float32),
@@ -134,6 +137,7 @@ class WindowFrame:
         self.whole = np.append(self.whole, True)
         self.assigned = np.append(self.assigned, False)
         self.paired = np.vstack([self.paired, np.zeros((1, 2), np.bool_)])
+        self.standing = np.append(self.standing, False)
         self.verdict = np.append(self.verdict, np.uint8(verdict_code("open")))
         self.track_id = np.append(self.track_id, np.int32(NO_TRACK))
         self.residual_px = np.append(self.residual_px, np.float32(np.nan))
@@ -151,7 +155,9 @@ class WindowFrame:
         """The frame with every candidate decided."""
         rest = ~self.back & (self.track_id[self.followed] == NO_TRACK)
         rest &= self.candidates.verdict[self.followed] == verdict_code("open")
-        self.verdict[self.followed[rest]] = unassigned_verdicts(self.paired[rest])
+        self.verdict[self.followed[rest]] = unassigned_verdicts(
+            self.paired[rest], self.standing[rest]
+        )
         return replace(
             self.plain,
             candidates=replace(self.candidates, verdict=self.verdict),

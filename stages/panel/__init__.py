@@ -11,6 +11,7 @@ from wayside.stages.panel.outline_edges import gradients_of
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
     OUTLINE_SHAPES,
+    box_round,
     face_corners,
     segments_of,
 )
@@ -31,6 +32,7 @@ __all__ = [
     "PanelPlane",
     "PosedImage",
     "RegisteredViews",
+    "box_round",
     "face_corners",
     "gradients_of",
     "outline_candidates",

@@ -101,6 +101,16 @@ def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     return Segments(begin, end, normal @ rotate, jacobian)
 
 
+def box_round(shape: str, box: Array, rotation: float) -> Array:
+    """Box (4,) round a shape that fills a box and is rotated about its centre (rad, clockwise)."""
+    if shape == "circle":
+        return box
+    centre, half = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 2
+    c, s = np.cos(rotation), np.sin(rotation)
+    corners = np.array(_CORNERS[shape]) * half @ np.array([[c, s], [-s, c]]) + centre
+    return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
+
+
 def box_size(box: Array) -> Array:
     """Width and height (2,) of a box, one sample at least."""
     return np.asarray(np.maximum(box[2:] - box[:2], 1.0))

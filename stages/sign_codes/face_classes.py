@@ -71,9 +71,9 @@ def _classified(
     settings: CodeSettings,
 ) -> Landmark:
     """The mean over the views of the log probability of each class; views of one face err together."""
-    if landmark.back or measured is None or measured.outline is None:
+    if landmark.back or measured is None or measured.face is None:
         return landmark
-    patches = np.stack(_face_patches(measured)[: settings.face_views])
+    patches = np.stack(_face_patches(measured, measured.face)[: settings.face_views])
     each = np.maximum(model.log_probabilities(patches), settings.least_log_probability)
     mean = each.mean(axis=0)
     return replace(
@@ -81,11 +81,9 @@ def _classified(
     )
 
 
-def _face_patches(measured: Measurement) -> list[NDArray[np.uint8]]:
-    """The face in each registered view, the template first."""
-    assert measured.outline is not None
-    ends = measured.outline.reshape(-1, 2)
-    box = np.stack([ends.min(axis=0), ends.max(axis=0)])
+def _face_patches(measured: Measurement, face: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
+    """The face, a box (4,) in samples of the template, in each registered view, the template first."""
+    box = face.reshape(2, 2)
     patches = []
     for view in measured.views:
         middle = (np.array(view.rgb.shape[1::-1]) - 1) / 2

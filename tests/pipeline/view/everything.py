@@ -197,6 +197,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
         "track_id": "/panels/outlines",
         "views": "/panels/views",
         "outline": "/panels/outlines",
+        "face": "/panels/outlines",
         "shape": "/panels/outlines",
         "adjustment": "/window_residuals/after",
     },

@@ -214,3 +214,17 @@ def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(
     landmarks = landmarks_of(run(drive([plate, shield, double], 20), classifier=surest))
     heights = {round(p.height_m / BORDER, 2): p.verdict for p in landmarks}
     assert heights == {0.4: "sign", 0.78: "duplicate", 0.6: "sign"}
+
+
+def test_views_of_a_standing_panel_from_before_the_window_do_not_move(panel, drive):
+    far = TRACK.longest + 4 * TRACK.window_step
+    tracked = run(drive([panel(3.5, 1.2, 8.0 * far + 6.0)], far + 3))
+    (landmark,) = landmarks_of(tracked)
+    by_frame = [VERDICTS[v] for item in tracked for v in item.candidates.verdict]
+    assert landmark.verdict == "sign"
+    assert len(landmark.views) >= TRACK.longest
+    early = by_frame[: len(by_frame) - len(landmark.views)]
+    assert (
+        early.count("far_view") >= len(early) - 2
+    )  # the first of all have no earlier one to be paired with
+    assert "moving" not in by_frame

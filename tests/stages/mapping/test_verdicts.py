@@ -90,6 +90,7 @@ def test_landmarks_without_a_common_image_are_not_one_face_by_their_views():
 
 
 def test_candidates_without_a_landmark_are_named_by_their_pairs():
-    paired = np.array([[False, False], [True, False], [False, True], [True, True]])
-    names = [VERDICTS[code] for code in unassigned_verdicts(paired)]
-    assert names == ["unmatched", "few_views", "few_views", "moving"]
+    paired = np.array([[False, False], [True, False], [False, True], [True, True], [True, True]])
+    standing = np.array([False, False, False, False, True])
+    names = [VERDICTS[code] for code in unassigned_verdicts(paired, standing)]
+    assert names == ["unmatched", "few_views", "few_views", "moving", "far_view"]

@@ -8,7 +8,7 @@ from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline, outline_candidates
 from wayside.stages.panel.outline_edges import edge_profiles, gradients_of, strip_colors
 from wayside.stages.panel.outline_fit import Outline, refine_outline, side_variances
-from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, segments_of
+from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, box_round, segments_of
 
 ROWS, COLUMNS, SCALE = 110, 120, 8
 CORNERS = {
@@ -78,6 +78,12 @@ def test_segments_lie_on_the_outline_and_face_outwards(shape):
     )
     assert middles.min() > 19
     assert middles.max() < 81
+
+
+@pytest.mark.parametrize("shape", OUTLINE_SHAPES)
+def test_the_box_round_a_shape_that_is_not_rotated_is_the_box_that_it_fills(shape):
+    box = np.array([20.0, 30.0, 80.0, 70.0])
+    np.testing.assert_allclose(box_round(shape, box, 0.0), box, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", ["rectangle", "diamond", "octagon", "pennant"])

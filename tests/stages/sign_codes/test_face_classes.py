@@ -20,7 +20,7 @@ from wayside.stages.sign_codes import (
 )
 
 CLASSES = ("other", "stop", "R2-1 45")
-SQUARE = np.array([[[20.0, 20], [60, 20]], [[60, 20], [60, 60]], [[60, 60], [20, 60]]])
+SQUARE = np.array([20.0, 20, 60, 60])
 
 
 class Linear:
@@ -44,8 +44,8 @@ def view(rgb, shift=(0.0, 0.0), stretch=(1.0, 1.0)):
     )
 
 
-def classified(landmark, *views, outline=SQUARE, settings=None):
-    measured = Measurement(landmark.track_id, views, outline, "rectangle", None)
+def classified(landmark, *views, face=SQUARE, settings=None):
+    measured = Measurement(landmark.track_id, views, None, "rectangle", face, None)
     frame = TrackedFrame(
         Frame(0, 0, None, "used", "jpeg", b"", None), None, None, None, None, 0, (landmark,),
         measurements=(measured,),
@@ -100,7 +100,7 @@ def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
 
 def test_a_back_and_a_face_without_outline_stay_as_they_are(landmark):
     assert classified(replace(landmark, back=True), view(pixels())).face_log_probability == ()
-    assert classified(landmark, view(pixels()), outline=None).face_log_probability == ()
+    assert classified(landmark, view(pixels()), face=None).face_log_probability == ()
 
 
 def test_the_classifier_that_ships_knows_its_classes_and_their_probabilities():
