@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from wayside.pipeline.learning.network_parts import Residual, layer, write_onnx
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import (
     BOX_OUTPUT,
@@ -34,26 +35,6 @@ OFFSET_WEIGHT, CLASS_WEIGHT, BEND = 0.5, 0.15, 0.05
 """Weights of the losses of offsets and of colour and shape; offset up to which its loss is a square."""
 
 
-def _layer(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False), nn.BatchNorm2d(outputs)
-    )
-
-
-class Residual(nn.Module):  # type: ignore[misc]
-    """Two 3 x 3 convolutions beside the identity."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.layers = nn.Sequential(
-            _layer(channels, channels), nn.ReLU(), _layer(channels, channels)
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """The same shape."""
-        return torch.relu(x + self.layers(x))
-
-
 class BoxNetwork(nn.Module):  # type: ignore[misc]
     """Patches (n, 48, 48, 3) of levels 0 to 255 and sizes (n, 2) in pixels to values (n, `BOX_VALUES`)."""
 
@@ -61,7 +42,7 @@ class BoxNetwork(nn.Module):  # type: ignore[misc]
         super().__init__()
         layers: list[nn.Module] = []
         for level, (before, after) in enumerate(zip((3, *CHANNELS), CHANNELS, strict=False)):
-            layers += [_layer(before, after, 2), nn.ReLU()]
+            layers += [layer(before, after, stride=2), nn.ReLU()]
             layers += [Residual(after) for _ in range(BLOCKS[level])]
         self.layers = nn.Sequential(*layers)
         samples = CHANNELS[-1] * (SIDE // 16) ** 2
@@ -116,18 +97,11 @@ def _class_loss(scores: Tensor, true: Tensor) -> Tensor:
 
 def export(network: BoxNetwork, path: Path, provenance: dict[str, Any]) -> None:
     """Write the network as ONNX for any number of boxes, with its provenance as metadata; needs the package onnx."""
-    import onnx
-
-    network.eval()
-    torch.onnx.export(
+    write_onnx(
         network,
+        path,
         (torch.zeros(2, SIDE, SIDE, 3, dtype=torch.uint8), torch.ones(2, 2)),
-        str(path),
-        dynamo=False,
-        input_names=[PATCHES, SIZES],
-        output_names=[BOX_OUTPUT],
-        dynamic_axes={name: {0: "boxes"} for name in (PATCHES, SIZES, BOX_OUTPUT)},
+        ([PATCHES, SIZES], [BOX_OUTPUT]),
+        {name: {0: "boxes"} for name in (PATCHES, SIZES, BOX_OUTPUT)},
+        provenance,
     )
-    model = onnx.load(str(path))
-    onnx.helper.set_model_props(model, {key: str(value) for key, value in provenance.items()})
-    onnx.save(model, str(path))

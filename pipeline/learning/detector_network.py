@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
+from wayside.pipeline.learning.network_parts import Residual, layer, write_onnx
 from wayside.pipeline.learning.onnx_rewriting import LEVELS
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
@@ -33,26 +34,6 @@ BOX_WEIGHT, CLASS_WEIGHT = 2.0, 0.3
 """Weights of the loss of boxes, and of colour and shape, beside that of the heat map."""
 
 
-def _layer(inputs: int, outputs: int, side: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(inputs, outputs, side, stride, side // 2, bias=False), nn.BatchNorm2d(outputs)
-    )
-
-
-class Residual(nn.Module):  # type: ignore[misc]
-    """Two 3 x 3 convolutions beside the identity."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.layers = nn.Sequential(
-            _layer(channels, channels, 3), nn.ReLU(), _layer(channels, channels, 3)
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """The same shape."""
-        return torch.relu(x + self.layers(x))
-
-
 class DetectionNetwork(nn.Module):  # type: ignore[misc]
     """RGB (n, height, width, 3) uint8, multiples of 32, to maps (n, `MAPS`, height / 4, width / 4)."""
 
@@ -60,10 +41,10 @@ class DetectionNetwork(nn.Module):  # type: ignore[misc]
         super().__init__()
         first, *rest = CHANNELS
         self.stem = nn.Sequential(
-            _layer(3, 16, 3, 2), nn.ReLU(), _layer(16, first, 3, 2), nn.ReLU(), *_blocks(0)
+            layer(3, 16, 3, 2), nn.ReLU(), layer(16, first, 3, 2), nn.ReLU(), *_blocks(0)
         )
         self.down = nn.ModuleList(
-            nn.Sequential(_layer(before, after, 3, 2), nn.ReLU(), *_blocks(level + 1))
+            nn.Sequential(layer(before, after, 3, 2), nn.ReLU(), *_blocks(level + 1))
             for level, (before, after) in enumerate(zip(CHANNELS, rest, strict=False))
         )
         self.across = nn.ModuleList(
@@ -71,7 +52,7 @@ class DetectionNetwork(nn.Module):  # type: ignore[misc]
         )
         self.smooth = nn.ModuleList(Residual(channels) for channels in CHANNELS[1:-1])
         self.up = nn.Upsample(scale_factor=2, mode="nearest")
-        self.head = nn.Sequential(_layer(first, HEAD, 3), nn.ReLU())
+        self.head = nn.Sequential(layer(first, HEAD, 3), nn.ReLU())
         self.maps = nn.Conv2d(HEAD, MAPS, 1)
         with torch.no_grad():
             self.maps.weight.mul_(0.3)
@@ -183,18 +164,11 @@ def _class_loss(logits: Tensor, true: Tensor, weight: Tensor) -> Tensor:
 
 def export(network: DetectionNetwork, path: Path, provenance: dict[str, Any]) -> None:
     """Write the network as ONNX of free height and width, with its provenance as metadata; needs the package onnx."""
-    import onnx
-
-    network.eval()
-    torch.onnx.export(
+    write_onnx(
         network,
+        path,
         (torch.zeros(1, 256, 512, 3, dtype=torch.uint8),),
-        str(path),
-        dynamo=False,
-        input_names=[IMAGE],
-        output_names=[OUTPUT],
-        dynamic_axes={IMAGE: {1: "height", 2: "width"}, OUTPUT: {2: "rows", 3: "columns"}},
+        ([IMAGE], [OUTPUT]),
+        {IMAGE: {1: "height", 2: "width"}, OUTPUT: {2: "rows", 3: "columns"}},
+        provenance,
     )
-    model = onnx.load(str(path))
-    onnx.helper.set_model_props(model, {key: str(value) for key, value in provenance.items()})
-    onnx.save(model, str(path))

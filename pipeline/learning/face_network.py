@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from wayside.pipeline.learning.network_parts import write_onnx
 from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     CLASSES,
@@ -109,20 +110,11 @@ def _log_sum(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def export(network: FaceNetwork, path: Path, provenance: str) -> None:
     """Write the network as ONNX, with its classes and provenance as metadata; needs the package onnx."""
-    import onnx
-
-    network.eval()
-    torch.onnx.export(
+    write_onnx(
         network,
+        path,
         (torch.zeros(2, 3, PATCH_SIDE, PATCH_SIDE),),
-        str(path),
-        dynamo=False,
-        input_names=[FACES],
-        output_names=[FACE_OUTPUT],
-        dynamic_axes={name: {0: "faces"} for name in (FACES, FACE_OUTPUT)},
+        ([FACES], [FACE_OUTPUT]),
+        {name: {0: "faces"} for name in (FACES, FACE_OUTPUT)},
+        {"provenance": provenance, CLASSES: "\n".join(network.classes)},
     )
-    model = onnx.load(str(path))
-    onnx.helper.set_model_props(
-        model, {"provenance": provenance, CLASSES: "\n".join(network.classes)}
-    )
-    onnx.save(model, str(path))
