@@ -280,7 +280,7 @@ def of_folders(folder: Path) -> Attempt:
             with OutputFolder(out, kept=("drive.rrd",)) as output:
                 check_earlier(out, folder / "log.mcap").check_recording()
                 (output.part / name).write_bytes(b"new")
-                output.commit(drop_recording=False)
+                output.commit()
 
         tally.attempt(work)
         after = sorted(

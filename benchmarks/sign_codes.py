@@ -75,7 +75,7 @@ US_CODES = {
 VIENNA_CODES = {
     "eu_speed_limit": "C14 C",
     "eu_no_overtaking": "C13a C",
-    "eu_no_entry": "C1 C",
+    "eu_no_entry": "C1a C",
     "eu_warning": "A",
     "eu_give_way": "B1 B",
     "eu_priority": "B3 B",

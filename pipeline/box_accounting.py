@@ -107,6 +107,12 @@ class BoxAccounting:
             for name, count in left_out.items()
             if name not in EXPECTED
         ]
+        if not self._given:
+            faults.append("no box came in")
+        elif left_out.get("other_class", 0) == self._given:
+            faults.append(
+                f"all {self._given} boxes are of classes that the class map does not name (models.classes)"
+            )
         if self._source.signs is None:
             faults.append("no class map: boxes of every class count as signs (models.classes)")
         return faults

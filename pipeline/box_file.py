@@ -253,7 +253,7 @@ def _coco_table(
     ids = [one["image_id"] for one in entries]
     return BoxRows(
         key,
-        np.array([frames[one] if frames else int(one) for one in ids], np.int64),
+        np.array([_frame_of(one, frames) for one in ids], np.int64),
         np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], axis=1),
         np.array([one.get("score", 1.0) for one in entries], np.float64).reshape(count),
         np.array([one.get("category_id", 0) for one in entries], np.int64).reshape(count),
@@ -262,6 +262,14 @@ def _coco_table(
         unnamed(count),
         images,
     )
+
+
+def _frame_of(image_id: Any, frames: Mapping[Any, int]) -> int:
+    if not frames:
+        return int(image_id)
+    if image_id not in frames:
+        raise ValueError(f"an annotation of image {image_id}, which is not among the images")
+    return frames[image_id]
 
 
 def _by_order(names: Sequence[str]) -> tuple[NDArray[np.int64], int]:

@@ -55,7 +55,7 @@ from wayside.pipeline.process import (
     report_error,
     silence_standard_streams,
 )
-from wayside.pipeline.visible_text import fitted, visible_lines
+from wayside.pipeline.visible_text import fitted, visible, visible_lines
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import (
     INTERRUPTED,
@@ -298,9 +298,11 @@ def evaluate(
         exporting.evaluate_review(out, truth, json, overwrite=overwrite)
         return
     from wayside.pipeline.evaluate import evaluate as compare
-    from wayside.pipeline.evaluate import format_evaluation, write_evaluation
+    from wayside.pipeline.evaluate import format_evaluation, other_log, write_evaluation
 
     evaluation = compare(out, truth)
+    if (words := other_log(out, truth)) is not None:
+        typer.echo(visible(f"note: {words}"), err=True)
     if json is not None:
         write_evaluation(evaluation, json, overwrite=overwrite)
     typer.echo(visible_lines(format_evaluation(evaluation)))

@@ -81,6 +81,7 @@ def calibrate(
     from wayside.pipeline.calibration.boards import parse_board
     from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
     from wayside.pipeline.lengths import parse_length, parse_time
+    from wayside.pipeline.reading.parts import is_plain_folder
     from wayside.pipeline.settings_file import load_settings
     from wayside.pipeline.tuning import tune_process
     from wayside.schemas.errors import UsageError
@@ -90,19 +91,23 @@ def calibrate(
         "read.spacing_m": spacing,
         "read.camera": camera,
         "read.calibration": None if calibration is None else str(calibration),
-        "read.from_s": None if start is None else parse_time(start),
-        "read.until_s": None if until is None else parse_time(until),
+        "read.from_s": None if start is None else parse_time(start, "--from"),
+        "read.until_s": None if until is None else parse_time(until, "--until"),
         "read.every": every,
     }
     options = {leaf: value for leaf, value in given.items() if value is not None}
     chosen = load_settings("default", settings, assignments or [], options)[0]
+    if board is None and (folder := next((p for p in paths if is_plain_folder(p)), None)):
+        raise UsageError(
+            f"{folder}: wanted a log, found a folder; of images of a board say the inner corners, as in --board 9x6"
+        )
     if board is not None:
         if options:
             raise UsageError(
                 "wanted images of a board, found options of a log (--spacing, --camera, --calibration, --from, "
                 "--until, --every); leave them out, or leave out --board"
             )
-        square_m = nan if square is None else parse_length(square)
+        square_m = nan if square is None else parse_length(square, "--square")
         report = calibrate_by_boards(
             paths,
             parse_board(board, square_m),

@@ -126,8 +126,8 @@ def fit(
         "read.spacing_m": None if spacing is None else parse_spacing(spacing),
         "read.camera": camera,
         "read.calibration": None if calibration is None else str(calibration),
-        "read.from_s": None if start is None else parse_time(start),
-        "read.until_s": None if until is None else parse_time(until),
+        "read.from_s": None if start is None else parse_time(start, "--from"),
+        "read.until_s": None if until is None else parse_time(until, "--until"),
     }
     options = FitOptions(
         tuple(labels),

@@ -72,6 +72,7 @@ def simulate(
     from wayside.pipeline.progress import SheetProgress
     from wayside.pipeline.simulation.drive import Survey
     from wayside.pipeline.simulation.simulate import (
+        OWN_KEYS,
         SimulationResult,
         focal_of_view,
         format_simulation,
@@ -83,30 +84,35 @@ def simulate(
         write_simulation,
     )
     from wayside.pipeline.tuning import watched_compilation
+    from wayside.pipeline.writing import holding, require_free
     from wayside.schemas.errors import UsageError
 
+    if json is not None:
+        require_free(json, is_own=holding(OWN_KEYS), overwrite=overwrite)
     width, height = _size(picture)
     if focal_px is not None and hfov is not None:
         raise UsageError("wanted --focal-px or --hfov, found both; leave one out")
     focal = focal_of_view(hfov, width) if hfov is not None else focal_px or 1400.0
     survey = Survey(
-        spacing_m=parse_length(spacing),
+        spacing_m=parse_length(spacing, "--spacing"),
         focal_px=focal,
         width=width,
         height=height,
         noise_px=noise_px,
-        range_min_m=parse_length(range_min),
-        lateral_m=parse_length(lateral),
-        panel_m=parse_length(panel),
-        curve_radius_m=float("inf") if curve_radius is None else parse_length(curve_radius),
-        hill_m=parse_length(hill),
+        range_min_m=parse_length(range_min, "--range-min"),
+        lateral_m=parse_length(lateral, "--lateral"),
+        panel_m=parse_length(panel, "--panel"),
+        curve_radius_m=float("inf")
+        if curve_radius is None
+        else parse_length(curve_radius, "--curve-radius"),
+        hill_m=parse_length(hill, "--hill"),
         jitter_deg=jitter,
-        trigger_m=parse_length(trigger_sigma),
+        trigger_m=parse_length(trigger_sigma, "--trigger-sigma"),
         drop_rate=drop_rate,
         outliers=outliers,
         mount_yaw_deg=mount_yaw,
         mount_pitch_deg=mount_pitch,
-        pose_m=None if pose_sigma is None else parse_length(pose_sigma),
+        pose_m=None if pose_sigma is None else parse_length(pose_sigma, "--pose-sigma"),
         signs=signs,
         seed=seed,
     )
@@ -120,7 +126,7 @@ def simulate(
             tried.append(simulate(survey, progress.watch))
             say(format_simulation(tried[0]))
         else:
-            wanted = parse_length(target)
+            wanted = parse_length(target, "--target")
             say(sweep_heading(wanted))
             for one in sweep(survey):
                 with suppress(UsageError):  # no sign is seen

@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline import cli_options as run_options
 from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible
 
 REPORT_FIGURES_EPILOG = examples(
     "wayside report-figures drive.mcap -o figures",
+    "wayside report-figures drive.mcap --spacing 26.4ft -o figures",
     "wayside report-figures drive.mcap --labels labels.parquet --boards boards/ --board 9x6 -o figures",
 )
 
@@ -32,6 +34,9 @@ def report_figures(
     board: Annotated[
         str | None, typer.Option(help="Inner corners along both sides of the chessboard: 9x6.")
     ] = None,
+    spacing: run_options.Spacing = None,
+    camera: run_options.CameraTopic = None,
+    calibration: run_options.Calibration = None,
     assignments: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change a setting; repeatable."),
@@ -57,6 +62,7 @@ def report_figures(
         boards=None if boards is None else [boards],
         board=board,
         assignments=assignments,
+        options=run_options.read_options(spacing, camera, calibration, None, None, None, None),
         overwrite=overwrite,
     )
     left_out = [figure.number for figure in figures if figure.needs]

@@ -67,6 +67,16 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     )
 
 
+def other_log(out: Path, truth: Path) -> str | None:
+    """That the truth states to be of another log than the result is of, in words; None where it does not."""
+    facts = _read_truth(truth)
+    run = read_run(out) if (out / RUN_FILE).is_file() else {}
+    of_truth, of_run = (Path(str(one)).stem for one in (facts.get("log", ""), run.get("log", "")))
+    if not of_truth or not of_run or of_truth == of_run:
+        return None
+    return f"{truth} says that it is of {of_truth}, the result in {out} is of {of_run}"
+
+
 def _on_truth(
     out: Path, rows: Sequence[dict[str, Any]], frames: dict[int, str], truth: dict[str, Any]
 ) -> Evaluation:
@@ -270,6 +280,10 @@ def _read_truth(file: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"truth file {file} cannot be read: {error.strerror}") from error
     except ValueError as error:
+        if file.suffix.lower() == ".csv":
+            raise InputError(
+                f"{file}: wanted a review: columns separated by commas, `review` among them; see docs/corrections.md"
+            ) from error
         raise InputError(f"truth file {file} is not JSON: {error}") from error
     keys = facts.keys() if isinstance(facts, dict) else set()
     if not (_TRUTH_KEYS <= keys or _LABEL_KEYS <= keys):

@@ -21,6 +21,7 @@ from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.yaml_text import parse_yaml
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
+from wayside.schemas.errors import InputError
 from wayside.schemas.labels import (
     BACK,
     LABEL_KINDS,
@@ -49,6 +50,8 @@ class Collected:
         self._classes, self._source = classes, source
         self._labels: list[Label] = []
         self._complete: list[LabelledImage] = []
+        self._unread: set[LabelledImage] = set()
+        self._names: set[str] = set()
         self._left_out: Counter[str] = Counter()
 
     def named(
@@ -63,6 +66,7 @@ class Collected:
     ) -> None:
         """Add a box of a class by its name."""
         kind, sign = SIGN, SignClass()
+        self._names.add(name)
         if crowd:
             kind = UNSURE
         elif self._classes is not None:
@@ -87,22 +91,30 @@ class Collected:
     ) -> None:
         """Add a label; a box without area is left out."""
         if not all(map(math.isfinite, box)) or box[0] >= box[2] or box[1] >= box[3]:
-            self._left_out["no_area"] += 1
+            self.leave_out("no_area", image)
             return
         color = color if color in COLORS else None
         shape = shape if shape in SHAPES else None
         self._labels.append(Label(image, kind, box, color, shape, source=self._source, **rest))
 
     def is_complete(self, image: LabelledImage) -> None:
-        """Every sign of this image is labelled."""
-        self._complete.append(image)
+        """Every sign of this image is labelled, unless one of its labels could not be used."""
+        if image not in self._unread:
+            self._complete.append(image)
 
-    def leave_out(self, reason: str, count: int = 1) -> None:
-        """Count what is not used."""
-        self._left_out[reason] += count
+    def leave_out(self, reason: str, image: LabelledImage | None = None) -> None:
+        """Count a label or an image that cannot be used; an image with such a label is not complete."""
+        self._left_out[reason] += 1
+        if image is not None:
+            self._unread.add(image)
 
     def done(self) -> Labels:
-        """All of them."""
+        """All of them; raises InputError where the class map names none of the classes that came in."""
+        if self._classes is not None and self._names and not self._names & self._classes.keys():
+            raise InputError(
+                f"models.classes: wanted classes of {self._source} ({', '.join(sorted(self._names)[:20])}), "
+                f"found {', '.join(map(repr, self._classes))}; correct the class map"
+            )
         return Labels(tuple(self._labels), tuple(self._complete), dict(self._left_out))
 
 
@@ -115,13 +127,17 @@ def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
     names = {one["id"]: str(one["name"]) for one in content.get("categories", ())}
     images = {one["id"]: _coco_image(one) for one in content["images"]}
     for one in content["annotations"]:
+        image = images.get(one["image_id"])
+        if image is None:
+            found.leave_out("no_such_image")
+            continue
         if "bbox" not in one:
-            found.leave_out("no_box")
+            found.leave_out("no_box", image)
             continue
         x, y, width, height = (float(value) for value in one["bbox"])
         number = one.get("category_id")
         found.named(
-            images[one["image_id"]],
+            image,
             names.get(number, str(number)),
             (x, y, x + width, y + height),
             polygon=_coco_polygon(one.get("segmentation")),
@@ -157,12 +173,16 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
             found.leave_out("image_not_readable")
             continue
         image = LabelledImage(image_name=inside.name, size=(header.width, header.height))
-        for line in read_input_text(text).splitlines():
+        for row, line in enumerate(read_input_text(text).splitlines(), 1):
             if not line.strip():
                 continue
             number, *values = line.split()
-            box, polygon = _yolo_box([float(value) for value in values], header[1:])
-            found.named(image, names.get(int(number), number), box, polygon=polygon)
+            try:
+                box, polygon = _yolo_box([float(value) for value in values], header[1:])
+                name = names.get(int(number), number)
+            except ValueError as error:
+                raise ValueError(f"{text}, line {row}: {error}") from error
+            found.named(image, name, box, polygon=polygon)
         found.is_complete(image)
     return found.done()
 
@@ -174,7 +194,10 @@ def read_voc(folder: Path, classes: Classes | None) -> Labels:
     """
     found = Collected(classes, folder.name)
     for path in sorted(folder.rglob("*.xml"), key=natural_key):
-        root = ElementTree.fromstring(read_input(path))
+        try:
+            root = ElementTree.fromstring(read_input(path))
+        except ElementTree.ParseError as error:
+            raise ValueError(f"{path}: {error}") from error
         if root.tag != "annotation":
             found.leave_out("other_xml")
             continue

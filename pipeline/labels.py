@@ -32,7 +32,7 @@ class FrameLabels:
     left_out: dict[str, int]
 
 
-def read_labels(path: Path, class_map: Path | None = None) -> Labels:
+def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
     """Labels from a file or folder, its format told by what is there.
 
     Parameters
@@ -51,6 +51,7 @@ def read_labels(path: Path, class_map: Path | None = None) -> Labels:
     UsageError
         It is a result without a review, or a review without its result, which has the boxes.
     """
+    path = Path(path)
     if (path / RUN_FILE).is_file():
         return review_labels(path, required_review(path, None))
     if path.is_file() and is_review(path):

@@ -29,8 +29,10 @@ _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:\.\d*)?)")
 _SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
 
 
-def parse_length(text: str) -> float:
+def parse_length(text: str, option: str = "") -> float:
     """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'", "10cm", "25.4mm", "30in".
+
+    option: that it was given for, named in the error.
 
     Raises
     ------
@@ -40,26 +42,23 @@ def parse_length(text: str) -> float:
     match = _LENGTH.fullmatch(text.strip().lower())
     if match is None or match[2] not in _UNITS:
         raise UsageError(
-            f"wanted a length with its unit, found {text!r}; write feet or metres, as in 26.4ft or 8.05m"
+            f"{_of(option)}wanted a length with its unit, found {text!r}; write feet or metres, as in 26.4ft or 8.05m"
         )
     metres = float(match[1]) * _UNITS[match[2]]
     if metres < 0 or not math.isfinite(metres):
-        raise UsageError(f"wanted a length that is not negative, found {text!r}; 8m is one")
+        raise UsageError(
+            f"{_of(option)}wanted a length that is not negative, found {text!r}; 8m is one"
+        )
     return metres
 
 
 def parse_spacing(text: str) -> float:
-    """Metres of the option `--spacing`: a length with its unit.
+    """Metres of the option `--spacing`: a length with its unit; raises UsageError as `parse_length`."""
+    return parse_length(text, "--spacing")
 
-    Raises
-    ------
-    UsageError
-        As `parse_length`, with the name of the option.
-    """
-    try:
-        return parse_length(text)
-    except UsageError as error:
-        raise UsageError(f"--spacing: {error}") from error
+
+def _of(option: str) -> str:
+    return f"{option}: " if option else ""
 
 
 def parse_memory(text: str) -> float:
@@ -79,8 +78,8 @@ def parse_memory(text: str) -> float:
     return float(match[1]) * unit
 
 
-def parse_time(text: str) -> float:
-    """Seconds of a time: "90", "90s", "1:30", "1:02:03.5".
+def parse_time(text: str, option: str = "") -> float:
+    """Seconds of a time: "90", "90s", "1:30", "1:02:03.5"; option: as in `parse_length`.
 
     Raises
     ------
@@ -95,6 +94,6 @@ def parse_time(text: str) -> float:
     elif plain := _SECONDS.fullmatch(bare):
         return float(plain[1])
     raise UsageError(
-        f"wanted a time after the first image, found {text!r}; write seconds or minutes:seconds, "
+        f"{_of(option)}wanted a time after the first image, found {text!r}; write seconds or minutes:seconds, "
         "as in 90s or 1:30"
     )

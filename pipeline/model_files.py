@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
@@ -138,6 +138,56 @@ class Models:
         return {name: model for name, model in named.items() if model is not None}
 
 
+@dataclass(frozen=True, slots=True)
+class ModelFolder:
+    """Where model files are looked for: a folder of the user's own (None: there is none), then those that ship.
+
+    wanted: names that were looked for; own: those that the folder holds.
+    """
+
+    path: Path | None = None
+    wanted: set[str] = field(default_factory=set)
+    own: set[str] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, name: str) -> ModelFolder:
+        """The folder of that name, none where it is empty; raises InputError where no folder is there."""
+        path = Path(name) if name else None
+        if path is not None and not path.is_dir():
+            raise InputError(
+                f"models.folder: wanted a folder of model files, found none at {name}; "
+                "correct the path or leave the setting out for the models that ship"
+            )
+        return cls(path)
+
+    def file(self, name: str) -> Traversable:
+        """The file of a model, whether it is there or not."""
+        if self.holds_own(name):
+            assert self.path is not None
+            return self.path / name
+        return shipped_models() / name
+
+    def holds(self, name: str) -> bool:
+        """Whether there is a model of that name."""
+        return self.file(name).is_file()
+
+    def holds_own(self, name: str) -> bool:
+        """Whether the user's folder has a model of that name."""
+        self.wanted.add(name)
+        if self.path is None or not (self.path / name).is_file():
+            return False
+        self.own.add(name)
+        return True
+
+    def require_used(self) -> None:
+        """Refuse a folder none of whose files was looked for (InputError): the models that ship would all stand in."""
+        if self.path is not None and not self.own:
+            raise InputError(
+                f"models.folder: wanted a model file of this preset ({', '.join(sorted(self.wanted))}) in {self.path}, "
+                "found none; correct the path or leave the setting out for the models that ship"
+            )
+
+
 def load_models(settings: Settings) -> Models:
     """The models that the settings ask for: the report's colours, shapes and single mean, or the networks of `default`.
 
@@ -148,20 +198,20 @@ def load_models(settings: Settings) -> Models:
     InputError
         If the folder or a file of it cannot be used.
     """
-    folder = _own_folder(settings.models.folder)
+    folder = ModelFolder.of(settings.models.folder)
     by_report = settings.candidates.classifier == "report"
     external = _external(settings)
     own_networks = not by_report and external is None
 
-    def optional(load: Callable[[Path | None, str], Kind], name: str) -> Kind | None:
-        return load(folder, name) if _exists(folder, name) and not by_report else None
+    def optional(load: Callable[[ModelFolder, str], Kind], name: str) -> Kind | None:
+        return load(folder, name) if folder.holds(name) and not by_report else None
 
     models = Models(
         _location(folder, settings.models.location, by_report=by_report),
         _linear(folder, "outline.json"),
         _colors(folder) if by_report else None,
         _gaussian(folder, "shape.json") if settings.report.shape else None,
-        _evidence(folder, "place.json") if _exists(folder, "place.json") else None,
+        _evidence(folder, "place.json") if folder.holds("place.json") else None,
         optional(_evidence, "back_place.json"),
         None if by_report else _score(folder, "front.json"),
         optional(_score, "back.json"),
@@ -176,14 +226,15 @@ def load_models(settings: Settings) -> Models:
         None if by_report else _onnx(folder, FACE_NETWORK, "models.folder", FaceClassifier),
     )
     _check_inputs(models, folder)
+    folder.require_used()
     return retraded(models, settings) if settings.models.alpha else models
 
 
-def _check_inputs(models: Models, folder: Path | None) -> None:
+def _check_inputs(models: Models, folder: ModelFolder) -> None:
     """Refuse models of other inputs than those that the stages compute, before the first image."""
     if models.outline_weights.features != OUTLINE_FEATURES:
         raise InputError(
-            f"{_file(folder, 'outline.json')}: wanted weights of {', '.join(OUTLINE_FEATURES)}, found "
+            f"{folder.file('outline.json')}: wanted weights of {', '.join(OUTLINE_FEATURES)}, found "
             f"{', '.join(models.outline_weights.features)}; it is of another version of wayside: learn it again"
         )
     for name, evidence in (
@@ -195,18 +246,17 @@ def _check_inputs(models: Models, folder: Path | None) -> None:
         names = {*evidence.features} - {*LANDMARK_FEATURES} | {*evidence.terms} - {*EVIDENCE_TERMS}
         if names or not evidence.features:
             raise InputError(
-                f"{_file(folder, name)}: wanted known features and terms of evidence, found "
+                f"{folder.file(name)}: wanted known features and terms of evidence, found "
                 f"{min(names, default='none')!r}; it is of another version of wayside: learn it again"
             )
 
 
-def _colors(folder: Path | None) -> GaussianModel:
+def _colors(folder: ModelFolder) -> GaussianModel:
     """Colours of the user's own in any space (`color.json`), else those of the report, in RGB."""
-    own = folder is not None and (folder / OWN_COLORS).is_file()
-    return _gaussian(folder, OWN_COLORS if own else "color_rgb.json")
+    return _gaussian(folder, OWN_COLORS if folder.holds_own(OWN_COLORS) else "color_rgb.json")
 
 
-def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianModel:
+def _location(folder: ModelFolder, name: str, *, by_report: bool) -> GaussianModel:
     """The location model that is named, or that of the preset.
 
     A folder of the user's own may hold the location of preset `report` as the class `REPORT_CLASS` of its
@@ -215,21 +265,21 @@ def _location(folder: Path | None, name: str, *, by_report: bool) -> GaussianMod
     if name:
         shipped = f"{Path(name).stem}.json"
         if (shipped_models() / shipped).is_file() and not Path(name).is_file():
-            return _gaussian(None, shipped)
+            return _gaussian(ModelFolder(), shipped)
         if not Path(name).is_file():
             raise InputError(
                 f"models.location: wanted a model file or report-kansas, found none at {name}; correct the path or "
                 "leave the setting out"
             )
-        return _gaussian(Path(name).parent, Path(name).name)
-    names = (LOCATION, REPORT_LOCATION)
-    own = [] if folder is None else [name for name in names if (folder / name).is_file()]
+        return _gaussian(ModelFolder(Path(name).parent), Path(name).name)
+    names = (LOCATION, REPORT_LOCATION) if by_report else (LOCATION,)
+    own = [name for name in names if folder.holds_own(name)]
     if by_report and own != [LOCATION]:
         return _gaussian(folder, REPORT_LOCATION)
     location = _gaussian(folder, LOCATION)
     classes = tuple(c for c in location.classes if (c.name == REPORT_CLASS) == by_report)
     if by_report and not classes:
-        return _gaussian(None, REPORT_LOCATION)
+        return _gaussian(ModelFolder(), REPORT_LOCATION)
     return replace(location, classes=classes)
 
 
@@ -244,21 +294,9 @@ def shipped_models() -> Traversable:
     return files("wayside.pipeline") / "models"
 
 
-def _own_folder(name: str) -> Path | None:
-    if not name:
-        return None
-    folder = Path(name)
-    if not folder.is_dir():
-        raise InputError(
-            f"models.folder: wanted a folder of model files, found none at {name}; "
-            "correct the path or leave the setting out for the models that ship"
-        )
-    return folder
-
-
-def _onnx(folder: Path | None, name: str, setting: str, kind: Callable[[str], object]) -> OnnxFile:
+def _onnx(folder: ModelFolder, name: str, setting: str, kind: Callable[[str], object]) -> OnnxFile:
     """A network of a folder of models, of those that ship, or of a file of its own, that `kind` can run."""
-    listed = Path(str(_file(folder, name)))
+    listed = Path(str(folder.file(name)))
     path = listed if listed.is_file() else Path(name)
     try:
         content = read_input(path)
@@ -273,17 +311,8 @@ def _onnx(folder: Path | None, name: str, setting: str, kind: Callable[[str], ob
     return held
 
 
-def _exists(folder: Path | None, name: str) -> bool:
-    return _file(folder, name).is_file()
-
-
-def _file(folder: Path | None, name: str) -> Traversable:
-    own = None if folder is None else folder / name
-    return own if own is not None and own.is_file() else shipped_models() / name
-
-
-def _read(folder: Path | None, name: str) -> Model:
-    file = _file(folder, name)
+def _read(folder: ModelFolder, name: str) -> Model:
+    file = folder.file(name)
     try:
         content = file.read_bytes()
         text = content.decode("utf-8")
@@ -319,12 +348,12 @@ def shipped_digests() -> dict[str, str]:
     return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
 
-def _of_kind(kind: type[Kind]) -> Callable[[Path | None, str], Kind]:
-    def load(folder: Path | None, name: str) -> Kind:
+def _of_kind(kind: type[Kind]) -> Callable[[ModelFolder, str], Kind]:
+    def load(folder: ModelFolder, name: str) -> Kind:
         model = _read(folder, name)
         if not isinstance(model, kind):
             raise InputError(
-                f"{_file(folder, name)}: wanted a model of kind {kind.kind!r}, found {model.kind!r}; "
+                f"{folder.file(name)}: wanted a model of kind {kind.kind!r}, found {model.kind!r}; "
                 "put the file of the right kind there"
             )
         return model

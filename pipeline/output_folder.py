@@ -82,8 +82,8 @@ class OutputFolder:
             raise
         return self
 
-    def commit(self, *, drop_recording: bool = False) -> None:
-        """Replace: the files in `part` go to `folder`, the recording there goes away where that is said.
+    def commit(self, drop: Collection[str] = ()) -> None:
+        """Replace: the files in `part` go to `folder`, those of an earlier result that are named in `drop` go away.
 
         On an error nothing has changed.
 
@@ -101,7 +101,7 @@ class OutputFolder:
                     )
                 sync(self.part / name)
             with create(self.part / _MANIFEST) as stream:
-                stream.write(json.dumps([names, drop_recording]).encode())
+                stream.write(json.dumps([names, sorted(set(drop) - set(names))]).encode())
                 stream.flush()
                 os.fsync(stream.fileno())
             sync(self.part)
@@ -204,27 +204,26 @@ def _move_into_place(folder: Path) -> None:
         return
     manifest = done / _MANIFEST
     if manifest.is_file():
-        names, drop_recording = _read_manifest(manifest)
+        names, drop = _read_manifest(manifest)
         for name in names:
             with suppress(FileNotFoundError):  # moved before
                 os.replace(done / name, folder / name)
-        if drop_recording:
-            (folder / RECORDING).unlink(missing_ok=True)
+        for name in drop:
+            (folder / name).unlink(missing_ok=True)
         sync(folder)
     _remove_folder(done)
 
 
-def _read_manifest(manifest: Path) -> tuple[list[str], bool]:
-    """The files to put into place, and whether a recording there goes away; no name leads elsewhere."""
+def _read_manifest(manifest: Path) -> tuple[list[str], list[str]]:
+    """The files to put into place, and those that go away; no name leads elsewhere."""
     try:
-        names, drop_recording = parse_json(manifest.read_bytes())
-        plain = [str(name) for name in names]
+        names, drop = ([str(name) for name in part] for part in parse_json(manifest.read_bytes()))
     except (ValueError, TypeError) as error:
         raise OSError(f"{manifest} is damaged ({error})") from error
-    for name in plain:
+    for name in (*names, *drop):
         if name != Path(name).name or name.startswith("."):
             raise OSError(f"{manifest} names {name!r}, which is no file of a result")
-    return plain, bool(drop_recording)
+    return names, drop
 
 
 def _is_folder(path: Path) -> bool:

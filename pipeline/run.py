@@ -237,7 +237,7 @@ def process_log(
             )
         assert run.result is not None
         write_run(run.result, output.part, settings, models, arguments, every_region=every_region)
-        output.commit(drop_recording=earlier.recorded and not run.result.recorded)
+        output.commit([RECORDING] if earlier.recorded and not run.result.recorded else [])
         run.committed = True
         remove_journal(folder)
 

@@ -101,8 +101,16 @@ def lock(opened: int) -> bool:
 def refuse(path: Path, found: str) -> OutputError:
     """The error for a person where something of theirs stands in the way."""
     return OutputError(
-        f"{path}: wanted a free name, found {found}; choose another with -o, or replace it with --overwrite"
+        f"{path}: wanted a free name, found {found}; choose another name, or replace it with --overwrite"
     )
+
+
+def require_free(
+    path: Path, *, is_own: Callable[[Path], bool] = lambda path: False, overwrite: bool = False
+) -> None:
+    """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user's."""
+    if path.is_file() and not _is_stream(path) and not overwrite and not is_own(path):
+        raise refuse(path, "another file of that name")
 
 
 @contextmanager
@@ -180,16 +188,21 @@ def write_json(
     OutputError
         As in `whole_file`.
     """
+    text = json.dumps(content, indent=1) + "\n"
+    write_file(path, text.encode(), is_own=holding(own_keys), overwrite=overwrite)
+
+
+def holding(keys: Collection[str]) -> Callable[[Path], bool]:
+    """Whether a file is JSON with all these keys."""
 
     def is_own(earlier: Path) -> bool:
         try:
             found = parse_json(earlier.read_text("utf-8"))
         except (OSError, ValueError):
             return False
-        return isinstance(found, dict) and all(key in found for key in own_keys)
+        return isinstance(found, dict) and all(key in found for key in keys)
 
-    text = json.dumps(content, indent=1) + "\n"
-    write_file(path, text.encode(), is_own=is_own, overwrite=overwrite)
+    return is_own
 
 
 def resolved(path: Path) -> Path:

@@ -101,7 +101,7 @@ def write_evidence(
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
             index_page = format_index(cards, drive, binder.log, result_name(run), mark)
             _write(output.part / INDEX_FILE, index_page.encode())
-        output.commit()
+        output.commit([] if sign_id else _sheets_of_before(folder, mark))
     index = folder / INDEX_FILE if sign_id is None else None
     return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)
 
@@ -117,6 +117,16 @@ def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
                 raise not_written(folder, error) from error
             if not own:
                 raise refuse(path, "a file there that is no evidence of this log")
+
+
+def _sheets_of_before(folder: Path, mark: str) -> list[str]:
+    """Sheets of the same log that are there: those of signs that there are no more go away."""
+    return [
+        path.name
+        for suffix in ("html", "png")
+        for path in folder.glob(f"*.{suffix}")
+        if path.is_file() and not path.is_symlink() and is_marked(path, mark)
+    ]
 
 
 class _Binder:

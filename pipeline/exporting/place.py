@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pyarrow as pa
 import pyproj
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import CRSError, ProjError
 
 from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, Point, Row
 from wayside.pipeline.exporting.sources import Source
@@ -133,7 +133,6 @@ def _horizontal(wanted: str) -> pyproj.CRS:
             f"--crs: wanted a coordinate reference system such as EPSG:26914, found {wanted!r}, which PROJ does not "
             "know; https://epsg.org lists them"
         ) from error
-    crs = crs.to_2d()
     if not (crs.is_projected or crs.is_geographic) or len(crs.axis_info) != 2:
         raise UsageError(
             f"--crs {wanted}: wanted a projected or geographic system, found {crs.type_name} ({crs.name}); heights "
@@ -144,7 +143,10 @@ def _horizontal(wanted: str) -> pyproj.CRS:
 
 def _operation(crs: pyproj.CRS, transformer: pyproj.Transformer) -> str:
     """What PROJ did and how exact that is; a datum that moves with its continent is metres from WGS 84."""
-    used = transformer.get_last_used_operation()
+    try:
+        used = transformer.get_last_used_operation()
+    except ProjError:  # nothing was done: it is the system that the signs are in
+        return f"coordinates in {crs.name}, as they are"
     known = used.accuracy >= 0
     accuracy = f"accuracy {used.accuracy:g} m" if known else "accuracy unknown"
     return f"coordinates in {crs.name} by {used.description} ({accuracy})"

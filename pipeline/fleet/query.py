@@ -101,9 +101,13 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
             yield connection, statements[0].query.strip().rstrip(";")
         except duckdb.CatalogException as error:
             if lacking:
+                why = (
+                    "`wayside changes` compares surveys and writes them"
+                    if lacking == ["changes"]
+                    else "nothing is merged yet, or no drive has satellite fixes"
+                )
                 raise InputError(
-                    f"{inventory}: wanted {', '.join(lacking)}, found none: nothing is merged yet, or no drive has "
-                    "satellite fixes"
+                    f"{inventory}: wanted {', '.join(lacking)}, found none: {why}"
                 ) from error
             raise _unanswered(error) from error
         except duckdb.Error as error:

@@ -58,6 +58,11 @@ def is_bag(path: Path) -> bool:
     return (path / BAG_METADATA).is_file()
 
 
+def is_plain_folder(path: Path) -> bool:
+    """Whether a path is a directory that is no ROS 2 bag."""
+    return path.is_dir() and not is_bag(path)
+
+
 def bag_parts(folder: Path) -> list[Path]:
     """Files of a ROS 2 bag directory in their order.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
@@ -30,6 +32,7 @@ def write_figures(
     boards: list[Path] | None = None,
     board: str | None = None,
     assignments: list[str] | None = None,
+    options: Mapping[str, Any] | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, list[Figure]]:
     """Run the report's chain over a log with labels, and write the page; the page and its figures.
@@ -44,8 +47,8 @@ def write_figures(
         Of its images, in any format that is read; None: those that stand beside the log.
     boards, board
         Images of a chessboard and its inner corners (9x6), for figure 6.1.
-    assignments
-        Settings GROUP.NAME=VALUE.
+    assignments, options
+        Settings GROUP.NAME=VALUE, and by their names.
     overwrite
         Replace a file of the user's; a page of before is replaced always.
 
@@ -57,7 +60,8 @@ def write_figures(
         The page cannot be written.
     """
     page = folder / PAGE
-    drive = gather_drive(log, labels_beside(log) if labels is None else labels, assignments or [])
+    labelled = labels_beside(log) if labels is None else labels
+    drive = gather_drive(log, labelled, assignments or [], options)
     chapters = chapters_of(drive, boards or [], board)
     figures = [figure for _, own in chapters for figure in own]
     summary = (

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,7 +182,12 @@ def labels_beside(log: Path) -> Path:
     )
 
 
-def gather_drive(log: Path, labels_file: Path, assignments: list[str]) -> Drive:
+def gather_drive(
+    log: Path,
+    labels_file: Path,
+    assignments: list[str],
+    options: Mapping[str, Any] | None = None,
+) -> Drive:
     """Run the report's chain over a log, and keep what the figures show.
 
     Raises
@@ -191,12 +197,14 @@ def gather_drive(log: Path, labels_file: Path, assignments: list[str]) -> Drive:
     UsageError
         A setting is wrong.
     """
-    settings, _ = load_settings(PRESET, None, assignments)
+    settings, _ = load_settings(PRESET, None, assignments, options)
     models, labels = load_models(settings), read_labels(labels_file)
-    shapes = load_models(load_settings(SHAPE_PRESET, None, assignments)[0]).shape_classes
+    shapes = load_models(load_settings(SHAPE_PRESET, None, assignments, options)[0]).shape_classes
     if shapes is None:
         raise InputError(f"models: wanted the shape classes of {SHAPE_PRESET}, found none")
-    density = load_models(load_settings(TRAJECTORY_PRESET, None, assignments)[0]).trajectory_density
+    density = load_models(
+        load_settings(TRAJECTORY_PRESET, None, assignments, options)[0]
+    ).trajectory_density
     if density is None:
         raise InputError(f"models: wanted the trajectories of {TRAJECTORY_PRESET}, found none")
     times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}

@@ -105,7 +105,7 @@ def is_review(path: Path) -> bool:
         with open_input(path) as stream:
             if path.suffix.lower() == ".csv":
                 return b"review" in stream.readline().replace(b'"', b"").strip().split(b",")
-            return b'"wayside_review"' in stream.read(4096)
+            return b'"reviews"' in stream.read(4096)
     except OSError:
         return False
 
@@ -159,7 +159,7 @@ def result_name(run: Mapping[str, Any]) -> str:
 
 def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
     content = parse_json(read_input_text(path))
-    shared = {"result": content["result"], "reviewer": content.get("reviewer", "")}
+    shared = {"result": content.get("result", ""), "reviewer": content.get("reviewer", "")}
     for entry in content["reviews"]:
         yield shared | {name: value for name, value in entry.items() if value is not None}
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
+from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import OutputFolder
@@ -169,7 +171,7 @@ def _write(folder: Path, measured: Characteristics) -> None:
         except OSError as error:
             raise not_written(folder, error) from error
         record_curves(output.part / RECORDING_FILE, drawn, format_characteristics(measured))
-        output.commit()
+        output.commit(_pictures_of_before(folder))
 
 
 def _curve_rows(measured: Characteristics) -> list[dict[str, Any]]:
@@ -238,6 +240,15 @@ def _write_table(folder: Path, table: Table, rows: Sequence[Mapping[str, Any]]) 
     values = {column.name: [row[column.name] for row in rows] for column in table.columns}
     with ParquetFile(folder / table.file, table.schema) as file:
         file.write([record_batch(table, values)])
+
+
+def _pictures_of_before(folder: Path) -> list[str]:
+    """Pictures of the classifiers of an earlier measurement that is there: those of others go away with it."""
+    try:
+        rows = read_parquet(folder / CLASSIFIERS.file, ["classifier"]).to_pylist()
+    except (OSError, ValueError, pa.ArrowException):
+        return []
+    return [f"roc_{row['classifier']}.png" for row in rows]
 
 
 def _check_free(folder: Path) -> None:

@@ -147,21 +147,26 @@ def check(survey: Survey) -> None:
     UsageError
         With the option and what it may be.
     """
-    limits: list[tuple[str, bool, str]] = [
-        ("--spacing", 0.2 <= survey.spacing_m <= 100, "0.2 m to 100 m"),
-        ("--focal-px", 100 <= survey.focal_px <= 20_000, "100 to 20000"),
-        ("--noise-px", 0 <= survey.noise_px <= 20, "0 to 20"),
-        ("--lateral", 0.1 <= abs(survey.lateral_m) <= 50, "0.1 m to 50 m"),
-        ("--curve-radius", survey.curve_radius_m >= 30, "30 m or more"),
-        ("--hill", 0 <= survey.hill_m <= 40, "0 m to 40 m"),
-        ("--drop-rate", 0 <= survey.drop_rate <= 0.5, "0 to 0.5"),
-        ("--outliers", 0 <= survey.outliers <= 0.5, "0 to 0.5"),
-        ("--mount-yaw, --mount-pitch", _mount_fits(survey), "-10 to 10 degrees"),
-        ("--signs", 1 <= survey.signs <= 20_000, "1 to 20000"),
+    s = survey
+    mount = f"{s.mount_yaw_deg:g}, {s.mount_pitch_deg:g}"
+    limits: list[tuple[str, bool, str, float | str]] = [
+        ("--spacing", 0.2 <= s.spacing_m <= 100, "0.2 m to 100 m", s.spacing_m),
+        ("--focal-px", 100 <= s.focal_px <= 20_000, "100 to 20000", s.focal_px),
+        ("--noise-px", 0 <= s.noise_px <= 20, "0 to 20", s.noise_px),
+        ("--lateral", 0.1 <= abs(s.lateral_m) <= 50, "0.1 m to 50 m", s.lateral_m),
+        ("--curve-radius", s.curve_radius_m >= 30, "30 m or more", s.curve_radius_m),
+        ("--hill", 0 <= s.hill_m <= 40, "0 m to 40 m", s.hill_m),
+        ("--drop-rate", 0 <= s.drop_rate <= 0.5, "0 to 0.5", s.drop_rate),
+        ("--outliers", 0 <= s.outliers <= 0.5, "0 to 0.5", s.outliers),
+        ("--mount-yaw, --mount-pitch", _mount_fits(s), "-10 to 10 degrees", mount),
+        ("--signs", 1 <= s.signs <= 20_000, "1 to 20000", s.signs),
     ]
-    for option, fits, words in limits:
+    for option, fits, words, value in limits:
         if not fits:
-            raise UsageError(f"{option}: wanted {words}; see `wayside simulate --help`")
+            found = value if isinstance(value, str) else f"{value:g}"
+            raise UsageError(
+                f"{option}: wanted {words}, found {found}; see `wayside simulate --help`"
+            )
 
 
 def focal_of_view(hfov_deg: float, width: int) -> float:
@@ -196,6 +201,10 @@ def reaches(one: SimulationResult, target_m: float) -> bool:
     return bool((one.total < target_m).sum() >= 0.95 * one.wanted)
 
 
+OWN_KEYS = ("schema_version", "surveys")
+"""Of a file of figures."""
+
+
 def write_simulation(
     tried: Sequence[SimulationResult], file: Path, *, overwrite: bool = False
 ) -> None:
@@ -209,7 +218,7 @@ def write_simulation(
         The file cannot be written, or something else stands there.
     """
     content = {"schema_version": 1, "surveys": [one.to_json() for one in tried]}
-    write_json(file, content, ("schema_version", "surveys"), overwrite=overwrite)
+    write_json(file, content, OWN_KEYS, overwrite=overwrite)
 
 
 def format_simulation(one: SimulationResult) -> str:

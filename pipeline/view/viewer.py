@@ -107,7 +107,7 @@ def require_display() -> None:
     ):
         raise InputError(
             "wanted a display for the viewer's window, found none (DISPLAY is not set); "
-            "use `wayside view --serve` for a browser, `wayside picture` for a PNG, or copy the .rrd to a desktop"
+            "use --serve for a browser, `wayside picture` for a PNG, or copy the .rrd to a desktop"
         )
 
 

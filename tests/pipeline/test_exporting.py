@@ -164,6 +164,14 @@ def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
     assert (row["crs"], row["crs_x"], row["crs_y"]) == (UTM, points[0, 0], points[0, 1])
 
 
+@pytest.mark.parametrize("name", ["EPSG:4326", "WGS84"])
+def test_the_system_of_the_signs_themselves_leaves_them_as_they_are(out, tmp_path, name):
+    words = export(out, "-o", tmp_path / "signs.gpkg", "--crs", name)
+    assert "coordinates in WGS 84, as they are" in words
+    _, _, points = read(tmp_path / "signs.gpkg")
+    np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
+
+
 def test_a_projection_made_for_elsewhere_is_told(out, tmp_path):
     words = export(out, "-o", tmp_path / "a.csv", "--crs", "EPSG:25832")
     assert "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made for" in words
@@ -187,6 +195,8 @@ def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
         (["-f", "geojson", "--crs", UTM], "WGS 84 by its standard"),
         (["-f", "gpkg", "--crs", "EPSG:1"], "EPSG:26914"),
         (["-f", "gpkg", "--crs", "EPSG:5703"], "horizontal"),
+        (["-f", "gpkg", "--crs", "EPSG:26914+5703"], "horizontal"),
+        (["-f", "gpkg", "--crs", "EPSG:4979"], "horizontal"),
         (["-f", "mcap", "--units", "us"], "in metres"),
         (["-f", "shp", "-o", "signs.zip"], "ends with .shp"),
         (["-o", "signs.dwg"], ".gpkg"),

@@ -181,6 +181,31 @@ def test_a_class_map_says_which_are_signs(tmp_path, write):
     assert read.left_out["other_class"] == 1
 
 
+@pytest.mark.parametrize("write", [write_coco, write_yolo, write_voc])
+def test_a_class_map_that_names_none_of_the_classes_is_refused(tmp_path, write):
+    classes = tmp_path / "classes.toml"
+    classes.write_text('[classes]\n"stop sing" = {}\n')
+    with pytest.raises(InputError, match=r"wanted classes of .*found 'stop sing'"):
+        read_labels(write(tmp_path), classes)
+
+
+def test_an_image_with_an_object_whose_box_cannot_be_used_is_not_complete(tmp_path):
+    content = {
+        "images": [{"id": number, "frame": number} for number in (1, 2, 3)],
+        "annotations": [
+            {"image_id": 1, "category_id": 1},
+            {"image_id": 2, "bbox": [20, 10, 0, 20]},
+            {"image_id": 3, "bbox": [20, 10, 20, 20]},
+            {"image_id": 9, "bbox": [20, 10, 20, 20]},
+        ],
+    }
+    (tmp_path / "coco.json").write_text(json.dumps(content))
+    read = read_labels(str(tmp_path / "coco.json"))
+    assert [image.frame for image in read.complete] == [3]
+    assert len(read.labels) == 1
+    assert read.left_out == {"no_box": 1, "no_area": 1, "no_such_image": 1}
+
+
 def test_polygons_of_coco_and_yolo_are_kept(tmp_path):
     corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
     points = ((20, 10), (40, 10), (30, 30))

@@ -359,6 +359,13 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
         load_models(settings(folder=tmp_path / "none"))
 
 
+@pytest.mark.parametrize("name", ["location_report.json", "colour.json"])
+def test_a_folder_without_a_model_that_the_preset_reads_is_refused(tmp_path, name):
+    (tmp_path / name).write_text((shipped_models() / "location_report.json").read_text())
+    with pytest.raises(InputError, match=r"models\.folder: wanted a model file of this preset"):
+        load_models(settings("default", tmp_path))
+
+
 def test_a_file_of_the_wrong_kind_is_refused_with_its_name(tmp_path):
     (tmp_path / "front.json").write_text((shipped_models() / "location.json").read_text())
     with pytest.raises(InputError, match=r"front\.json: wanted a model of kind 'score'"):

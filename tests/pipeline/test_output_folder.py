@@ -102,7 +102,7 @@ def test_a_kill_at_any_step_leaves_the_old_result_or_the_new(tmp_path_factory, a
     folder = tmp_path_factory.mktemp("out")
     write(folder, "old")
     (folder / RECORDING).write_text("old")
-    killed(lambda: write(folder, "new", drop_recording=True), at)
+    killed(lambda: write(folder, "new", drop=[RECORDING]), at)
     killed(lambda: finish_replacement(folder), again)
     finish_replacement(folder)
     found = {name: text for name, text in contents(folder).items() if name != LOCK}

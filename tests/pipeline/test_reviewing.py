@@ -12,7 +12,14 @@ from typer.testing import CliRunner
 from wayside.pipeline.cli import app
 from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.labels import read_labels
-from wayside.pipeline.reviewing.review import COLUMNS, FILES, REVIEWS, find_review, read_review
+from wayside.pipeline.reviewing.review import (
+    COLUMNS,
+    FILES,
+    REVIEWS,
+    find_review,
+    is_review,
+    read_review,
+)
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
@@ -97,6 +104,13 @@ def command(*arguments, status=0):
     done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     assert done.exit_code == status, done.output
     return done.output
+
+
+def test_a_review_written_by_hand_needs_only_signs_and_verdicts(out, tmp_path):
+    path = tmp_path / "review.json"
+    path.write_text(json.dumps({"reviews": [{"sign_id": "d-0001", "review": "accepted"}]}))
+    assert is_review(path)
+    assert [one.review for one in read_review(path, out).rows.values()] == ["accepted"]
 
 
 def test_csv_and_json_say_the_same(out, review, tmp_path):

@@ -19,6 +19,7 @@ from wayside.pipeline.learning.box_thresholds import (
     scored_boxes,
 )
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.model_files import shipped_models
 from wayside.pipeline.statistics import resampled_interval
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json, model_to_json
@@ -138,6 +139,8 @@ def of_demo(tmp_path, monkeypatch):
     monkeypatch.setattr(box_thresholds, "EVERY", 8)
     for ending in (".mcap", ".truth.json"):
         (tmp_path / f"learn_demo{ending}").symlink_to(DEMO.with_suffix(ending))
+    for name in ("box.onnx", "network.onnx"):
+        (tmp_path / name).write_bytes((shipped_models() / name).read_bytes())
     return tmp_path
 
 

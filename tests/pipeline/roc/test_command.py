@@ -104,6 +104,11 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
     image = cv2.imread(str(tmp_path / "roc" / "roc_color.png"))
     assert image.std() > 5
     assert (tmp_path / "roc" / "roc.rrd").stat().st_size > 1000
+    (tmp_path / "roc" / "roc_mine.png").write_bytes(b"of the user")
+    rest = {name: samples for name, samples in asked.items() if name != "color"}
+    _write(tmp_path / "roc", characteristics(rest, REPORT, models))
+    assert not (tmp_path / "roc" / "roc_color.png").exists()
+    assert (tmp_path / "roc" / "roc_mine.png").exists()
 
 
 def test_the_sum_of_evidence_and_each_term_have_a_curve_but_no_term_a_threshold(tmp_path):
