@@ -141,8 +141,10 @@ def _parquet_rows(path: Path) -> BoxRows:
     key, count = keys[0], table.num_rows
     images = 0
     if key == "image_name":
-        names = [str(name) for name in _column(path, table, key, pa.string()).to_pylist()]
-        image, images = _by_order(names)
+        named = _column(path, table, key, pa.string())
+        if named.null_count:
+            raise _refusal(path, f"column {key} in every row", f"{named.null_count} nulls", ADVICE)
+        image, images = _by_order([str(name) for name in named.to_pylist()])
     else:
         image = _filled(path, table, key, pa.int64())
     box = np.column_stack([_filled(path, table, name, pa.float64()) for name in CORNERS])

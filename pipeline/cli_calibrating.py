@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from wayside.pipeline.cli_help import examples
+from wayside.pipeline.cli_options import read_options
+from wayside.pipeline.visible_text import visible_lines
 
 CALIBRATE_EPILOG = examples(
     "wayside calibrate boards/ --board 9x6 --square 25.4mm -o camera.yaml",
@@ -80,22 +82,14 @@ def calibrate(
 
     from wayside.pipeline.calibration.boards import parse_board
     from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
-    from wayside.pipeline.lengths import parse_length, parse_time
+    from wayside.pipeline.lengths import parse_length
     from wayside.pipeline.reading.parts import is_plain_folder
     from wayside.pipeline.settings_file import load_settings
     from wayside.pipeline.tuning import tune_process
     from wayside.schemas.errors import UsageError
 
     tune_process()
-    given = {
-        "read.spacing_m": spacing,
-        "read.camera": camera,
-        "read.calibration": None if calibration is None else str(calibration),
-        "read.from_s": None if start is None else parse_time(start, "--from"),
-        "read.until_s": None if until is None else parse_time(until, "--until"),
-        "read.every": every,
-    }
-    options = {leaf: value for leaf, value in given.items() if value is not None}
+    options = read_options(spacing, camera, calibration, start, until, every, None)
     chosen = load_settings("default", settings, assignments or [], options)[0]
     if board is None and (folder := next((p for p in paths if is_plain_folder(p)), None)):
         raise UsageError(
@@ -129,4 +123,4 @@ def calibrate(
                 f"wanted one log, found {len(paths)}; calibrate each by itself, or give --board for images of a board"
             )
         report = calibrate_by_drive(paths[0], chosen, name=name, out=out, overwrite=overwrite)
-    typer.echo(report)
+    typer.echo(visible_lines(report))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli_help import DETECT, examples
+from wayside.pipeline.cli_options import read_options
 from wayside.schemas.errors import UsageError
 
 FIT_EPILOG = examples(
@@ -115,25 +116,17 @@ def fit(
     images are enough for colours that stand on five signs each.
     """
     from wayside.pipeline.fitting.command import FitOptions, fit_labels
-    from wayside.pipeline.lengths import parse_spacing, parse_time
     from wayside.pipeline.tuning import tune_process
     from wayside.pipeline.visible_text import visible, visible_lines
 
     if alpha is not None and not 0 < alpha < 1:
         raise UsageError(f"--alpha: wanted a false-alarm rate between 0 and 1, found {alpha:g}")
     tune_process()
-    given: dict[str, Any] = {
-        "read.spacing_m": None if spacing is None else parse_spacing(spacing),
-        "read.camera": camera,
-        "read.calibration": None if calibration is None else str(calibration),
-        "read.from_s": None if start is None else parse_time(start, "--from"),
-        "read.until_s": None if until is None else parse_time(until, "--until"),
-    }
     options = FitOptions(
         tuple(labels),
         tuple(images),
         classes,
-        {name: value for name, value in given.items() if value is not None},
+        read_options(spacing, camera, calibration, start, until, None, None),
         tuple(one.value for one in Fitted if model is None or one in model),
         alpha,
         None if space is Space.auto else space.value,

@@ -74,6 +74,7 @@ def simulate(
     from wayside.pipeline.simulation.simulate import (
         OWN_KEYS,
         SimulationResult,
+        check,
         focal_of_view,
         format_simulation,
         simulate,
@@ -92,7 +93,9 @@ def simulate(
     width, height = _size(picture)
     if focal_px is not None and hfov is not None:
         raise UsageError("wanted --focal-px or --hfov, found both; leave one out")
-    focal = focal_of_view(hfov, width) if hfov is not None else focal_px or 1400.0
+    focal = (
+        focal_of_view(hfov, width) if hfov is not None else 1400.0 if focal_px is None else focal_px
+    )
     survey = Survey(
         spacing_m=parse_length(spacing, "--spacing"),
         focal_px=focal,
@@ -127,6 +130,7 @@ def simulate(
             say(format_simulation(tried[0]))
         else:
             wanted = parse_length(target, "--target")
+            check(survey)
             say(sweep_heading(wanted))
             for one in sweep(survey):
                 with suppress(UsageError):  # no sign is seen

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from wayside.pipeline.cli_help import examples
+from wayside.pipeline.cli_options import read_options
 from wayside.pipeline.cli_viewing import Overwrite
 
 ROC_EPILOG = examples(
@@ -46,7 +47,6 @@ def roc(
     What counts is what a classifier is really asked about. Bands are 95 % and resample whole drives; of one drive alone
     its stretches.
     """
-    from wayside.pipeline.lengths import parse_spacing
     from wayside.pipeline.model_files import load_models
     from wayside.pipeline.roc.command import format_characteristics, measure_roc
     from wayside.pipeline.settings_file import load_settings
@@ -54,7 +54,7 @@ def roc(
     from wayside.pipeline.visible_text import visible_lines
 
     tune_process()
-    options = {} if spacing is None else {"read.spacing_m": parse_spacing(spacing)}
+    options = read_options(spacing, None, None, None, None, None, None)
     chosen = load_settings(preset, settings, assignments or [], options)[0]
     measured = measure_roc(
         logs,

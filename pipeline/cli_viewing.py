@@ -202,9 +202,9 @@ def evidence(
 
 
 def _parse_size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
+    width, _, height = text.lower().partition("x")
     if not (
-        width.isdigit() and height.isdigit() and 200 <= int(width) <= 8000 >= int(height) >= 200
+        width.isdecimal() and height.isdecimal() and 200 <= int(width) <= 8000 >= int(height) >= 200
     ):
         raise UsageError(f"--size {text}: wanted WIDTHxHEIGHT of 200 to 8000 pixels, as 1600x1000")
     return int(width), int(height)

@@ -115,7 +115,7 @@ def import_images(
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(image_files(images), key=natural_key)
+    files = sorted(set(image_files(images)), key=natural_key)
     if not files:
         raise UsageError(
             "wanted images to import, found none; give JPEG or PNG files or folders of them"
@@ -224,7 +224,7 @@ def image_files(paths: list[Path]) -> Iterator[Path]:
 def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
     """Numbers in a name compare as numbers: image 2 stands before image 10."""
     pieces = re.split(r"(\d+)", path.name.lower())
-    return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in pieces if p], str(path)
+    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in pieces if p], str(path)
 
 
 def _write(

@@ -276,7 +276,7 @@ def read_real(labels: Entry, source: str) -> Labels:
             )
     for thing in labels["distractors"]:
         for entry in (*thing.get("boxes", ()), *([thing] if "box" in thing else ())):
-            frame = entry.get("i", entry["source_frame"] // labels["stride"])
+            frame = entry["i"] if "i" in entry else entry["source_frame"] // labels["stride"]
             found.add(image(frame), NOT_A_SIGN, _to_edges(entry["box"]), note=thing["what"])
     return found.done()
 

@@ -12,11 +12,13 @@ from wayside.pipeline.class_map import read_class_map
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.label_formats import read_json, read_voc, read_yolo
+from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.reviewing.labels import review_labels
 from wayside.pipeline.reviewing.review import is_review, required_review
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.labels import Label, LabelledImage, Labels
+from wayside.schemas.settings import ReadSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,27 @@ def joined(parts: Sequence[Labels]) -> Labels:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class LogImages:
+    """What names the images of a log: log time by frame, and file name by frame where it is known; frames in use."""
+
+    times_ns: dict[int, int]
+    names: dict[int, str]
+    used: frozenset[int]
+
+    @classmethod
+    def of(cls, log: Path, settings: ReadSettings) -> LogImages:
+        """Of the frames of a log; raises InputError where it cannot be read."""
+        times, names, used = {}, {}, set()
+        for frame in read_frames(log, settings, ReadReport()):
+            times[frame.index] = frame.log_time_ns
+            if frame.name:
+                names[frame.index] = frame.name
+            if frame.used:
+                used.add(frame.index)
+        return cls(times, names, frozenset(used))
+
+
 def labels_by_frame(
     labels: Labels,
     log: str,
@@ -104,7 +127,7 @@ def labels_by_frame(
     """The labels of a log by its frames.
 
     An image is found by its frame, its log time or its name; where several of these are known, they must be of one
-    frame.
+    frame. A name that several images have finds none.
 
     Parameters
     ----------
@@ -119,21 +142,25 @@ def labels_by_frame(
     """
     by_time = {time: frame for frame, time in log_times_ns.items()}
     by_name = {name: frame for frame, name in (image_names or {}).items()}
+    twice = {name for name, n in Counter((image_names or {}).values()).items() if n > 1}
     left_out: Counter[str] = Counter()
 
     def frame_of(image: LabelledImage) -> int | None:
         if image.log not in (None, log):
             left_out["other_log"] += 1
             return None
-        found = {
-            image.frame if image.frame in log_times_ns else None,
-            by_time.get(image.log_time_ns) if image.log_time_ns is not None else None,
-            by_name.get(image.image_name) if image.image_name and by_name else None,
-        } - {None}
-        if image.log_time_ns is not None and image.log_time_ns not in by_time:
-            found.clear()
-        if len(found) == 1:
-            return found.pop()
+        found: set[int | None] = set()
+        if image.frame is not None:
+            found.add(image.frame if image.frame in log_times_ns else None)
+        if image.log_time_ns is not None:
+            found.add(by_time.get(image.log_time_ns))
+        if image.image_name in twice:
+            left_out["name_of_several"] += 1
+            return None
+        if image.image_name and by_name:
+            found.add(by_name.get(image.image_name))
+        if len(found) == 1 and (frame := found.pop()) is not None:
+            return frame
         left_out["other_time" if image.log_time_ns is not None else "no_such_image"] += 1
         return None
 

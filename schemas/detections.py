@@ -135,12 +135,13 @@ def box_centers(box: NDArray[np.float32]) -> NDArray[np.float64]:
 class Candidates:
     """Regions with their classification; a row is never dropped, its `verdict` says where it stopped.
 
-    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same without lens
-    distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance, shape_distance (n,) float32
-    Mahalanobis distances of preset `report`, nan where not computed; score (n,) float32 log odds of being a sign face,
-    nan where not scored; verdict (n,) uint8 into `VERDICTS`. color_log_probability (n, colours), shape_log_probability
-    (n, shapes) float32: log probability of each name, nan where not computed; None: for no row. back_score (n,)
-    float32: log odds of being a panel seen from behind, nan where not accepted; None: for no row.
+    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same without
+    lens distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance, shape_distance (n,)
+    float32 Mahalanobis distances, of shapes in preset `report-shape` alone, nan where not computed; score (n,)
+    float32 log odds of being a sign face, nan where not scored; verdict (n,) uint8 into `VERDICTS`.
+    color_log_probability (n, colours), shape_log_probability (n, shapes) float32: log probability of each name, nan
+    where not computed; None: for no row. back_score (n,) float32: log odds of being a panel seen from behind, nan
+    where not accepted; None: for no row.
     """
 
     regions: Regions

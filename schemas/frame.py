@@ -16,26 +16,22 @@ USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
 NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
 NO_KEY_FRAME, OTHER_CAMERA, OTHER_PLACE = "no_key_frame", "other_camera", "other_place"
-FRAME_STATUSES = (
-    USED,
-    THINNED,
-    OUTSIDE,
-    SKIPPED,
-    UNDECODABLE,
-    WRONG_SIZE,
-    NO_CALIBRATION,
-    NO_POSITION,
-    DAMAGED,
-    DUPLICATE,
-    NO_KEY_FRAME,
-    OTHER_CAMERA,
-    OTHER_PLACE,
-)
-"""`outside` the part asked for by --from/--until, `skipped` by --every, `no_position` before the first pose or fix;
-`damaged` images decode in part only; a `duplicate` is a copy of an earlier image, or shows no motion since the last
-used one; `no_key_frame`: of a video, before its first key frame or behind a missing image until the next;
-`other_camera`: of a camera that shares the topic; `other_place`: shows another place than its order
-says; the rest as they say."""
+FRAME_STATUS_WORDS = {
+    USED: "its candidates were looked for, and it has a pose",
+    THINNED: "too near to the used image before it; its candidates are not looked for",
+    OUTSIDE: "outside the part that `--from` and `--until` ask for",
+    SKIPPED: "left out by `--every`",
+    UNDECODABLE: "cannot be decoded",
+    WRONG_SIZE: "of another size than the calibration",
+    NO_CALIBRATION: "nothing says how its camera is calibrated",
+    NO_POSITION: "before the first pose or fix, or behind the last",
+    DAMAGED: "decodes in part only",
+    DUPLICATE: "a copy of an earlier image, or shows no motion since the last used one",
+    NO_KEY_FRAME: "of a video, before its first key frame or behind a missing image until the next",
+    OTHER_CAMERA: "of a camera that shares the topic",
+    OTHER_PLACE: "shows another place than its order says",
+}
+FRAME_STATUSES = tuple(FRAME_STATUS_WORDS)
 
 
 EARTH_RADIUS_M = 6_371_000.0

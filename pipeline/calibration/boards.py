@@ -36,10 +36,9 @@ _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 
 @dataclass(frozen=True, slots=True)
 class BoardImage:
-    """An image given: its size (None: it does not decode), corners (n, 2) or None, and why it has none."""
+    """An image given: corners (n, 2) or None, and why it has none."""
 
     path: Path
-    size: Size | None
     corners: Array | None
     why: str = ""
 
@@ -107,7 +106,7 @@ def calibrate_images(
         raise UsageError(
             f"--model: wanted {' or '.join(LENS_MODELS)}, found {model}; {OTHER_LENSES}"
         )
-    files = sorted(image_files(paths), key=natural_key)
+    files = sorted(set(image_files(paths)), key=natural_key)
     if not files:
         raise UsageError("wanted images of a board, found none; give image files or a folder")
     decoded = [_size_of(file) for file in files]
@@ -154,15 +153,15 @@ def _look(
     file: Path, size: Size | None, wanted: Size, board: Board, settings: BoardSettings
 ) -> BoardImage:
     if size is None:
-        return BoardImage(file, None, None, "no image that can be decoded")
+        return BoardImage(file, None, "no image that can be decoded")
     if size != wanted:
         words = f"{size[0]} x {size[1]} pixels, while most have {wanted[0]} x {wanted[1]}"
-        return BoardImage(file, size, None, words)
+        return BoardImage(file, None, words)
     grey = _read(file)
     if grey is None or (grey.shape[1], grey.shape[0]) != size:
         raise InputError(f"{file}: wanted the image read before, found another; do not change it")
     found = find_board(grey, board, settings)
-    return BoardImage(file, size, found.corners, found.why)
+    return BoardImage(file, found.corners, found.why)
 
 
 def _read(file: Path) -> NDArray[np.uint8] | None:

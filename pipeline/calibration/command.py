@@ -41,6 +41,8 @@ def calibrate_by_boards(
     UsageError, InputError, OutputError
         As the options, the images and the files are.
     """
+    if out is not None and out.is_dir():
+        raise OutputError(f"{out}: wanted a file to write, found a folder; name a file in it")
     picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
     files = [path for path in (out, picture) if path is not None]
     _require_free(files, overwrite=overwrite)

@@ -31,7 +31,7 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 class CalibratedDrive:
     """A calibration by a log; given: the camera that the log or the user names, with its source, or None.
 
-    images: those that were matched; start: of the last round of matching.
+    images: those that were matched.
     """
 
     log: Path

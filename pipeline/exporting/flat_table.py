@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from wayside.pipeline.result import read_rows
+from wayside.pipeline.result import read_rows, read_run
 from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, SIGNS, Column, Table
@@ -128,7 +128,7 @@ def _missing(out: Path, signs: Sequence[Row], review: Review) -> list[Row]:
             f"{out}: wanted the path of the drive to place missing signs by, found none"
         )
     cameras = np.array([[row["x"], row["y"]] for row in path], np.float64)
-    log = signs[0]["log"] if signs else ""
+    log = signs[0]["log"] if signs else Path(str(read_run(out).get("log", ""))).stem
     to_globe = _globe_fit(signs)
     rows = []
     for number, one in enumerate(review.missing, 1):

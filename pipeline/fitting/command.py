@@ -15,6 +15,7 @@ from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, format_fit, outc
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import not_written, refuse, write_file, write_json
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.model_json import model_to_json
@@ -103,7 +104,7 @@ def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
     said = [f"labels {files} on {images}"]
     said.append(f"source: {options.source or 'not stated'}")
     said.append(f"licence: {options.licence or 'not stated'}")
-    return "; ".join([*said, f"wayside fit {__version__}"])
+    return visible("; ".join([*said, f"wayside fit {__version__}"]))
 
 
 def digest_of(path: Path) -> str:

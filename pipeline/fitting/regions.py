@@ -12,6 +12,7 @@ from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.schemas.detections import COLORS, Segmentation
+from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import Settings
 from wayside.stages.classifiers import nearest_class
@@ -73,8 +74,12 @@ def shape_samples(
 
 
 def joined(parts: Iterable[Samples]) -> Samples:
-    """The rows of several, at least one, in that order."""
+    """The rows of several, in that order; raises InputError of none."""
     listed = list(parts)
+    if not listed:
+        raise InputError(
+            "wanted a labelled image that decodes, found none; check the images that the labels name"
+        )
     return Samples(
         np.concatenate([part.values for part in listed]),
         np.concatenate([part.kind for part in listed]),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.importing import image_files, natural_key
-from wayside.pipeline.labels import FrameLabels, labels_by_frame
+from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON_FACE
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.roc.faces import Faces, labelled_faces
@@ -27,9 +27,9 @@ from wayside.stages.imaging import decode
 class LabelledDrive:
     """A log, or a folder of images in their natural order, with labels.
 
-    path; is_log; labels: by frame; faces: the same as boxes, a row a label of a sign or its back; sign (m,): number of
-    the physical sign of each row of `faces`, the same in no other drive; stretch: number of the stretch of each
-    labelled frame; fold: that of all its stretches where whole drives are held out, else None.
+    path; is_log; labels: by frame; faces: the same as boxes, a row a label of a sign, or of what is undecided; sign
+    (m,): number of the physical sign of each row of `faces`, the same in no other drive; stretch: number of the
+    stretch of each labelled frame; fold: that of all its stretches where whole drives are held out, else None.
     """
 
     path: Path
@@ -109,8 +109,7 @@ def labelled_drives(
     """
     given = list(labels) if len(labels) == len(images) else [labels[0]] * len(images)
     found = [
-        (path, *_by_frame(own, path, settings, alone=len(labels) == len(images)))
-        for own, path in zip(given, images, strict=True)
+        (path, *_by_frame(own, path, settings)) for own, path in zip(given, images, strict=True)
     ]
     drives: list[LabelledDrive] = []
     total = sum(len(_labelled(own)) for _, _, own in found)
@@ -164,9 +163,7 @@ def _labelled(labels: FrameLabels) -> list[int]:
     return sorted({*labels.labels, *labels.complete})
 
 
-def _by_frame(
-    labels: Labels, path: Path, settings: ReadSettings, *, alone: bool
-) -> tuple[bool, FrameLabels]:
+def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool, FrameLabels]:
     """Whether a path is a log, and its labels by frame: those of the images that take part."""
     if path.is_dir():
         files = _files(path)
@@ -178,12 +175,9 @@ def _by_frame(
     else:
         spacing = settings.spacing_m or ANY_SPACING_M
         every = replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
-        times, used = {}, set()
-        for frame in read_frames(path, every, ReadReport()):
-            times[frame.index] = frame.log_time_ns
-            if frame.used:
-                used.add(frame.index)
-        found = labels_by_frame(labels, path.stem, times)
+        known = LogImages.of(path, every)
+        used = set(known.used)
+        found = labels_by_frame(labels, path.stem, known.times_ns, known.names)
     kept = {frame: own for frame, own in found.labels.items() if frame in used}
     found = replace(found, labels=kept, complete=found.complete & used)
     if not _labelled(found):

@@ -44,14 +44,13 @@ class Item:
     """One thing to ask about.
 
     name: `sign_id` of a reported row, `landmark N` or `box N`; views: its boxes, at least one; color, shape: as the run
-    named them; verdict: of the run; margin: score minus threshold, nan where there is neither.
+    named them; margin: score minus threshold, nan where there is neither.
     """
 
     name: str
     views: tuple[View, ...]
     color: str | None
     shape: str | None
-    verdict: str
     margin: float
 
     @property
@@ -140,14 +139,14 @@ def _landmarks(
         known = [row["margin"] for row in rows if math.isfinite(row["margin"])]
         largest = rows[_largest(views)]
         color, shape, best = largest["color"], largest["shape"], max(known, default=math.nan)
-        name, verdict = f"landmark {track}", rows[-1]["verdict"]
+        name = f"landmark {track}"
         if sign is not None:
             color, shape = sign["color"], sign["shape"]
-            name, verdict = rows[0]["sign_id"], str(sign["status"])
+            name = rows[0]["sign_id"]
             if isinstance(sign["confidence"], float):
                 probability = min(max(sign["confidence"], 1 - _CERTAIN), _CERTAIN)
                 best = math.log(probability / (1 - probability))
-        yield Item(name, views, color, shape, verdict, best)
+        yield Item(name, views, color, shape, best)
 
 
 def _single_boxes(
@@ -178,7 +177,6 @@ def _single_boxes(
                 (View(int(frame[row]), (x0, y0, x1, y1)),),
                 values["color"],
                 values["shape"],
-                str(verdict[row]),
                 float(margin[row]),
             )
         )

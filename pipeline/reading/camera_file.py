@@ -12,6 +12,7 @@ import yaml
 from wayside.pipeline.input_files import open_input
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.reading.contents import ContentError, make_camera
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.yaml_text import YamlLoader, parse_yaml
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -147,7 +148,7 @@ def format_camera(camera: Camera, name: str, comments: Sequence[str] = ()) -> st
         "rectification_matrix": _matrix(3, 3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
         "projection_matrix": _matrix(3, 4, projection),
     }
-    head = "".join(f"# {line}\n" for line in comments)
+    head = "".join(f"# {visible(line)}\n" for line in comments)
     return head + yaml.safe_dump(content, sort_keys=False, width=1000, default_flow_style=None)
 
 

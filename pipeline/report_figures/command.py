@@ -19,6 +19,7 @@ from wayside.pipeline.report_figures.tracks import (
     scene_figures,
     track_figures,
 )
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import not_written, write_file
 
 PAGE = "report_figures.html"
@@ -68,7 +69,7 @@ def write_figures(
         f"Preset {PRESET} on {len(drive.frames)} images with {int(drive.faces.example.sum())} labelled views of signs. "
         "What the report shows and says stands beside the same of this drive; shares have their 95 % interval."
     )
-    content = format_page(log.stem, summary, chapters).encode()
+    content = format_page(visible(log.stem), summary, chapters).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -26,7 +26,6 @@ from wayside.schemas.detections import COLOR_RGB
 
 CAPTIONS = {0.1: 172, 0.03: 207}
 """Thresholds that the captions of figures 9.5 and 9.6 give for their alpha."""
-REPORT_GREEN_FPR = 0.018
 _IMAGES, _PIXELS, _SEED = 12, 20_000, 1
 """Images with white signs whose pixels are taken, pixels of either kind at most, and which of them."""
 
@@ -48,7 +47,7 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     yield _power(densities)
     frame = max(images, default=None, key=lambda f: _white_area(drive, f))
     for number, alpha in (("9.4", None), ("9.5", 0.1), ("9.6", 0.03)):
-        yield _image(drive, images, frame, number, alpha, on, off)
+        yield _image(images, frame, number, alpha, on, off)
 
 
 def roc_figures(drive: Drive) -> Iterator[Figure]:
@@ -284,7 +283,6 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
 
 
 def _image(
-    drive: Drive,
     images: dict[int, NDArray[np.uint8]],
     frame: int | None,
     number: str,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.labels import FrameLabels, labels_by_frame, read_labels
+from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame, read_labels
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -207,8 +207,8 @@ def gather_drive(
     ).trajectory_density
     if density is None:
         raise InputError(f"models: wanted the trajectories of {TRAJECTORY_PRESET}, found none")
-    times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}
-    found = labels_by_frame(labels, log.stem, times)
+    known = LogImages.of(log, settings.read)
+    found = labels_by_frame(labels, log.stem, known.times_ns, known.names)
     faces = labelled_faces(found)
     watch = _Watch(faces, shapes)
     samples = gather_samples(log, labels, settings, models, also=watch)

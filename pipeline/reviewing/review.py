@@ -120,7 +120,7 @@ def read_review(path: Path, out: Path) -> Review:
     """
     try:
         entries = list(_csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path))
-    except (OSError, *CONTENT_FAULTS) as error:
+    except (OSError, csv.Error, *CONTENT_FAULTS) as error:
         found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: wanted a review as the evidence index saves it, found {found[:200]}; see docs/corrections.md"

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.input_files import read_parquet
-from wayside.pipeline.labels import read_labels
+from wayside.pipeline.labels import joined, read_labels
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.parquet import ParquetFile, record_batch
@@ -24,7 +24,6 @@ from wayside.pipeline.roc.recording import record_curves
 from wayside.pipeline.roc.samples import gather_samples
 from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.errors import InputError
-from wayside.schemas.labels import Labels
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
 from wayside.schemas.settings import Settings
 from wayside.schemas.tables import Table
@@ -95,11 +94,7 @@ def measure_roc(
     """
     if not overwrite:
         _check_free(folder)
-    read = [read_labels(path) for path in labels]
-    every = Labels(
-        tuple(label for one in read for label in one.labels),
-        tuple(image for one in read for image in one.complete),
-    )
+    every = joined([read_labels(path) for path in labels])
     drives = []
     for log in logs:
         drives.append(gather_samples(log, every, settings, models))

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 
 from wayside.pipeline.roc.curves import RocCurve
 from wayside.pipeline.roc.pictures import ink_of
 from wayside.pipeline.roc.questions import Question
+
+# before rerun itself: it says what to install where that is absent
 from wayside.pipeline.view.entities import APPLICATION
 
 
@@ -29,6 +29,9 @@ def record_curves(
     page
         All figures, Markdown.
     """
+    import rerun as rr
+    import rerun.blueprint as rrb
+
     plots = [rrb.Spatial2DView(origin=f"/roc/{name}", name=f"ROC of {name}") for name in drawn]
     layout = rrb.Blueprint(
         rrb.Horizontal(rrb.Grid(*plots), rrb.TextDocumentView(origin="/figures", name="figures")),

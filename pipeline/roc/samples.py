@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow, Observer
-from wayside.pipeline.labels import labels_by_frame
+from wayside.pipeline.labels import LogImages, labels_by_frame
 from wayside.pipeline.learning.samples import NEITHER
 from wayside.pipeline.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -31,7 +31,7 @@ from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import GateSettings, Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.mapping import VERDICT_OF_TERM
-from wayside.stages.report import mean_log_density, region_descriptors
+from wayside.stages.report import color_features, mean_log_density, region_descriptors
 from wayside.stages.segmentation import regions_before_gate
 
 _LABELS = 3
@@ -72,8 +72,8 @@ def gather_samples(
     StageError
         A stage failed.
     """
-    times = {one.index: one.log_time_ns for one in read_frames(log, settings.read, ReadReport())}
-    found = labels_by_frame(labels, log.stem, times)
+    known = LogImages.of(log, settings.read)
+    found = labels_by_frame(labels, log.stem, known.times_ns, known.names)
     if not found.labels and not found.complete:
         reasons = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
         raise InputError(
@@ -207,13 +207,15 @@ class _Collector:
     def _color(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
         rows = np.arange(len(item.candidates))
         refused = item.candidates.verdict == verdict_code("color")
+        colors = self._models.color_classes
+        space = "rgb" if colors is None else colors.space
         yield (
             "color",
             self._regions(
                 item,
                 rows,
-                "rgb",
-                item.candidates.regions.rgb,
+                space,
+                color_features(item.candidates.regions.rgb, space),
                 ~refused,
                 COLORS,
                 item.candidates.color,

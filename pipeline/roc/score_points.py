@@ -40,7 +40,8 @@ def normal_tail(values: Values, weight: Values, rates: Values) -> Values:
     """By a normal density fitted to the values, as in the report: the largest are too few to count."""
     mean = np.average(values, weights=weight)
     variance = np.average((values - mean) ** 2, weights=weight)
-    return np.asarray(norm.ppf(1 - rates, mean, np.sqrt(variance)))
+    with np.errstate(invalid="ignore"):  # nan where all values are one
+        return np.asarray(norm.ppf(1 - rates, mean, np.sqrt(variance)))
 
 
 def counted_tail(values: Values, weight: Values, rates: Values) -> Values:
@@ -91,8 +92,10 @@ def score_points(
     if len(groups) > 1:
         draw = np.random.default_rng(seed)
         weights = draw.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
-        drawn = [tail(others, weight[member].astype(np.float64), wanted) for weight in weights]
-        low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
-        intervals = [(ends,) for ends in zip(low.tolist(), high.tolist(), strict=True)]
+        drawn = np.array([tail(others, w[member].astype(np.float64), wanted) for w in weights])
+        drawn = drawn[np.isfinite(drawn).all(axis=1)]  # no density is fitted to one value
+        if len(drawn):
+            low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
+            intervals = [(ends,) for ends in zip(low.tolist(), high.tolist(), strict=True)]
     rows = zip(wanted.tolist(), power.tolist(), threshold.tolist(), intervals, strict=True)
     return tuple(OperatingPoint(rate, found, (at,), ends) for rate, found, at, ends in rows)

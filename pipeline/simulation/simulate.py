@@ -160,6 +160,15 @@ def check(survey: Survey) -> None:
         ("--outliers", 0 <= s.outliers <= 0.5, "0 to 0.5", s.outliers),
         ("--mount-yaw, --mount-pitch", _mount_fits(s), "-10 to 10 degrees", mount),
         ("--signs", 1 <= s.signs <= 20_000, "1 to 20000", s.signs),
+        ("--seed", s.seed >= 0, "0 or more", s.seed),
+        ("--jitter", 0 <= s.jitter_deg <= 10, "0 to 10 degrees", s.jitter_deg),
+        (
+            "--trigger-sigma",
+            s.trigger_m <= s.spacing_m / 4,
+            "a quarter of --spacing at most",
+            s.trigger_m,
+        ),
+        ("--pose-sigma", s.pose_m is None or s.pose_m >= 0.001, "1 mm or more", s.pose_m or 0.0),
     ]
     for option, fits, words, value in limits:
         if not fits:
@@ -353,7 +362,7 @@ def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
 
 
 def _mount_fits(survey: Survey) -> bool:
-    return max(abs(survey.mount_yaw_deg), abs(survey.mount_pitch_deg)) <= 10
+    return abs(survey.mount_yaw_deg) <= 10 and abs(survey.mount_pitch_deg) <= 10
 
 
 def _figures(errors: Array) -> dict[str, float]:

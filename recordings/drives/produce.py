@@ -26,6 +26,7 @@ from recordings.drives.spec import DriveSpec
 from recordings.drives.stamps import Output, write_stamp
 from recordings.drives.truth import drive_truth
 from recordings.drives.views import FrameViews, frame_views
+from wayside.schemas.errors import UsageError
 
 RenderedFrame: TypeAlias = tuple[bytes | Bytes, FrameViews]
 """An image, as JPEG or bgr8 array, and what it shows."""
@@ -38,6 +39,12 @@ class RenderedDrive:
         self.spec = spec
         self.road = build_alignment(spec.road, spec.path.heading_deg)
         self.poses = drive_poses(spec, self.road)
+        end_m = float(self.road.station[-1])
+        if self.poses[-1].station_m > end_m:
+            raise UsageError(
+                f"{spec.name}: wanted a road as long as the drive, found {end_m:.0f} m of road for "
+                f"{self.poses[-1].station_m:.0f} m; render fewer frames or lengthen road.segments"
+            )
         self.camera = CameraModel(spec.camera)
         self.scene = build_scene(spec, self.road, self.poses)
         self.exposures = exposures(spec, len(self.poses))

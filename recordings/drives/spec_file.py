@@ -47,6 +47,12 @@ def load_spec(path: Path) -> DriveSpec:
     _known("sign group", spec.signs.groups, GROUPS, f"{path.name}.signs.groups")
     if spec.frames < 1:
         raise UsageError(f"{path.name}.frames: wanted at least 1, found {spec.frames}")
+    if not spec.path.spacing_m > 0:
+        raise UsageError(
+            f"{path.name}.path.spacing_m: wanted more than 0, found {spec.path.spacing_m:g}"
+        )
+    if not any(weight > 0 for weight in spec.signs.groups.values()):
+        raise UsageError(f"{path.name}.signs.groups: wanted a group of some weight, found none")
     if spec.name in ("", ".", "..") or set(spec.name) & set("/\\:"):
         raise UsageError(f"{path.name}.name: wanted a name for files, found {spec.name!r}")
     return spec

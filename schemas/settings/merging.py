@@ -114,7 +114,7 @@ class ChangeSettings:
     )  # fmt: skip
     views: int = setting(
         3, "frames", "a place was in view if a panel there would show in so many images", low=1,
-        origin="as `track.fewest_views`",
+        origin="one more than make a landmark (`track.fewest_views`)",
     )  # fmt: skip
     nearest_m: float = setting(
         1.0, "m", "a place nearer to the camera, along its axis, is not in view", low=0.01,

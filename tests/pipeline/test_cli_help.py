@@ -97,3 +97,6 @@ def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
     assert done.returncode == 2, done.stderr
     assert "pip install 'rerun-sdk" in done.stderr
     assert "Traceback" not in done.stderr
+    done = python(code, "roc", "drive.mcap", "--truth", "drive.truth.json", "-o", str(tmp_path))
+    assert done.returncode == 2, done.stderr
+    assert "pip install 'rerun-sdk" in done.stderr

@@ -12,11 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wayside.pipeline.importing import import_images
 from wayside.pipeline.label_file import read_label_file, write_labels
-from wayside.pipeline.labels import labels_by_frame, read_labels
+from wayside.pipeline.labels import LogImages, labels_by_frame, read_labels
+from wayside.pipeline.reading.camera_file import format_camera
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.frame import Camera
 from wayside.schemas.labels import LABEL_KINDS, LABELS, Label, LabelledImage, Labels
+from wayside.schemas.settings import ReadSettings
 
 NAME = LabelledImage(image_name="a/b 1.jpg", size=(640, 480))
 edges = st.floats(-1e4, 1e4).map(lambda value: round(value, 3))
@@ -284,6 +288,32 @@ def test_labels_find_their_frames_by_number_time_or_name():
     }
     assert found.complete == {2}
     assert found.left_out == {reason: len(group) for reason, group in others.items()}
+
+
+def test_a_label_whose_names_contradict_each_other_or_that_several_images_have_is_left_out():
+    names = {0: "train/a.jpg", 1: "b.jpg", 2: "b.jpg"}
+    images = [
+        LabelledImage(frame=9, image_name="train/a.jpg"),
+        LabelledImage(frame=0, log_time_ns=200),
+        LabelledImage(image_name="b.jpg"),
+    ]
+    read = Labels(tuple(Label(image, "sign", (0, 0, 5, 5)) for image in images), ())
+    found = labels_by_frame(read, "drive", {0: 100, 1: 200, 2: 300}, names)
+    assert not found.labels
+    assert found.left_out == {"no_such_image": 1, "other_time": 1, "name_of_several": 1}
+
+
+def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 80, 3), np.uint8))
+    cv2.imwrite(str(tmp_path / "b.png"), np.full((60, 80, 3), 90, np.uint8))
+    camera = Camera(80, 60, 100.0, 100.0, 39.5, 29.5)
+    (tmp_path / "camera.yaml").write_text(format_camera(camera, "camera"))
+    log = tmp_path / "drive.mcap"
+    import_images([tmp_path, tmp_path / "a.png"], tmp_path / "camera.yaml", 8.0, log)
+    known = LogImages.of(log, ReadSettings(spacing_m=8.0))
+    assert known.names == {0: "a.png", 1: "b.png"}
+    read = Labels((Label(LabelledImage(image_name="b.png"), "sign", (0, 0, 5, 5)),), ())
+    assert list(labels_by_frame(read, "drive", known.times_ns, known.names).labels) == [1]
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[]", '{"images": [{}], "annotations": []}'])

@@ -13,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyproj
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Channel, Schema
@@ -25,9 +26,10 @@ pytest.importorskip(
 
 from recordings.drives.__main__ import main
 from recordings.drives.alignment import build_alignment
+from recordings.drives.geodesy import geodetic
 from recordings.drives.logs import write_log
 from recordings.drives.poses import drive_poses
-from recordings.drives.produce import render
+from recordings.drives.produce import RenderedDrive, render
 from recordings.drives.spec import DriveSpec
 from recordings.drives.spec_file import SPECS, find_spec, load_spec
 from recordings.drives.stamps import Output, is_complete
@@ -264,7 +266,23 @@ def test_every_dialect_says_the_same_in_a_way_that_others_can_read(
     assert list(info["K"]) == [280, 0, 160, 0, 282, 119, 0, 0, 1]
     assert list(info["D"]) == [-0.1, 0.05, 0.001, -0.002, 0]
     (fix,) = (fields for fields in found.values() if "latitude" in fields)
-    assert fix["latitude"] == pytest.approx(38.5, abs=0.001)
+    assert fix["latitude"] == pytest.approx(38.5, abs=0.001)  # 0.001 deg: 111 m
+
+
+def test_a_point_of_the_tangent_plane_is_where_proj_puts_it() -> None:
+    origin = (38.5, -97.25, 430.0)
+    there = pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
+        f"+step +proj=topocentric +ellps=WGS84 +lat_0={origin[0]} +lon_0={origin[1]} +h_0={origin[2]}"
+    )
+    latitude, longitude, height = geodetic(origin, np.array([8000.0, 16000.0, 30.0]))
+    back = there.transform(longitude, latitude, height)
+    np.testing.assert_allclose(back, [8000.0, 16000.0, 30.0], atol=1e-6)
+
+
+def test_a_drive_longer_than_its_road_is_refused(tiny: DriveSpec) -> None:
+    with pytest.raises(UsageError, match="wanted a road as long as the drive"):
+        RenderedDrive(replace(tiny, frames=300))
 
 
 def test_messages_are_logged_later_than_they_were_stamped(

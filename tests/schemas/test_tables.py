@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.schemas.detections import VERDICTS
+from wayside.schemas.frame import FRAME_STATUS_WORDS
 from wayside.schemas.motion import Motion
 from wayside.schemas.tables import (
     MOTION_SOURCES,
@@ -50,6 +51,7 @@ def page() -> str:
             )
     for title, words in (
         ("Values of `status` in signs.parquet", SIGN_STATUSES),
+        ("Values of `status` in frames.parquet", FRAME_STATUS_WORDS),
         ("Values of `verdict`", VERDICT_WORDS),
         ("Values of `motion_source`", MOTION_SOURCES),
     ):

@@ -70,3 +70,12 @@ def test_without_a_second_drive_a_threshold_has_no_interval():
     points = score_points(score, on, np.zeros(40, np.int64), counted_tail, rates_of(30))
     assert [one.false_alarm for one in points] == [rate for rate in RATES if rate >= 1 / 30]
     assert {one.intervals for one in points} == {()}
+
+
+def test_the_interval_is_that_of_the_resamplings_that_a_density_can_be_fitted_to():
+    score = np.concatenate([np.linspace(-3, 0, 9), np.linspace(2, 4, 9)])
+    on, group = score > 1, np.array([0] * 4 + [1] * 4 + [2] + [0, 1, 2] * 3)
+    (point,) = score_points(score, on, group, normal_tail, [0.05], seed=1)
+    ((low, high),) = point.intervals
+    assert np.isfinite([low, high]).all()
+    assert low <= high

@@ -1,4 +1,5 @@
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -142,6 +143,12 @@ def test_a_target_counts_signs_that_were_not_found(small):
         {"signs": 0},
         {"mount_yaw_deg": 40.0},
         {"lateral_m": 0.0},
+        {"seed": -1},
+        {"jitter_deg": -1.0},
+        {"jitter_deg": math.nan},
+        {"mount_pitch_deg": math.nan},
+        {"pose_m": 0.0},
+        {"trigger_m": 50.0},
     ],
 )
 def test_what_cannot_be_driven_is_refused_by_its_option(wrong):

@@ -142,7 +142,9 @@ def test_frames_come_out_once_in_order_with_unused_ones_between(panel, drive):
 
 
 def test_a_landmark_comes_with_the_first_frame_it_was_seen_in(panel, drive):
-    for item in run(drive([panel(3.5, 1.2, 120.0), panel(-4, 1.2, 170.0)], 30)):
+    tracked = run(drive([panel(3.5, 1.2, 120.0), panel(-4, 1.2, 170.0)], 30))
+    assert len(landmarks_of(tracked)) == 2
+    for item in tracked:
         for landmark in item.landmarks:
             assert min(view.frame for view in landmark.views) == item.frame.index
 

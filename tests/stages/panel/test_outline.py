@@ -94,9 +94,11 @@ def test_offsets_change_as_the_jacobian_says(shape):
     for k in range(5):
         there = segments_of(shape, box + small * np.eye(5)[k, :4], rotation + small * (k == 4))
         moved = ((there.begin + there.end) / 2 - middles) / small
-        if k == 4 or shape == "rectangle":
-            rate = (moved * segments.normal).sum(axis=1)
-            np.testing.assert_allclose(rate, segments.jacobian[:, k], atol=2e-3 * 60)
+        rate = (moved * segments.normal).sum(axis=1)
+        tolerance = (
+            0.12 if k == 4 else 0.03
+        )  # of the rotation and of the sides: it is about the box before
+        np.testing.assert_allclose(rate, segments.jacobian[:, k], atol=tolerance)
 
 
 def test_the_profile_peaks_where_the_edge_stands():
