@@ -145,13 +145,13 @@ class Flow:
             if self.journal is None or frame.index not in self.journal:
                 yield from self.detect(chain([frame], frames))
                 return
-            for image in self.stage("decode", decode(iter([frame]))):
+            for image in self.stage("decode", decode(iter([frame]), self.settings.balance)):
                 yield self.journal.replay(image)
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Do what one image needs for itself; runs side by side in the workers."""
         stage, s = self.stage, self.settings
-        images = stage("decode", decode(frames))
+        images = stage("decode", decode(frames, s.balance))
         found = (
             self._by_segments(images) if self.models.external is None else self._external(images)
         )

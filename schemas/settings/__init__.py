@@ -6,6 +6,7 @@ and `REPORT_SHAPE`.
 """
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
@@ -47,6 +48,7 @@ __all__ = [
     "AdjustmentSettings",
     "AssemblySettings",
     "AssociationSettings",
+    "BalanceSettings",
     "BoardSettings",
     "CandidateSettings",
     "ChangeSettings",

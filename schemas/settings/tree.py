@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
+from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
@@ -43,6 +44,7 @@ class Settings:
     """All groups, one a stage."""
 
     read: ReadSettings = field(default_factory=ReadSettings)
+    balance: BalanceSettings = field(default_factory=BalanceSettings)
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
@@ -91,6 +93,7 @@ class Settings:
 
 REPORT: dict[str, dict[str, Any]] = {
     "read": {"thin_m": 8.0},
+    "balance": {"on": False},
     "segment": {"whole_picture": True},
     "gate": {"smallest_px": 50, "largest_px": 20_000},
     "candidates": {"classifier": "report"},

@@ -14,6 +14,8 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, WRONG_SIZE, Frame, Image
+from wayside.schemas.settings import BalanceSettings
+from wayside.stages.imaging.white_balance import balanced
 
 _AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 """The calibration belongs to the pixels as the sensor gave them, so a rotation noted in EXIF is not applied."""
@@ -46,7 +48,7 @@ _FILLING = re.compile(r"\b[1-8] extraneous bytes before marker 0xd9")
 """What a decoder says of the bytes that some cameras put between image and end: no pixel is missing."""
 
 
-def decode(frames: Iterator[Frame]) -> Iterator[Image]:
+def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> Iterator[Image]:
     """Decode the pixels of every used frame; pass the others on without.
 
     An image that cannot be decoded comes out with status `undecodable`, one that decodes in part only with `damaged`,
@@ -58,6 +60,9 @@ def decode(frames: Iterator[Frame]) -> Iterator[Image]:
     ----------
     frames
         Frames in any state; used ones hold a compressed image, its size in `width` and `height`, or raw rows.
+    balance
+        Of the white balance of `rgb` by the road, where there is a calibration; None: as recorded. `grey` stays as
+        recorded.
 
     Yields
     ------
@@ -76,7 +81,10 @@ def decode(frames: Iterator[Frame]) -> Iterator[Image]:
         if rgb is None:
             yield Image(replace(frame, status=status, data=b""), None, None)
         else:
-            yield Image(frame, rgb, np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8))
+            grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
+            if balance is not None and balance.on and frame.camera is not None:
+                rgb = balanced(rgb, frame.camera, balance)
+            yield Image(frame, rgb, grey)
 
 
 def _fits(frame: Frame) -> bool:

@@ -1,0 +1,42 @@
+"""White balance by the road: asphalt is grey, so that its colour is that of the light and of the camera.
+
+The classes of colour are those of signs in neutral light, and so are the images that the networks have learned from.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings import BalanceSettings
+from wayside.stages.imaging.colorspace import log_chromaticity
+
+_STEP = 8
+"""Pixels between those that are looked at, each way."""
+
+
+def road_chromaticity(
+    rgb: NDArray[np.uint8], camera: Camera, settings: BalanceSettings
+) -> NDArray[np.float64]:
+    """Logarithms of R/G and B/G of the road (2,): medians over the rows where it lies; 0 where the image has none."""
+    top = max(0, round(camera.cy + settings.road_from * camera.fy))
+    rows = rgb[top : round(settings.road_until * len(rgb)) : _STEP, ::_STEP].reshape(-1, 3)
+    if not len(rows):
+        return np.zeros(2)
+    return np.asarray(np.median(log_chromaticity(rows)[:, 1:], axis=0))
+
+
+def balanced(
+    rgb: NDArray[np.uint8], camera: Camera, settings: BalanceSettings
+) -> NDArray[np.uint8]:
+    """The image (height, width, 3) without the cast of its road: itself where that is within the tolerance."""
+    colour = road_chromaticity(rgb, camera, settings)
+    beyond = np.clip(np.abs(colour) - settings.tolerance, 0.0, settings.largest)
+    if not beyond.any():
+        return rgb
+    red, blue = np.exp(-np.sign(colour) * beyond)
+    levels = np.arange(256)[:, None] * np.array([red, 1.0, blue])
+    table = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(rgb, table[:, None]), np.uint8)
