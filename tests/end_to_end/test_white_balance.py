@@ -1,0 +1,76 @@
+"""A camera that is out of balance sees the same signs in the same colours."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.writer import Writer
+
+import wayside
+from wayside.pipeline.flow import Flow
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.workers import StageClock
+from wayside.schemas.settings import BalanceSettings
+from wayside.stages.imaging.white_balance import road_chromaticity
+
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
+UNTIL_S = 3.0
+CAST = np.array([0.72, 1.0, 1.25])
+"""Of blue, green, red."""
+
+
+def warm_log(path: Path) -> Path:
+    """The demo drive through a camera with a warm cast."""
+    with DEMO.open("rb") as source, path.open("wb") as sink:
+        writer = Writer(sink)
+        reader = make_reader(source, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, content in reader.iter_decoded_messages():
+            if schema.name == "foxglove.CompressedImage":
+                image = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
+                cast = np.clip(np.rint(image * CAST), 0, 255).astype(np.uint8)
+                quality = (cv2.IMWRITE_JPEG_QUALITY, 95)
+                content.data = cv2.imencode(".jpg", cast, quality)[1].tobytes()
+            writer.write_message(
+                channel.topic,
+                content,
+                log_time=message.log_time,
+                publish_time=message.publish_time,
+            )
+        writer.finish()
+    return path
+
+
+def signs_of(log: Path) -> list[tuple[str, str]]:
+    """Colour and shape of the signs at the start of a drive, in order."""
+    found = wayside.run(log, settings={"read.until_s": UNTIL_S})
+    rows = found.signs.filter(np.array(found.signs["status"]) == "sign")
+    return list(zip(rows["color"].to_pylist(), rows["shape"].to_pylist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return warm_log(tmp_path_factory.mktemp("cast") / "warm.mcap")
+
+
+def test_a_cast_of_the_camera_changes_no_colour(warm: Path) -> None:
+    recorded = signs_of(DEMO)
+    assert len({color for color, _ in recorded}) >= 3
+    assert signs_of(warm) == recorded
+
+
+@pytest.mark.parametrize(("preset", "left"), [("default", 0.07), ("report", 0.35)])
+def test_preset_default_sees_the_road_grey_and_the_report_as_it_was_recorded(
+    warm: Path, preset: str, left: float
+) -> None:
+    settings, _ = load_settings(preset)
+    frames = read_frames(warm, settings.read, ReadReport())
+    item = next(iter(Flow(settings, load_models(settings), StageClock()).detect(frames)))
+    assert item.image.rgb is not None
+    assert item.frame.camera is not None
+    cast = road_chromaticity(item.image.rgb, item.frame.camera, BalanceSettings())
+    assert np.abs(cast).max() == pytest.approx(left, abs=0.04)

@@ -1,0 +1,71 @@
+"""The road is grey: what it has of colour is that of the light."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wayside.schemas.frame import USED, Camera, Frame
+from wayside.schemas.settings import BalanceSettings
+from wayside.stages.imaging import decode
+from wayside.stages.imaging.white_balance import balanced, road_chromaticity
+
+CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 100.0)
+SETTINGS = BalanceSettings()
+SIGN = 60, 80, 100, 140  # rows and columns
+
+
+def scene(gains=(1.0, 1.0, 1.0), road=(110, 110, 110)):
+    """A white sign before a green wood above a road, in some light."""
+    rgb = np.full((240, 320, 3), (60, 110, 50), np.float64)
+    rgb[130:] = road
+    rgb[130::7] *= 0.6  # shade
+    rgb[SIGN[0] : SIGN[1], SIGN[2] : SIGN[3]] = (170, 170, 170)
+    return np.clip(np.rint(rgb * gains), 0, 255).astype(np.uint8)
+
+
+def sign_of(rgb):
+    return rgb[SIGN[0] + 5, SIGN[2] + 5].astype(float)
+
+
+@given(st.floats(0.8, 1.25), st.floats(0.8, 1.25))
+def test_of_a_cast_no_more_is_left_than_the_tolerance(red, blue):
+    rgb = balanced(scene((red, 1.0, blue)), CAMERA, SETTINGS)
+    left = road_chromaticity(rgb, CAMERA, SETTINGS)
+    assert np.abs(left).max() < SETTINGS.tolerance + 0.02
+    r, g, b = sign_of(rgb)
+    assert np.abs(np.log([r / g, b / g])).max() < SETTINGS.tolerance + 0.03
+
+
+def test_an_image_without_a_cast_is_not_touched():
+    rgb = scene((1.03, 1.0, 0.97))
+    assert balanced(rgb, CAMERA, SETTINGS) is rgb
+
+
+def test_a_road_of_earth_colours_the_image_no_more_than_is_said():
+    rgb = scene(road=(160, 100, 40))
+    found = balanced(rgb, CAMERA, SETTINGS)
+    gains = np.log(sign_of(found) / sign_of(rgb))
+    assert gains == pytest.approx([-SETTINGS.largest, 0.0, SETTINGS.largest], abs=0.01)
+
+
+def test_an_image_that_shows_no_road_stays_as_it_is():
+    rgb = scene((1.3, 1.0, 0.7))
+    assert balanced(rgb, replace(CAMERA, cy=400.0), SETTINGS) is rgb
+
+
+def test_colours_are_balanced_on_the_way_and_grey_levels_are_not():
+    warm = scene((1.2, 1.0, 0.8))
+    data = cv2.imencode(".png", warm[..., ::-1])[1].tobytes()
+    frame = Frame(0, 0, None, USED, "png", data, CAMERA, 320, 240)
+    (recorded,) = decode(iter([frame]))
+    (found,) = decode(iter([frame]), SETTINGS)
+    (off,) = decode(iter([frame]), replace(SETTINGS, on=False))
+    assert (recorded.rgb == warm).all()
+    assert (off.rgb == warm).all()
+    assert (found.rgb == balanced(warm, CAMERA, SETTINGS)).all()
+    assert not (found.rgb == warm).all()
+    assert (found.grey == recorded.grey).all()
