@@ -51,7 +51,7 @@ def test_0_a_run_that_is_done_says_what_it_found_and_leaves_its_tables(tmp_path)
 
 
 def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(command, tmp_path, monkeypatch):
-    def decode(frames):
+    def decode(frames, balance):
         for frame in frames:
             raise RuntimeError("made up")
             yield frame

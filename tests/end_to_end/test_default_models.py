@@ -25,7 +25,7 @@ def run_with(run_demo, tmp_path_factory):
                 continue
             text = (shipped_models() / f"{name}.json").read_text()
             (folder / f"{name}.json").write_text(json.dumps(change(json.loads(text))))
-        return run_demo(*SHORT, "--set", f"models.folder={folder}")
+        return run_demo(*SHORT, *(("--set", f"models.folder={folder}") if changes else ()))
 
     return run
 
