@@ -63,14 +63,20 @@ def test_a_cast_of_the_camera_changes_no_colour(warm: Path) -> None:
     assert signs_of(warm) == recorded
 
 
-@pytest.mark.parametrize(("preset", "left"), [("default", 0.1), ("report", 0.35)])
-def test_preset_default_sees_the_road_nearly_grey_and_the_report_as_it_was_recorded(
-    warm: Path, preset: str, left: float
-) -> None:
+def cast_seen(log: Path, preset: str) -> float:
+    """What colour the road has in the first image that a preset looks at."""
     settings, _ = load_settings(preset)
-    frames = read_frames(warm, settings.read, ReadReport())
+    frames = read_frames(log, settings.read, ReadReport())
     item = next(iter(Flow(settings, load_models(settings), StageClock()).detect(frames)))
     assert item.image.rgb is not None
     assert item.frame.camera is not None
-    cast = road_chromaticity(item.image.rgb, item.frame.camera, BalanceSettings())
-    assert np.abs(cast).max() == pytest.approx(left, abs=0.04)
+    colour = road_chromaticity(item.image.rgb, item.frame.camera, BalanceSettings())
+    return float(np.linalg.norm(colour))
+
+
+def test_preset_default_sees_the_road_nearly_grey(warm: Path) -> None:
+    assert cast_seen(warm, "default") < 0.16
+
+
+def test_preset_report_sees_the_road_as_it_was_recorded(warm: Path) -> None:
+    assert cast_seen(warm, "report") > 0.35
