@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import BalanceSettings
-from wayside.stages.imaging.colorspace import log_chromaticity
+from wayside.stages.imaging.colorspace import DARK_LEVEL
 
 _STEP = 8
 """Pixels between those that are looked at, each way."""
+
+_LOGARITHM = np.log(np.arange(256) + DARK_LEVEL)
+"""Of each level, as in `log_chromaticity`."""
 
 
 def road_chromaticity(
@@ -22,10 +25,11 @@ def road_chromaticity(
 ) -> NDArray[np.float64]:
     """Logarithms of R/G and B/G of the road (2,): medians over the rows where it lies; 0 where the image has none."""
     top = max(0, round(camera.cy + settings.road_from * camera.fy))
-    rows = rgb[top : round(settings.road_until * len(rgb)) : _STEP, ::_STEP].reshape(-1, 3)
-    if not len(rows):
+    road = rgb[top : round(settings.road_until * len(rgb)) : _STEP, ::_STEP].reshape(-1, 3)
+    if not len(road):
         return np.zeros(2)
-    return np.asarray(np.median(log_chromaticity(rows)[:, 1:], axis=0))
+    red, green, blue = _LOGARITHM[road.T]
+    return np.array([np.median(red - green), np.median(blue - green)])
 
 
 def balanced(
