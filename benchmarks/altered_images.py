@@ -13,7 +13,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -99,18 +99,7 @@ class Counts:
 
     def plus(self, other: Counts) -> Counts:
         """Both together."""
-        return Counts(*(a + b for a, b in zip(self.values(), other.values(), strict=True)))
-
-    def values(self) -> tuple[int, ...]:
-        """All of them, in order."""
-        return (
-            self.found,
-            self.wanted,
-            self.plates,
-            self.wanted_plates,
-            self.false,
-            self.images,
-        )
+        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
 def main() -> int:

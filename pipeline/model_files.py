@@ -138,7 +138,7 @@ class Models:
         return {name: model for name, model in named.items() if model is not None}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ModelFolder:
     """Where model files are looked for: a folder of the user's own (None: there is none), then those that ship.
 

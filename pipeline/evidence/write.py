@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,7 +102,7 @@ def write_evidence(
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
             index_page = format_index(cards, drive, binder.log, result_name(run), mark)
             _write(output.part / INDEX_FILE, index_page.encode())
-        output.commit([] if sign_id else _sheets_of_before(folder, mark))
+        output.commit([] if sign_id else _sheets_of_others(folder, mark, signs))
     index = folder / INDEX_FILE if sign_id is None else None
     return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)
 
@@ -119,14 +120,14 @@ def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
                 raise refuse(path, "a file there that is no evidence of this log")
 
 
-def _sheets_of_before(folder: Path, mark: str) -> list[str]:
-    """Sheets of the same log that are there: those of signs that there are no more go away."""
-    return [
-        path.name
-        for suffix in ("html", "png")
-        for path in folder.glob(f"*.{suffix}")
-        if path.is_file() and not path.is_symlink() and is_marked(path, mark)
-    ]
+def _sheets_of_others(folder: Path, mark: str, signs: Sequence[Evidence]) -> list[str]:
+    """Earlier sheets of the same log, of signs that it has no more."""
+    kept, others = {one.name for one in signs} | {Path(INDEX_FILE).stem}, []
+    for path in (*folder.glob("*.html"), *folder.glob("*.png")):
+        with suppress(OSError):  # what cannot be read is none of ours
+            if path.stem not in kept and not path.is_symlink() and is_marked(path, mark):
+                others.append(path.name)
+    return others
 
 
 class _Binder:

@@ -243,7 +243,8 @@ def _pictures_of_before(folder: Path) -> list[str]:
         rows = read_parquet(folder / CLASSIFIERS.file, ["classifier"]).to_pylist()
     except (OSError, ValueError, pa.ArrowException):
         return []
-    return [f"roc_{row['classifier']}.png" for row in rows]
+    names = {f"roc_{row['classifier']}.png" for row in rows}
+    return sorted(name for name in names if Path(name).name == name)  # no file elsewhere
 
 
 def _check_free(folder: Path) -> None:

@@ -17,7 +17,7 @@ class TrackSettings:
     longest: int = setting(
         14,
         "frames",
-        "last frames that show a sign, over which it is followed",
+        "frames over which a sign is followed, the last that show it",
         low=2,
     )
     fewest_views: int = setting(2, "views", "landmarks with fewer views are not reported", low=2)

@@ -35,12 +35,12 @@ def road_chromaticity(
 def balanced(
     rgb: NDArray[np.uint8], camera: Camera, settings: BalanceSettings
 ) -> NDArray[np.uint8]:
-    """The image (height, width, 3) without the cast of its road: itself where it has no more colour than roads have."""
+    """The image (height, width, 3) without the cast of its road; unchanged where that is within the tolerance."""
     colour = road_chromaticity(rgb, camera, settings)
-    strength = float(np.linalg.norm(colour))
-    if strength <= settings.tolerance:
+    magnitude = float(np.linalg.norm(colour))
+    if magnitude <= settings.tolerance:
         return rgb
-    red, blue = np.exp(-colour * min(1.0, settings.largest / strength))
+    red, blue = np.exp(-colour * min(1.0, settings.largest / magnitude))
     levels = np.arange(256)[:, None] * np.array([red, 1.0, blue])
     table = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(rgb, table[:, None]), np.uint8)

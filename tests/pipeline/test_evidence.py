@@ -242,13 +242,14 @@ def test_every_sign_gets_a_sheet_and_a_card(sheets):
 
 def test_sheets_of_signs_that_are_no_more_go_away(out, tmp_path):
     folder = tmp_path / "sheets"
-    write_evidence(out, folder)
+    write_evidence(out, folder, png=True)
     (folder / "notes.html").write_text("<p>of the user</p>")
     signs = pq.read_table(out / SIGNS.file)
     pq.write_table(signs.slice(0, 1), out / SIGNS.file)
     write_evidence(out, folder)
     left = {path.name for path in folder.iterdir()}
-    assert left == {f"{signs['sign_id'][0].as_py()}.html", "index.html", "notes.html"}
+    name = signs["sign_id"][0].as_py()
+    assert left == {f"{name}.html", f"{name}.png", "index.html", "notes.html"}
 
 
 def test_one_sign_gets_its_sheet_alone(out, tmp_path):
