@@ -311,7 +311,9 @@ class Flow:
         if network is None:
             return None, None
         front, back = (
-            None if scores is None else BoxClassifier(network, scores, back=side)
+            None
+            if scores is None
+            else BoxClassifier(network, scores, self.settings.candidates, back=side)
             for scores, side in ((m.front_scores, False), (m.back_scores, True))
         )
         return front, back

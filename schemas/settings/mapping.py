@@ -179,9 +179,6 @@ class AcceptanceSettings:
 class PredictionSettings:
     """Views that a landmark predicts where no candidate was found."""
 
-    smallest_px: float = setting(
-        9.0, "px", "lower boxes show too little to classify", origin=SET, expert=True, low=1
-    )
     sigma_share: float = setting(
         0.15, "heights", "largest scatter of a predicted box", origin=SET, expert=True, low=0
     )

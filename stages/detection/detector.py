@@ -106,7 +106,7 @@ def regressed_boxes(
     limit = settings.largest_offset
     moved = (box + np.clip(offset, -limit, limit) * size).astype(np.float32)
     moved = np.clip(moved, 0, np.array([camera.width, camera.height] * 2, np.float32))
-    return np.where(settings.fits_face(moved)[:, None], moved, box)
+    return np.where(settings.fits_face(moved, camera)[:, None], moved, box)
 
 
 def classified_regions(item: Segmentation) -> NDArray[np.bool_]:

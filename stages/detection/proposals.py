@@ -25,7 +25,7 @@ from wayside.stages.detection.network_proposals import (
     boxes_of_maps,
 )
 from wayside.stages.geometry import non_maximum_suppression
-from wayside.stages.imaging import Pyramid, pyramid
+from wayside.stages.imaging import Pyramid, enlarged, pyramid
 
 FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
 """Area of a shape as a fraction of its box."""
@@ -57,7 +57,7 @@ def propose(
             segments = np.full(len(regions), np.nan, np.float32)
             regions = network_regions(found, rgb, settings).joined(regions)
             score, left_out = np.concatenate([found.front, segments]), found.left_out
-        fitting = np.flatnonzero(settings.fits_face(regions.box))
+        fitting = np.flatnonzero(settings.fits_face(regions.box, camera))
         kept = fitting[non_maximum_suppression(regions.box[fitting], settings.same_region_iou)]
         dropped = Dropped(len(regions) - len(fitting), len(fitting) - len(kept), left_out)
         yield replace(
@@ -70,7 +70,7 @@ def propose(
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Rows of an image from `top` on as the network sees them, a pixel `scale` pixels of the image.
+    """Rows of an image from `top` on as the network sees them, a pixel `scale` pixels of the image: 1/2, 1, 2.
 
     maps: of the network; size: height and width of its input.
     """
@@ -78,7 +78,7 @@ class Band:
     maps: Maps
     size: tuple[int, int]
     top: int
-    scale: int
+    scale: float
 
     def in_image(self, box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Boxes (n, 4) of the band in pixels of the image."""
@@ -98,15 +98,23 @@ def network_bands(
     camera: Camera,
     settings: CandidateSettings,
 ) -> list[Band]:
-    """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size."""
-    full = settings.full_size_px
-    half = (settings.half_size_above * camera.fy, settings.half_size_below * camera.fy)
+    """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size.
+
+    Of an image of short focal length full size is twice its own, and half size its own: a face is as large then as in
+    the images that the network has learned from.
+    """
+    times = settings.enlargement(camera)
+    far = settings.full_size_px / times
+    above, below = settings.half_size_above * camera.fy, settings.half_size_below * camera.fy
     found = []
-    for scale, rgb, (above, below) in zip((1, 2), levels, ((full, full), half), strict=False):
-        top = max(0, round((camera.cy - above) / scale))
-        band = rgb[top : max(top, round((camera.cy + below) / scale))]
-        if band.size:
-            found.append(Band(network.maps(band), band.shape[:2], top * scale, scale))
+    for scale, up, down in ((1 / times, far, far), (2 / times, above, below)):
+        level = int(scale > 1)  # the image as it is, or at half size
+        pixels = 1 << level
+        top = max(0, round((camera.cy - up) / pixels))
+        rows = levels[level][top : max(top, round((camera.cy + down) / pixels))]
+        if rows.size:
+            band = enlarged(rows, round(pixels / scale))
+            found.append(Band(network.maps(band), band.shape[:2], top * pixels, scale))
     return found
 
 

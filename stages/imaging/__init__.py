@@ -2,11 +2,12 @@
 
 from wayside.stages.imaging.colorspace import log_chromaticity
 from wayside.stages.imaging.decoding import decode
-from wayside.stages.imaging.pyramids import Pyramid, pyramid
+from wayside.stages.imaging.pyramids import Pyramid, enlarged, pyramid
 
 __all__ = [
     "Pyramid",
     "decode",
+    "enlarged",
     "log_chromaticity",
     "pyramid",
 ]

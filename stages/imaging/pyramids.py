@@ -1,4 +1,4 @@
-"""An image at full, half and quarter size."""
+"""An image at full, half and quarter size, and enlarged."""
 
 from __future__ import annotations
 
@@ -25,3 +25,11 @@ def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA
     )
     return np.asarray(small, np.uint8)
+
+
+def enlarged(rgb: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
+    """The image so many times as large, cubic between its pixels; itself for 1."""
+    if times == 1:
+        return rgb
+    large = cv2.resize(rgb, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(large, np.uint8)

@@ -63,8 +63,9 @@ def add_predicted_views(
         if fit.back not in classifiers:
             continue
         for frame in sorted(set(range(len(window))) - set(fit.frames.tolist())):
-            found = predicted_box(fit, window[frame], settings, association.nearest_m)
-            if found is not None:
+            seen = window[frame]
+            found = predicted_box(fit, seen, settings, association.nearest_m)
+            if found is not None and classifiers[fit.back].takes(found[0], seen.camera):
                 wanted.setdefault((frame, fit.back), []).append(_PredictedBox(number, *found))
     views: list[list[_View]] = [[] for _ in fits]
     for (frame, back), boxes in sorted(wanted.items()):
@@ -85,7 +86,7 @@ def predicted_box(
 ) -> tuple[NDArray[np.float64], float] | None:
     """Box (4,) of a landmark in a frame, recorded pixels, and its height in ideal ones.
 
-    None where it is cut, too near or too small, or its scatter there is too large.
+    None where it is cut or too near, or its scatter there is too large.
     """
     camera, pose = frame.camera, frame.motion.pose
     x, y, z = pose.to_camera(fit.point)
@@ -93,8 +94,6 @@ def predicted_box(
     if frame.rgb is None or z < nearest_m:
         return None
     tall_px = 2 * tall / z * frame.focal
-    if tall_px < settings.smallest_px:
-        return None
     project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
     covariance = project @ fit.covariance @ project.T
     sigma_px = frame.focal * float(np.sqrt(np.linalg.norm(covariance, 2)))

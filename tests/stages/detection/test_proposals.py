@@ -74,6 +74,29 @@ def test_a_large_face_off_the_horizon_is_seen_at_half_size():
     assert np.abs(best - [308, 28, 340, 60]).max() <= 8
 
 
+@pytest.mark.parametrize(
+    ("focal", "times"), [(700, 1), (500, 1), (499, 2), (250, 2), (249, 4), (9, 4)]
+)
+def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(focal, times):
+    camera = Camera(640, 480, focal, focal, 319.5, 239.5)
+    assert SETTINGS.enlargement(camera) == times
+    seen = CandidateSettings(half_size_above=0, half_size_below=0)
+    side = 4 // times  # one red cell of what the network sees
+    item = segmented(camera=camera)
+    item.image.rgb[200 : 200 + side, 320 : 320 + side] = (255, 0, 0)
+    found = of_network(proposed(item, settings=seen))
+    middle, half = np.array([320, 200]) + side / 2, 8 / times
+    assert np.abs(found.box[0] - np.concatenate([middle - half, middle + half])).max() <= 3 / times
+
+
+def test_faces_are_searched_for_as_tall_as_the_network_sees_them():
+    camera = Camera(640, 480, 350.0, 350.0, 319.5, 239.5)
+    boxes = [[100, 100, 106, 104], [200, 100, 206, 103]]
+    found = proposed(segmented(boxes, camera=camera), network=None)
+    assert found.regions.box.tolist() == boxes[:1]
+    assert len(proposed(segmented(boxes), network=None).regions) == 0
+
+
 def test_segments_of_the_size_of_a_face_stay_and_others_go():
     item = segmented([[10, 20, 40, 50], [0, 0, 630, 20], [5, 5, 9, 9]])
     found = proposed(item, network=None)

@@ -7,6 +7,7 @@ from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions,
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import (
     AdjustmentSettings,
+    CandidateSettings,
     LandmarkSettings,
     MappingSettings,
     TrackSettings,
@@ -36,7 +37,7 @@ class Reddish:
 
 def reddish(threshold=0.0):
     """A classifier of views by that network."""
-    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"))
+    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"), CandidateSettings())
 
 
 @pytest.fixture
@@ -103,6 +104,14 @@ def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
     fit = fit_of(held, [9, 10])
     unsure = replace(fit, covariance=fit.covariance * 1e4)
     assert predicted(unsure, held[6]) is None
+
+
+def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
+    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
+    held = holding(frames)
+    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
+    none = BoxClassifier(Reddish(), ScoreModel(0.0, "made up"), CandidateSettings(shortest_px=800))
+    assert len(with_predicted_views(fit, held, none).rows) == len(fit.rows)
 
 
 def test_views_without_a_candidate_are_predicted(shown, panel):
