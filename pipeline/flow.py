@@ -54,6 +54,7 @@ from wayside.stages.mapping import (
     SideClassifiers,
     assemble,
     classify_location,
+    left_traffic_ratio,
     score_by_views,
     track,
 )
@@ -255,6 +256,12 @@ class Flow:
         (found,) = self.drive_stage("lens", checked)
         return found
 
+    def left_traffic(self) -> float:
+        """After the last frame: log odds that traffic keeps left, by where the signs stand."""
+        front, _ = self._side_classifiers()
+        ratio = left_traffic_ratio(self.record.landmarks, front.landmark)
+        return self.settings.verdict.left_traffic + ratio
+
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
@@ -281,8 +288,7 @@ class Flow:
         s = self.settings
         if s.track.matching == "sift":
             return match_by_descriptors(posed, settings=s.mapping, sift=s.sift)
-        external = self.models.external is not None
-        front, back = (SideClassifiers(), None) if external else self._side_classifiers()
+        front, back = self._side_classifiers()
         tracked = track(
             posed,
             settings=s.mapping,
@@ -291,11 +297,13 @@ class Flow:
             panel=self.panel_method(),
             adjustment=s.local_adjustment,
         )
-        return score_by_views(tracked) if external else tracked
+        return tracked if self.models.external is None else score_by_views(tracked)
 
     def _side_classifiers(self) -> tuple[SideClassifiers, SideClassifiers | None]:
-        """Classifiers of faces and of backs, learned on the scores of wayside's own detector."""
+        """Classifiers of faces and of backs, learned on the scores of wayside's own detector; none for another's."""
         m, s = self.models, self.settings
+        if m.external is not None:
+            return SideClassifiers(), None
         front, back = (
             LandmarkClassifier(model, m.location_classes, s.landmark)
             for model in (m.landmark_classifier, m.back_landmark_classifier)

@@ -105,6 +105,18 @@ class GaussianModel(ModelText):
             )
         return result
 
+    def mirrored(self) -> GaussianModel:
+        """The model of what has its first coordinate turned round, as places right of the path are left of it."""
+        turned = np.ones(self.classes[0].mean.shape)
+        turned[0] = -1
+        classes = tuple(
+            replace(
+                one, mean=turned * one.mean, covariance=np.outer(turned, turned) * one.covariance
+            )
+            for one in self.classes
+        )
+        return replace(self, classes=classes)
+
     def at_alpha(self, alpha: float) -> GaussianModel:
         """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
 

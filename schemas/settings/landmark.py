@@ -122,6 +122,13 @@ class VerdictSettings:
     same_cover: float = setting(
         0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
+    left_traffic: float = setting(
+        -3.0,
+        "log odds",
+        "that traffic keeps left, before the first sign: they follow the places of the signs, and where signs stand is "
+        "mirrored as long as they are above 0; -99: it never is, 99: from the first image",
+        origin="one road in twenty; a drive on the right was at most 2.8 above where it began",
+    )
     nearest_m: float = setting(
         0.5,
         "m",

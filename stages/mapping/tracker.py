@@ -35,6 +35,7 @@ from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
+from wayside.stages.mapping.traffic_side import left_traffic_ratio, mirrored
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
     SeenBox,
@@ -120,6 +121,8 @@ class _Tracker:
     ) -> None:
         self._settings, self._panel, self._adjustment = settings, panel, adjustment
         self._sides = {False: front} if back is None else {False: front, True: back}
+        self._on_right, self._left_traffic = front.landmark, settings.verdict.left_traffic
+        self._on_left = False
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._length = settings.track.longest + settings.track.window_step
         self._path = TravelledPath(self._length + settings.track.longest)
@@ -167,6 +170,7 @@ class _Tracker:
     def _solve(self, *, last: bool) -> None:
         """Decide the landmarks of the window that the vehicle has passed, most likely signs first."""
         fits = self._fits(last=last)
+        self._keep_to_side()
         oldest = self._window[0].motion.pose
         self._reported = [
             one for one in self._reported if not oldest.to_camera(one.fit.point)[2] < 0
@@ -175,6 +179,15 @@ class _Tracker:
             (self._classify(fit) for fit in fits), key=lambda one: -one.evidence.log_odds
         ):
             self._decide(one)
+
+    def _keep_to_side(self) -> None:
+        """Mirror where signs stand where the signs so far say that traffic keeps to the other side."""
+        if (self._left_traffic > 0) != self._on_left:
+            self._on_left = not self._on_left
+            self._sides = {
+                back: replace(side, landmark=mirrored(side.landmark))
+                for back, side in self._sides.items()
+            }
 
     def _fits(self, *, last: bool) -> list[LandmarkFit]:
         """Landmarks of the unassigned candidates that the vehicle has passed, with predicted views."""
@@ -246,6 +259,7 @@ class _Tracker:
             size = np.array([landmark.width_m, landmark.height_m])
             face = replace(fit, point=measured.point, metric=size)
             self._reported.append(_Reported(face, self._boxes_by_image(fit)))
+        self._left_traffic += left_traffic_ratio([landmark], self._on_right)
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:
