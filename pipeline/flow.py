@@ -86,7 +86,7 @@ class FrameCounts:
     settled: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Flow:
     """The chain with its settings and models; one instance serves one log."""
 
@@ -107,16 +107,13 @@ class Flow:
 
     def __post_init__(self) -> None:
         """Watch the calibration by its settings, and load the networks that all workers share."""
-        object.__setattr__(self, "calibration", CalibrationWatch(self.settings.calibration))
-        m = self.models
-        box, face, detection = m.box_network, m.face_network, m.detection_network
-        object.__setattr__(self, "boxes", None if box is None else BoxNetwork(box.path))
-        object.__setattr__(self, "faces", None if face is None else FaceClassifier(face.path))
-        own = None if detection is None or m.external else DetectionNetwork(detection.path)
-        object.__setattr__(self, "proposer", own)
+        self.calibration, m = CalibrationWatch(self.settings.calibration), self.models
+        self.boxes = None if m.box_network is None else BoxNetwork(m.box_network.path)
+        self.faces = None if m.face_network is None else FaceClassifier(m.face_network.path)
+        own = None if m.external else m.detection_network
+        self.proposer = None if own is None else DetectionNetwork(own.path)
         given = m.external
-        source = OnnxDetector(given) if isinstance(given, DetectorFile) else given
-        object.__setattr__(self, "external", source)
+        self.external = OnnxDetector(given) if isinstance(given, DetectorFile) else given
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
