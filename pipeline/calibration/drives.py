@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -70,10 +70,7 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
         focals = [guess * width for guess in calibration.focal_guesses]
         starts = [Camera(width, height, f, f, *centre) for f in focals]
         scatter = calibration.unknown_principal_point
-    tries = [_round(log, one, scatter * width, settings) for one in starts]
-    start, (images, found) = min(
-        zip(starts, tries, strict=True), key=lambda one: one[1][1].cost * one[1][1].residual ** 2
-    )
+    start, (images, found) = _best_start(log, starts, scatter * width, settings)
     for _ in range(calibration.rounds - 1):
         if abs(found.camera.fx / start.fx - 1) < calibration.settled:
             break
@@ -82,6 +79,21 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
         start = replace(start, fx=start.fx * ratio, fy=start.fy * ratio)
         images, found = _round(log, start, scatter * width, settings)
     return CalibratedDrive(log, given, source, images, found)
+
+
+def _best_start(
+    log: Path, starts: Sequence[Camera], principal_sigma_px: float, settings: Settings
+) -> tuple[Camera, tuple[int, DriveCalibration]]:
+    """The camera to start from whose ties fit best, with its first round; raises InputError where none has any."""
+    rounds, errors = [], []
+    for start in starts:
+        try:
+            rounds.append((start, _round(log, start, principal_sigma_px, settings)))
+        except InputError as error:  # matching may fail from a focal length that is far off
+            errors.append(error)
+    if not rounds:
+        raise errors[0]
+    return min(rounds, key=lambda one: one[1][1].cost * one[1][1].residual ** 2)
 
 
 def _round(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from wayside.pipeline.calibration import drives
 from wayside.pipeline.calibration.drive_report import format_drive, not_determined
 from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log
 from wayside.pipeline.cli import app
@@ -60,6 +61,27 @@ def test_images_without_common_points_are_refused(tmp_path):
         calibrate_log(log, Settings())
 
 
+@pytest.mark.parametrize("fitting", [(), (2,), (0, 2)])
+def test_a_focal_length_that_cannot_be_matched_from_leaves_the_others(monkeypatch, fitting):
+    settings = Settings()
+    guesses = [round(1600 * one) for one in settings.calibration.focal_guesses]
+    costs = {guesses[k]: 1.0 + k for k in fitting}
+
+    def matched(log, camera, principal_sigma_px, settings):
+        if round(camera.fx) not in costs:
+            raise InputError("found none")
+        found = replace(result(0.01).calibration, camera=camera, cost=costs[round(camera.fx)])
+        return 24, found
+
+    monkeypatch.setattr(drives, "_given", lambda *_: (None, ""))
+    monkeypatch.setattr(drives, "_round", matched)
+    if not fitting:
+        with pytest.raises(InputError, match="found none"):
+            calibrate_log(DEMO, settings)
+        return
+    assert round(calibrate_log(DEMO, settings).calibration.camera.fx) == guesses[fitting[0]]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -81,8 +103,6 @@ def test_the_demo_drive_corrects_a_focal_length_that_is_off_by_a_tenth(
     tmp_path, given, monkeypatch
 ):
     if given is None:  # as if the log had no calibration
-        from wayside.pipeline.calibration import drives
-
         monkeypatch.setattr(drives, "_given", lambda *_: (None, ""))
         found = calibrate_log(DEMO, Settings()).calibration
         assert abs(np.log(found.camera.fx / TRUE.fx)) < 2 * found.focal_sigma < 0.1
