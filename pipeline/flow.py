@@ -8,6 +8,7 @@ of the three. After the last frame: the path of the whole drive in its world fra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain
@@ -254,9 +255,11 @@ class Flow:
         return found
 
     def left_traffic(self) -> float:
-        """After the last frame: log odds that traffic keeps left, by where the signs stand."""
-        front, _ = self._side_classifiers()
-        ratio = left_traffic_ratio(self.record.landmarks, front.landmark)
+        """After the last frame: log odds that traffic keeps left, by where the signs stand; -inf: not asked."""
+        on_right = self._side_classifiers()[0].landmark
+        if on_right.location is None or self.settings.track.matching != "places":
+            return -math.inf
+        ratio = left_traffic_ratio(self.record.landmarks, on_right)
         return self.settings.verdict.left_traffic + ratio
 
     def signs(self, path: DrivePath) -> Iterator[Sign]:
