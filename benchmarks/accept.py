@@ -21,6 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from checked_boxes import with_checked_boxes
+from real_counts import Counts, counts_by_confidence
 from real_tables import RealDrive, real_page
 
 from wayside.pipeline.evaluate import evaluate, write_evaluation
@@ -68,11 +69,13 @@ class Outcome:
     """A drive and its figures; `evaluation` is None where the run failed.
 
     unlabelled: rows of a real drive on no label of its own, but on a sign that these leave out; right in `evaluation`.
+    counts: of a real drive at each of `CONFIDENCES`, where the preset states any.
     """
 
     drive: BenchmarkDrive
     evaluation: Evaluation | None
     unlabelled: int = 0
+    counts: tuple[Counts, ...] = ()
 
 
 def main() -> int:
@@ -168,9 +171,11 @@ def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
         )
         return Outcome(drive, None)
     try:
-        evaluation, unlabelled = evaluate(out, drive.truth), 0
+        evaluation, unlabelled, counts = evaluate(out, drive.truth), 0, ()
         if isinstance(evaluation, RealEvaluation):
-            checked = evaluate(out, checked_truth(drive))
+            labels = checked_truth(drive)
+            checked = evaluate(out, labels)
+            counts = counts_by_confidence(out, json.loads(labels.read_text(encoding="utf-8")))
             unlabelled = len(evaluation.false) - len(checked.false)
             # boxes of one sign in several images are several labels there, and hide duplicates
             evaluation = replace(checked, duplicates=evaluation.duplicates)
@@ -179,7 +184,7 @@ def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
         print(f"{title} {error}", flush=True)
         return Outcome(drive, None)
     print(f"{title} {in_short(evaluation)}  {speed(out):6.2f} frames/s", flush=True)
-    return Outcome(drive, evaluation, unlabelled)
+    return Outcome(drive, evaluation, unlabelled, counts)
 
 
 def checked_truth(drive: BenchmarkDrive) -> Path:
@@ -338,7 +343,7 @@ def spread_cell(spread: Spread, scale: float) -> str:
 def real(outcomes: Iterable[Outcome]) -> list[RealDrive]:
     """Evaluations of real drives by their names."""
     return [
-        RealDrive(o.drive.name, o.evaluation, o.unlabelled)
+        RealDrive(o.drive.name, o.evaluation, o.unlabelled, o.counts)
         for o in outcomes
         if isinstance(o.evaluation, RealEvaluation)
     ]

@@ -13,7 +13,6 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,18 +25,16 @@ from mcap.writer import CompressionType
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from numpy.typing import NDArray
+from real_counts import Counts, counts_by_confidence, total
 
-from wayside.pipeline.evaluate_real import evaluate_against_labels
-from wayside.pipeline.evaluation import RealEvaluation
-from wayside.pipeline.result import read_rows
 from wayside.pipeline.statistics import share_interval
-from wayside.schemas.tables import OBSERVATIONS, SIGNS
 
 Bgr = NDArray[np.uint8]
 UNSEEN = ("de_road_kitti0015", "ca_city_garmin", "de_city_kitti0001", "de_autobahn")
 """Drives that no model of the runs has learned from: `ca_city_garmin` is run by models without it."""
-PLATES = ("parking plate", "bus stop plate")
 QUALITY, LOW_QUALITY, HALF = 90, 35, 0.5
+SIGN_FROM = 0.5
+"""Confidence from which a row is a sign, as in a run."""
 PAGE = ROOT / "benchmarks" / "altered_images.md"
 
 
@@ -86,22 +83,6 @@ ALTERED: Mapping[str, tuple[str, Callable[[Bgr], Bgr]]] = {
 """What is done to each image, in words and as a function."""
 
 
-@dataclass(frozen=True, slots=True)
-class Counts:
-    """Signs found of those wanted, without plates and plates alone, rows on no sign, and images."""
-
-    found: int = 0
-    wanted: int = 0
-    plates: int = 0
-    wanted_plates: int = 0
-    false: int = 0
-    images: int = 0
-
-    def plus(self, other: Counts) -> Counts:
-        """Both together."""
-        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
-
-
 def main() -> int:
     """Run every drive with every alteration, and write the table."""
     parser = argparse.ArgumentParser(
@@ -115,12 +96,11 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     rows = {}
     for how in args.only:
-        total = Counts()
+        counts = []
         for name in UNSEEN:
-            one = counts_of(args.real, name, how, folder)
-            print(f"{how:14} {name:20} {one}", flush=True)
-            total = total.plus(one)
-        rows[how] = total
+            counts.append(counts_of(args.real, name, how, folder))
+            print(f"{how:14} {name:20} {counts[-1]}", flush=True)
+        rows[how] = total(counts)
     if set(rows) == set(ALTERED):
         PAGE.write_text("\n".join(page(rows)) + "\n", encoding="utf-8")
     return 0
@@ -143,18 +123,10 @@ def counts_of(real: Path, name: str, how: str, folder: Path) -> Counts:
     command += ["--models", str(models)] if models.is_dir() else []
     subprocess.run(command, check=True, capture_output=True)
     labels = json.loads((real / f"{name}.labels.json").read_text(encoding="utf-8"))
-    found = evaluated(out, altered_labels(with_checked_boxes(labels, name), how, size[0]))
     log.unlink()
-    plates = [one for one in found.kinds if one.kind in PLATES]
-    right, wanted = sum(one.found for one in plates), sum(one.wanted for one in plates)
-    return Counts(
-        len(found.found) - right,
-        found.wanted - wanted,
-        right,
-        wanted,
-        len(found.false),
-        len(labels["frames"]),
-    )
+    labels = altered_labels(with_checked_boxes(labels, name), how, size[0])
+    (counts,) = counts_by_confidence(out, labels, (SIGN_FROM,))
+    return counts
 
 
 def write_altered(log: Path, target: Path, how: str) -> tuple[int, int]:
@@ -220,14 +192,6 @@ def altered_labels(labels: dict[str, Any], how: str, width: int) -> dict[str, An
         for entry in thing.get("boxes", ()):
             entry["box"] = moved(entry["box"])
     return labels
-
-
-def evaluated(out: Path, labels: dict[str, Any]) -> RealEvaluation:
-    """A result against labels."""
-    columns = ("sign_id", "status", "best_frame", "best_box", "color", "shape")
-    signs = [row for row in read_rows(out, SIGNS, columns) if row["status"] == "sign"]
-    seen = read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box"))
-    return evaluate_against_labels(signs, seen, labels)
 
 
 def page(rows: Mapping[str, Counts]) -> Iterator[str]:

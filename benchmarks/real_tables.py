@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from reached import table
+from real_counts import CONFIDENCES, PLATES, Counts, total
 
 from wayside.pipeline.evaluate_misses import STEPS, cause_words, count_steps
 from wayside.pipeline.evaluation import (
@@ -15,18 +16,19 @@ from wayside.pipeline.evaluation import (
 from wayside.pipeline.evaluation_findings import (
     KindCount,
 )
-from wayside.pipeline.statistics import Interval, share_interval
-
-PLATES = ("parking plate", "bus stop plate")
-"""Kinds of the labels that stand for parking and bus stop plates: small, and hung in touching pairs and fours."""
+from wayside.pipeline.statistics import Interval, rate_interval, share_interval
 
 
 class RealDrive(NamedTuple):
-    """Figures of a real drive; unlabelled: rows, right ones, on a sign that its own labels leave out."""
+    """Figures of a real drive.
+
+    unlabelled: rows, right ones, on a sign that its own labels leave out; counts: at each of `CONFIDENCES`, or none.
+    """
 
     name: str
     evaluation: RealEvaluation
     unlabelled: int = 0
+    counts: tuple[Counts, ...] = ()
 
 
 Drives = Sequence[RealDrive]
@@ -36,7 +38,7 @@ def real_page(drives: Drives) -> list[str]:
     """Tables of drives never seen, of drives that a model was learned from, of kinds, and of what was missed."""
     lines: list[str] = []
     for title, own in by_source(drives).items():
-        parts = share_table(own), kind_table(own), reliability_table(own)
+        parts = share_table(own), kind_table(own), reliability_table(own), confidence_table(own)
         lines += ["", f"### {title}", "", *(line for part in parts for line in part)]
     return [*lines, *step_table(drives), *cause_table(drives)]
 
@@ -80,7 +82,7 @@ def share_table(drives: Drives) -> list[str]:
 
 def share_line(drive: RealDrive) -> list[str]:
     """Cells of one drive."""
-    name, e, unlabelled = drive
+    name, e, unlabelled, _ = drive
     rate, rate_ends = e.false_per_100_images, e.false_per_100_images_interval
     return [
         name,
@@ -98,15 +100,15 @@ def share_line(drive: RealDrive) -> list[str]:
 
 def kind_table(drives: Drives) -> list[str]:
     """Recall of parking and bus stop plates apart from all other signs, where labels mark them."""
-    total = _together(drives)
-    marked = total.kinds
+    together = _together(drives)
+    marked = together.kinds
     plates = [kind for kind in marked if kind.kind in PLATES]
     if not plates:
         return []
     wanted, found = sum(k.wanted for k in plates), sum(k.found for k in plates)
     rows = [
         KindCount("parking and bus stop plates", wanted, found),
-        KindCount("all other signs", total.wanted - wanted, total.found_count - found),
+        KindCount("all other signs", together.wanted - wanted, together.found_count - found),
     ]
     return [
         "",
@@ -145,6 +147,36 @@ def reliability_table(drives: Drives) -> list[str]:
     return ["", *table(head, rows)]
 
 
+def confidence_table(drives: Drives) -> list[str]:
+    """What is found, and what lies on no sign, where rows of other confidences are taken as signs."""
+    if not drives or not all(drive.counts for drive in drives):
+        return []
+    head = (
+        "confidence from",
+        "plates",
+        "all other signs",
+        "recall (95 %)",
+        "on no sign",
+        "per 100 images (95 %)",
+    )
+    rows = []
+    for k, least in enumerate(CONFIDENCES):
+        one = total(drive.counts[k] for drive in drives)
+        rate = 100 * one.false / one.images
+        ends = rate_interval(one.false, one.images / 100)
+        rows.append(
+            [
+                f"{least:g}",
+                f"{one.plates} of {one.wanted_plates}",
+                f"{one.found} of {one.wanted}",
+                with_interval(one.found / one.wanted, share_interval(one.found, one.wanted), 3),
+                str(one.false),
+                with_interval(rate, ends, 1),
+            ]
+        )
+    return ["", *table(head, rows)]
+
+
 def step_table(drives: Drives) -> list[str]:
     """How many signs of each drive were lost at each step."""
     counts = {drive.name: count_steps(drive.evaluation.causes) for drive in drives}
@@ -165,7 +197,7 @@ def step_table(drives: Drives) -> list[str]:
 
 def cause_table(drives: Drives) -> list[str]:
     """The cause of each miss, one line a sign."""
-    rows = [[name, str(c.id), cause_words(c)] for name, e, _ in drives for c in e.causes]
+    rows = [[name, str(c.id), cause_words(c)] for name, e, *_ in drives for c in e.causes]
     if not rows:
         return []
     return ["", "### Cause of each miss", "", *table(("drive", "sign", "cause"), rows, "---")]

@@ -107,7 +107,7 @@ def test_real_drives_are_listed_without_the_rendered_ones(accept: ModuleType) ->
         accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation, 2)
         for name, evaluation in (("good", GOOD), ("road", real), ("lost", None))
     ]
-    assert accept.real(outcomes) == [("road", real, 2)]
+    assert accept.real(outcomes) == [("road", real, 2, ())]
 
 
 def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+import wayside
 from wayside.pipeline.evaluation import (
     RealEvaluation,
 )
@@ -17,6 +19,8 @@ from wayside.pipeline.evaluation_findings import (
     KindCount,
     MissCause,
 )
+
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 
 @pytest.fixture(scope="module")
@@ -118,3 +122,41 @@ def test_drives_without_misses_need_no_tables_of_them(tables: ModuleType) -> Non
     assert [line for line in lines if line.startswith("### ")] == [
         "### Never seen by a model of the run"
     ]
+
+
+def test_counts_at_each_confidence_are_added_over_drives(
+    tables: ModuleType, load: Callable[[str], ModuleType]
+) -> None:
+    counts = load("real_counts")
+    steps = range(len(counts.CONFIDENCES))
+    road = tuple(counts.Counts(3 - (k > 1), 4, 0, 0, 2 - (k > 1), 50) for k in steps)
+    city = tuple(counts.Counts(1, 2, 3, 4, 0, 150) for _ in steps)
+    lines = tables.confidence_table(
+        [tables.RealDrive("road", ROAD, 0, road), tables.RealDrive("city", CITY, 0, city)]
+    )
+    assert len(lines) == 3 + len(counts.CONFIDENCES)
+    assert lines[3] == "| 0.3 | 3 of 4 | 4 of 6 | 0.667 (0.300 to 0.903) | 2 | 1.0 (0.1 to 3.6) |"
+    assert lines[5].startswith("| 0.5 | 3 of 4 | 3 of 6 |")
+    assert tables.confidence_table([tables.RealDrive("road", ROAD)]) == []
+
+
+def test_a_higher_confidence_keeps_fewer_rows_of_a_result(
+    load: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    counts = load("real_counts")
+    run = wayside.run(DEMO, settings={"read.until_s": 1.5}, out=tmp_path)
+    rows = [row for row in run.signs.to_pylist() if row["status"] != "back"]
+    signs = [
+        {"id": row["sign_id"], "wanted": True, "kind": kind, "boxes": [view]}
+        for row, kind in zip(rows, ["guide", "parking plate", *["guide"] * len(rows)], strict=False)
+        if (view := {"i": row["best_frame"], "box": row["best_box"]})
+    ]
+    labels = {"stride": 1, "frames": [{}] * 7, "signs": signs, "distractors": []}
+    ordered = sorted(row["confidence"] for row in rows)
+    least = (0.0, ordered[1], 1.0)
+    every, one_less, none = counts.counts_by_confidence(tmp_path, labels, least)
+    assert every == counts.Counts(len(rows) - 1, len(rows) - 1, 1, 1, 0, 7)
+    assert one_less.found + one_less.plates == len(rows) - 1
+    assert none == counts.Counts(0, len(rows) - 1, 0, 1, 0, 7)
+    nothing = labels | {"signs": signs[:1]}
+    assert counts.counts_by_confidence(tmp_path, nothing, (0.0,))[0].false == len(rows) - 1
