@@ -9,8 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.writer import Writer
+from numpy.typing import NDArray
 
 from wayside.pipeline.cli import app
 
@@ -52,6 +58,38 @@ def run_log_file(log: Path, folder: Path, *options: str) -> Result:
     )
     about = json.loads((folder / "run.json").read_text())
     return Result(signs, observations, frames, about)
+
+
+@pytest.fixture(scope="session")
+def altered_demo() -> Callable[..., Path]:
+    """Writes the demo log with every image, and every calibration message, as a function makes it."""
+
+    def write(
+        path: Path,
+        image: Callable[[NDArray[np.uint8]], NDArray[np.uint8]],
+        calibration: Callable[[Any], None] = lambda message: None,
+    ) -> Path:
+        with (RECORDINGS / "demo.mcap").open("rb") as source, path.open("wb") as sink:
+            writer = Writer(sink)
+            reader = make_reader(source, decoder_factories=[DecoderFactory()])
+            for schema, channel, message, content in reader.iter_decoded_messages():
+                if schema is not None and schema.name == "foxglove.CompressedImage":
+                    seen = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
+                    changed = image(np.asarray(seen, np.uint8))
+                    quality = (cv2.IMWRITE_JPEG_QUALITY, 95)
+                    content.data = cv2.imencode(".jpg", changed, quality)[1].tobytes()
+                if schema is not None and schema.name == "foxglove.CameraCalibration":
+                    calibration(content)
+                writer.write_message(
+                    channel.topic,
+                    content,
+                    log_time=message.log_time,
+                    publish_time=message.publish_time,
+                )
+            writer.finish()
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session", autouse=True)

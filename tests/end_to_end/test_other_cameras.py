@@ -1,13 +1,13 @@
 """A drive of a camera of few pixels, and one where traffic keeps left: both differ from what was learned from."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
-from mcap_protobuf.writer import Writer
+from numpy.typing import NDArray
 
 import wayside
 
@@ -16,34 +16,27 @@ SMALLER = 4
 """Focal length of 350 px, where the demo drive has 1,398 px."""
 
 
+def halved_twice(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    size = image.shape[1] // SMALLER, image.shape[0] // SMALLER
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def scaled_down(calibration: Any) -> None:
+    """The calibration of these images, in place."""
+    calibration.width, calibration.height = (
+        side // SMALLER for side in (calibration.width, calibration.height)
+    )
+    for matrix, columns in ((calibration.K, 3), (calibration.P, 4)):
+        for row in range(2):
+            matrix[row * columns + row] /= SMALLER
+            matrix[row * columns + 2] = (matrix[row * columns + 2] + 0.5) / SMALLER - 0.5
+
+
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(altered_demo: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo drive in images of a quarter of the width and height."""
     path = tmp_path_factory.mktemp("small") / "small.mcap"
-    with DEMO.open("rb") as source, path.open("wb") as sink:
-        writer = Writer(sink)
-        reader = make_reader(source, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, content in reader.iter_decoded_messages():
-            if schema.name == "foxglove.CompressedImage":
-                image = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
-                size = image.shape[1] // SMALLER, image.shape[0] // SMALLER
-                image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-                quality = (cv2.IMWRITE_JPEG_QUALITY, 90)
-                content.data = cv2.imencode(".jpg", image, quality)[1].tobytes()
-            if schema.name == "foxglove.CameraCalibration":
-                content.width, content.height = content.width // SMALLER, content.height // SMALLER
-                for matrix, rows in ((content.K, 3), (content.P, 4)):
-                    for row in range(2):
-                        matrix[row * rows + row] /= SMALLER
-                        matrix[row * rows + 2] = (matrix[row * rows + 2] + 0.5) / SMALLER - 0.5
-            writer.write_message(
-                channel.topic,
-                content,
-                log_time=message.log_time,
-                publish_time=message.publish_time,
-            )
-        writer.finish()
-    return path
+    return altered_demo(path, halved_twice, scaled_down)
 
 
 def signs_of(log: Path, **settings: float) -> int:

@@ -1,13 +1,10 @@
 """A camera that is out of balance sees the same signs in the same colours."""
 
+from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
-from mcap_protobuf.writer import Writer
 
 import wayside
 from wayside.pipeline.flow import Flow
@@ -24,27 +21,6 @@ CAST = np.array([0.72, 1.0, 1.25])
 """Of blue, green, red."""
 
 
-def warm_log(path: Path) -> Path:
-    """The demo drive through a camera with a warm cast."""
-    with DEMO.open("rb") as source, path.open("wb") as sink:
-        writer = Writer(sink)
-        reader = make_reader(source, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, content in reader.iter_decoded_messages():
-            if schema.name == "foxglove.CompressedImage":
-                image = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
-                cast = np.clip(np.rint(image * CAST), 0, 255).astype(np.uint8)
-                quality = (cv2.IMWRITE_JPEG_QUALITY, 95)
-                content.data = cv2.imencode(".jpg", cast, quality)[1].tobytes()
-            writer.write_message(
-                channel.topic,
-                content,
-                log_time=message.log_time,
-                publish_time=message.publish_time,
-            )
-        writer.finish()
-    return path
-
-
 def signs_of(log: Path) -> list[tuple[str, str]]:
     """Colour and shape of the signs at the start of a drive, in order."""
     found = wayside.run(log, settings={"read.until_s": UNTIL_S})
@@ -53,8 +29,10 @@ def signs_of(log: Path) -> list[tuple[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return warm_log(tmp_path_factory.mktemp("cast") / "warm.mcap")
+def warm(altered_demo: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The demo drive through a camera with a warm cast."""
+    path = tmp_path_factory.mktemp("cast") / "warm.mcap"
+    return altered_demo(path, lambda image: np.clip(np.rint(image * CAST), 0, 255).astype(np.uint8))
 
 
 def test_a_cast_of_the_camera_changes_no_colour(warm: Path) -> None:
