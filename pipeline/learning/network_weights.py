@@ -82,8 +82,9 @@ def load_weights(network: nn.Module, path: Path, *inputs: Tensor) -> None:
         nonlocal taken, bias
         if taken >= len(stored) or stored[taken][0].shape != tuple(module.weight.shape):
             raise InputError(f"{path}: wanted the layers of this network, found others")
-        module.weight.copy_(torch.from_numpy(stored[taken][0]))
-        bias = torch.from_numpy(stored[taken][1])
+        weights, biases = stored[taken]  # of a file, which may not be written
+        module.weight.copy_(torch.tensor(weights))
+        bias = torch.tensor(biases)
         if module.bias is not None:
             module.bias.copy_(bias)
         taken += 1

@@ -77,17 +77,15 @@ def same_face_in_images(
 ) -> bool:
     """Whether two landmarks, their boxes by image number, are one face that an error of the motion has placed twice.
 
-    So where no image has a candidate of each, and where a predicted box of either overlaps the candidate of the other
-    (IoU above `same_iou`) in more images than half of those that the landmark in fewer images has.
+    So where no image has a candidate of each, and where the predicted box of one overlaps the candidate of the other
+    (IoU above `same_iou`) in two images at least, and in most of those that have one and the other.
     """
     common = [(one[k], other[k]) for k in one.keys() & other.keys()]
     if any(not a.predicted and not b.predicted for a, b in common):
         return False
-    on_other = sum(
-        a.predicted != b.predicted and bool(iou_matrix(a.box[None], b.box[None])[0, 0] > same_iou)
-        for a, b in common
-    )
-    return 2 * on_other > min(len(one), len(other))
+    telling = [(a.box[None], b.box[None]) for a, b in common if a.predicted != b.predicted]
+    on_other = sum(bool(iou_matrix(a, b)[0, 0] > same_iou) for a, b in telling)
+    return on_other > 1 and 2 * on_other > len(telling)
 
 
 def location_verdict(

@@ -66,7 +66,7 @@ def views(boxes, predicted):
     [
         ((1, 2, 3), (), True),
         ((1, 2, 3), (4,), True),
-        ((1, 2, 3), (2, 3), False),  # on the other in half of the views at most
+        ((1, 2, 3), (2, 3), False),  # aside in half of the images
         ((1, 2), (), False),  # image 3 shows them apart
     ],
 )
