@@ -70,7 +70,7 @@ def propose(
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Rows of an image from `top` on as the network sees them, a pixel `scale` pixels of the image: 1/2, 1, 2.
+    """Rows of an image from `top` on as the network sees them, a pixel `scale` pixels of the image: 1/4 to 2.
 
     maps: of the network; size: height and width of its input.
     """

@@ -24,7 +24,7 @@ def left_traffic_ratio(landmarks: Iterable[Landmark], on_right: LandmarkClassifi
     are asked. on_right: classifies faces on drives where traffic keeps right.
     """
     model, location = on_right.model, on_right.location
-    if model is None or location is None:
+    if model is None or location is None or TERM not in model.terms:
         return 0.0
     ratio, sides = 0.0, (location.mirrored(), location)
     for one in landmarks:

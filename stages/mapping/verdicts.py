@@ -78,14 +78,14 @@ def same_face_in_images(
     """Whether two landmarks, their boxes by image number, are one face that an error of the motion has placed twice.
 
     So where no image has a candidate of each, and where the predicted box of one overlaps the candidate of the other
-    (IoU above `same_iou`) in two images at least, and in most of those that have one and the other.
+    (IoU above `same_iou`) in two images at least, and in most of the images that have one and the other.
     """
     common = [(one[k], other[k]) for k in one.keys() & other.keys()]
     if any(not a.predicted and not b.predicted for a, b in common):
         return False
-    telling = [(a.box[None], b.box[None]) for a, b in common if a.predicted != b.predicted]
-    on_other = sum(bool(iou_matrix(a, b)[0, 0] > same_iou) for a, b in telling)
-    return on_other > 1 and 2 * on_other > len(telling)
+    one_predicted = [(a.box[None], b.box[None]) for a, b in common if a.predicted != b.predicted]
+    on_other = sum(bool(iou_matrix(a, b)[0, 0] > same_iou) for a, b in one_predicted)
+    return on_other > 1 and 2 * on_other > len(one_predicted)
 
 
 def location_verdict(

@@ -81,3 +81,10 @@ def test_backs_and_what_is_a_sign_by_its_place_alone_say_nothing(panel, drive, c
     ):
         assert left_traffic_ratio([other], classifier) == 0
     assert left_traffic_ratio([found], LandmarkClassifier()) == 0
+
+
+def test_evidence_without_a_term_of_places_says_nothing(panel, drive, classifier, evidence_model):
+    without = replace(classifier, model=evidence_model(log_views=10.0))
+    found = signs_of(along_the_road(panel, drive, -4.0), without)
+    assert len(found) == 4
+    assert left_traffic_ratio(found, without) == 0
