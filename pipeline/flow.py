@@ -216,13 +216,7 @@ class Flow:
         stage, s, m = self.stage, self.settings, self.models
         posed = stage(
             "motion",
-            estimate_motion(
-                detections,
-                settings=s.motion,
-                ties=s.ties,
-                adjustment=s.adjustment,
-                memory=self.journal,
-            ),
+            estimate_motion(detections, settings=s.motion, ties=s.ties, adjustment=s.adjustment),
         )
         posed = self.memory.released(posed, lambda one: one.motion is None)
         watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))

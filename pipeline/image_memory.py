@@ -78,6 +78,4 @@ class ImageMemory:
 def image_memory(settings: Settings) -> ImageMemory:
     """The count of a run with these settings."""
     track = settings.track
-    around_doubtful_step = 1 + settings.motion.order_reach
-    window = around_doubtful_step + track.longest + track.window_step
-    return ImageMemory(settings.run.memory_mb, window)
+    return ImageMemory(settings.run.memory_mb, track.longest + track.window_step)

@@ -9,9 +9,9 @@ from pathlib import Path
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
-from wayside.pipeline.reading.inspection import inspect_log
 from wayside.pipeline.reading.plan import Plan, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
+from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -97,10 +97,11 @@ def _way(
     choice = ["--camera", camera.name] if several else []
     command = ["wayside", "run", str(survey.path), *choice, "-o", "out"]
     hindrances: list[str] = []
-    plan = None
-    while plan is None:
+    timeline = None
+    while timeline is None:
         try:
             plan = make_plan(survey, settings, given)
+            timeline = make_timeline(plan)
         except WaysideError as error:
             hindrances.append(str(error).removeprefix(f"{survey.path}: "))
             # What the user can give is taken as given from here on, so that the next obstacle shows as well.
@@ -117,7 +118,7 @@ def _way(
             f"the calibration {plan.calibration_source} is of {calibration.width} x {calibration.height} pixels"
         )
         command += ["--calibration", "camera.yaml"]
-    motion = _motion_words(plan)
+    motion = _motion_words(plan, timeline)
     return Way(
         camera,
         shlex.join(command),
@@ -125,7 +126,7 @@ def _way(
         calibration,
         plan.calibration_source,
         motion,
-        (*plan.notes, *inspect_log(plan, settings).notes),
+        (*plan.notes, *timeline.notes),
     )
 
 
@@ -136,14 +137,13 @@ def _calibration(plan: Plan) -> Camera | None:
     return content.camera if isinstance(content, CalibrationContent) else None
 
 
-def _motion_words(plan: Plan) -> str:
+def _motion_words(plan: Plan, timeline: Timeline) -> str:
     words = []
-    if plan.motion_source:
-        topic = "" if plan.motion is None else f" {plan.motion.name}"
-        words.append(f"{plan.motion_source}{topic}")
-    if plan.fixes is not None:
+    if timeline.motion is not None:
+        words.append(f"{timeline.motion.source} {timeline.motion.topic}".rstrip())
+    if timeline.fixes is not None and plan.fixes is not None:
         words.append(f"fixes {plan.fixes.name}")
-    if plan.survey.spacing_m and not plan.motion_source:
+    if plan.survey.spacing_m and timeline.motion is None:
         words.append(f"spacing {plan.spacing_m:.3f} m")
     return ", ".join(words)
 

@@ -14,7 +14,6 @@ import hashlib
 import io
 import json
 import os
-import pickle
 import platform
 import struct
 import threading
@@ -43,11 +42,9 @@ from wayside.schemas.detections import (
     Regions,
     Segmentation,
 )
-from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.frame import Image, Pose
-from wayside.schemas.motion import Motion, StepPrior, Ties
+from wayside.schemas.errors import UsageError
+from wayside.schemas.frame import Image
 from wayside.schemas.settings import Settings
-from wayside.stages.odometry import OdometryStep, SpacingCheck, StepLength
 
 JOURNAL = ".wayside-journal"
 _HEAD = struct.Struct("<II")
@@ -171,29 +168,6 @@ class Journal:
                 self._append(_IMAGE, one.frame.index, _packed(one))
             yield one
 
-    def recall(self, frame: int) -> OdometryStep | None:
-        """The step to a frame, None where there is none.
-
-        Raises
-        ------
-        InputError
-            The entry is none that this version has written.
-        """
-        if (_STEP, frame) not in self._entries:
-            return None
-        try:
-            step = _Steps(io.BytesIO(self._read(_STEP, frame))).load()
-        except Exception as error:  # of all kinds, by what the bytes say
-            raise InputError(
-                f"{self._path}: wanted a step of the camera, found {type(error).__name__}: {error}; "
-                "remove the file or leave --resume out"
-            ) from error
-        return step if isinstance(step, OdometryStep) else None
-
-    def keep(self, frame: int, step: OdometryStep) -> None:
-        """Append a new step; raises OutputError where the disk takes no more."""
-        self._append(_STEP, frame, pickle.dumps(step, pickle.HIGHEST_PROTOCOL))
-
     def close(self) -> None:
         """Leave the journal for the run that goes on."""
         with suppress(OSError):
@@ -299,42 +273,6 @@ def _arrays(part: str, table: object) -> dict[str, NDArray[Any]]:
     """The columns of a table that are there."""
     columns = {f"{part}.{f.name}": getattr(table, f.name) for f in fields(table)}  # type: ignore[arg-type]
     return {name: value for name, value in columns.items() if isinstance(value, np.ndarray)}
-
-
-def _named(one: Any) -> tuple[str, str]:
-    return one.__module__, one.__qualname__
-
-
-_OF_STEPS = {
-    *map(
-        _named,
-        (
-            OdometryStep,
-            StepLength,
-            SpacingCheck,
-            Motion,
-            Ties,
-            StepPrior,
-            Pose,
-            np.ndarray,
-            np.dtype,
-        ),
-    ),
-    _named(np.zeros(0).__reduce__()[0]),
-    _named(np.zeros(0).__reduce_ex__(pickle.HIGHEST_PROTOCOL)[0]),
-    _named(np.float64(0).__reduce__()[0]),
-}
-"""All that a pickled step names."""
-
-
-class _Steps(pickle.Unpickler):
-    """Reads steps, and calls nothing but what makes these and arrays."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """One of these; UnpicklingError for all else."""
-        if (module, name) not in _OF_STEPS:
-            raise pickle.UnpicklingError(f"{module}.{name} is no part of a step")
-        return super().find_class(module, name)
 
 
 def _code_digest() -> str:

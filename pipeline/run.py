@@ -21,7 +21,7 @@ from wayside.pipeline.journal import Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
-from wayside.pipeline.reading.copies import describe_duplicates, describe_misplaced
+from wayside.pipeline.reading.copies import describe_duplicates
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.route_file import open_routes, route_notes
 from wayside.pipeline.run_file import write_run
@@ -33,7 +33,6 @@ from wayside.schemas.frame import (
     DAMAGED,
     DUPLICATE,
     NO_CALIBRATION,
-    OTHER_PLACE,
     UNDECODABLE,
     USED,
     WRONG_SIZE,
@@ -105,7 +104,6 @@ class RunResult:
             (DAMAGED, "are damaged: they decode in part only"),
             (WRONG_SIZE, "have another size than the calibration of their time"),
             (NO_CALIBRATION, "have no calibration"),
-            (OTHER_PLACE, "show another place than their order says"),
         )
         images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]
         return [*(str(problem) for problem in self.report.problems), *images]
@@ -266,7 +264,6 @@ def _process(
     observer = open_observer(report)
     statuses: Counter[str] = Counter()
     duplicates: list[str] = []
-    misplaced: list[str] = []
     if journal is not None and journal.note:
         report.notes.append(journal.note)
     source = models.external
@@ -282,8 +279,6 @@ def _process(
             statuses[settled.frame.status] += 1
             if settled.frame.status == DUPLICATE:
                 duplicates.append(settled.frame.label)
-            if settled.frame.status == OTHER_PLACE:
-                misplaced.append(settled.frame.label)
             writer.append(settled)
             if accounting is not None:
                 accounting.take(settled)
@@ -306,8 +301,6 @@ def _process(
     report.notes.extend(system_notes(signs, settings.codes.settled))
     if duplicates:
         report.notes.append(describe_duplicates(duplicates))
-    if misplaced:
-        report.notes.append(describe_misplaced(misplaced))
     inventory = writer.finish(path, signs)
     faults: list[str] = []
     recorded: bool | None = None

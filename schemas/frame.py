@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
 NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
-NO_KEY_FRAME, OTHER_CAMERA, OTHER_PLACE = "no_key_frame", "other_camera", "other_place"
+NO_KEY_FRAME, OTHER_CAMERA = "no_key_frame", "other_camera"
 FRAME_STATUS_WORDS = {
     USED: "its candidates were looked for, and it has a pose",
     THINNED: "too near to the used image before it; its candidates are not looked for",
@@ -29,7 +29,6 @@ FRAME_STATUS_WORDS = {
     DUPLICATE: "a copy of an earlier image, or shows no motion since the last used one",
     NO_KEY_FRAME: "of a video, before its first key frame or behind a missing image until the next",
     OTHER_CAMERA: "of a camera that shares the topic",
-    OTHER_PLACE: "shows another place than its order says",
 }
 FRAME_STATUSES = tuple(FRAME_STATUS_WORDS)
 

@@ -21,12 +21,12 @@ from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.evidence.marks import ink_of
 from wayside.pipeline.exporting.flat_table import FlatTable, Row
 from wayside.pipeline.reading.contents import PoseContent
+from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading
-from wayside.pipeline.reading.poses import bare, compose
+from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings, read_table
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Pose
-from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
 
 try:
@@ -74,10 +74,10 @@ class _Frames:
     child: str | None
     plan: Plan
 
-    def pose_of_child(self, camera: Pose, time_ns: int) -> Pose | None:
-        """The child in the world, by the camera's pose and its mount; None where the mount is unknown then."""
+    def pose_of_child(self, camera: Pose) -> Pose | None:
+        """The child in the world, by the camera's pose and its mount; None where the mount moves."""
         chain = self.plan.survey.tree.chain(self.plan.camera_frame)
-        mount = compose(chain, time_ns, ReadSettings()) if chain else _IDENTITY
+        mount = self.plan.survey.tree.mount(chain)
         return None if mount is None else camera.compose(_IDENTITY.relative_to(mount))
 
 
@@ -143,10 +143,10 @@ def _frames_of(drive: Path, out: Path, run: dict[str, Any]) -> _Frames:
     child = tree.root(plan.camera_frame) or "camera"
     if world != "log":
         return _Frames(f"wayside_{world}", child, plan)
-    if plan.motion_source == "transforms":
+    if tree.moving(plan.camera_frame):
         return _Frames(child, None, plan)
-    first = plan.motion.first if plan.motion is not None else None
-    named = bare(first.parent) if isinstance(first, PoseContent) else ""
+    firsts = (topic.first for topic in plan.survey.of_kind(Kind.POSE, Kind.ODOMETRY))
+    named = next((bare(first.parent) for first in firsts if isinstance(first, PoseContent)), "")
     return _Frames(named or "wayside_log", None if child == named else child, plan)
 
 
@@ -304,7 +304,7 @@ def _transform(row: Row, frames: _Frames) -> FrameTransform | None:
     rotation = Rotation.from_quat([row[name] for name in _QUATERNION]).as_matrix()
     camera = Pose(rotation, _IDENTITY.centre + [row[axis] for axis in "xyz"])
     time_ns = row["header_time_ns"] or row["log_time_ns"]
-    pose = frames.pose_of_child(camera, time_ns)
+    pose = frames.pose_of_child(camera)
     if pose is None or not math.isfinite(pose.centre.sum()):
         return None
     message = _pose(pose)

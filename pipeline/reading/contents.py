@@ -176,15 +176,15 @@ def make_fix(
 ) -> list[FixContent]:
     """A fix with the standard deviations east, north, up of its row-major 3x3 covariance.
 
-    Nothing where latitude or longitude is not finite or out of range, or known to `VAGUEST_M` at best: receivers write
-    that while they have no fix. A height that is not finite is taken as 0.
+    Nothing where latitude or longitude is not finite or out of range, where both are 0, or where they are known to
+    `VAGUEST_M` at best: receivers write that while they have no fix. A height that is not finite is taken as 0.
 
     Raises
     ------
     ContentError
         The height is none of a road.
     """
-    if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+    if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         return []
     sigma, refused = None, ""
     if covariance is not None and len(covariance) == 9:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.contents import CalibrationContent, PoseContent
+from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
@@ -25,9 +25,9 @@ _MOST_LISTED, _LONGEST_SHOWN = 6, 120
 class Plan:
     """What is read from a log.
 
-    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; motion_source:
-    "transforms", "poses", "odometry" or "" (none); by_number: message sequence numbers count the images taken, gaps
-    included; notes: on streams that tell nothing of motion and place, wholly or in part.
+    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; by_number: message sequence
+    numbers count the images taken, gaps included; notes: on streams that tell nothing of motion and place, wholly or in
+    part.
     """
 
     survey: LogSurvey
@@ -35,8 +35,6 @@ class Plan:
     calibration: Topic | None
     camera_given: Camera | None
     calibration_source: str
-    motion_source: str
-    motion: Topic | None
     fixes: Topic | None
     spacing_m: float
     by_number: bool
@@ -45,12 +43,15 @@ class Plan:
     @property
     def failed(self) -> list[Topic]:
         """Topics besides the images of which messages are lost though they should be of use, by name."""
-        read = (self.calibration, self.motion, self.fixes)
-        motion = self.survey.of_kind(Kind.POSE, Kind.ODOMETRY, Kind.FIX)
-        transforms = self.survey.of_kind(Kind.TRANSFORM) if self.motion_source else []
-        wanted = [t for t in read if t is not None] + [t for t in motion if t.first is None]
-        topics = {(t.name, t.schema): t for t in (*wanted, *transforms) if t.failed}
-        return [topics[key] for key in sorted(topics)]
+        kinds = Kind.POSE, Kind.ODOMETRY, Kind.FIX, Kind.TRANSFORM
+        read = [] if self.calibration is None else [self.calibration]
+        return [t for t in (*read, *self.survey.of_kind(*kinds)) if t.failed]
+
+    @property
+    def other_cameras(self) -> frozenset[str]:
+        """Names of cameras whose images share the topic with those of the chosen one."""
+        same = [t for t in self.survey.cameras if t.name == self.camera.name]
+        return frozenset().union(*(t.other_cameras for t in same)) - {self.camera_frame}
 
     @property
     def camera_frame(self) -> str:
@@ -109,10 +110,11 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
     """Choose from a survey; `given` is the calibration of `settings.calibration`. Raises as `plan_reading`."""
     camera = _choose_camera(survey, settings.camera)
     calibration, camera_given, source = _choose_calibration(survey, camera, settings, given)
-    motion_source, motion = _choose_motion(survey, camera)
     fixes = next((t for t in survey.of_kind(Kind.FIX) if t.first is not None), None)
     spacing_m = settings.spacing_m or survey.spacing_m
-    if not motion_source and fixes is None and not spacing_m:
+    posed = any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY))
+    posed = posed or bool(survey.tree.moving(camera.camera_frame))
+    if not posed and fixes is None and not spacing_m:
         found = "; ".join([_listing(survey), *_without_value(survey)])
         raise InputError(
             f"{survey.path}: wanted poses, odometry, satellite fixes or a known spacing to place signs, "
@@ -124,8 +126,6 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
         calibration,
         camera_given,
         source,
-        motion_source,
-        motion,
         fixes,
         spacing_m,
         survey.by_number and not settings.spacing_m,
@@ -210,17 +210,6 @@ def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
             break
         shared += 1
     return same_frame, size == camera.image_size, shared
-
-
-def _choose_motion(survey: LogSurvey, camera: Topic) -> tuple[str, Topic | None]:
-    """Transforms that carry the camera itself, else poses, else odometry."""
-    if survey.tree.moves(camera.camera_frame):
-        return "transforms", None
-    for source, kind in (("poses", Kind.POSE), ("odometry", Kind.ODOMETRY)):
-        topics = [t for t in survey.of_kind(kind) if isinstance(t.first, PoseContent)]
-        if topics:
-            return source, max(topics, key=lambda t: t.usable)
-    return "", None
 
 
 def _without_value(survey: LogSurvey) -> Iterator[str]:

@@ -31,24 +31,20 @@ _NOTHING = memoryview(b"")
 
 
 @dataclass(frozen=True, slots=True)
-class WaitingImage:
-    """An image message that waits for its pose; `image` is None where it could not be decoded.
+class PlacedImage:
+    """An image message in its place; `image` is None where it could not be decoded.
 
-    arrival_ns: when it came, time_ns: when it was taken, both on continuous clocks; settled_ns: as in `Frame`;
-    fault: status of an image that is not to be used, known before anything else of it is looked at; after_loss: the
-    log is damaged between the image before and this one; channel: number of that which the message is of.
+    time_ns: when it was taken; settled_ns: as in `Frame`; fault: status of an image that is not to be used, known
+    before anything else of it is looked at.
     """
 
     index: int
     number: int
     log_time_ns: int
-    arrival_ns: int
     time_ns: int
     settled_ns: int | None
     image: ImageContent | None
     fault: str = ""
-    after_loss: bool = False
-    channel: int = 0
 
 
 class Selection:
@@ -66,7 +62,7 @@ class Selection:
         self.last_camera: Camera | None = None
 
     def decide(
-        self, one: WaitingImage, camera: Camera | None, pose: PosePrior | None, fix: Fix | None
+        self, one: PlacedImage, camera: Camera | None, pose: PosePrior | None, fix: Fix | None
     ) -> Frame:
         """The frame of an image, with its status."""
         if self.first_ns is None:
@@ -75,7 +71,7 @@ class Selection:
         image = one.image
         encoding, width, height = "", 0, 0
         if image is not None:
-            encoding, width, height = _format_and_size(image)
+            encoding, width, height = format_and_size(image)
         status, number = OUTSIDE, one.number
         name = self.names.get(str(one.log_time_ns), "")
         if self._is_inside(one.time_ns) and one.fault == OTHER_CAMERA:
@@ -83,7 +79,7 @@ class Selection:
         elif self._is_inside(one.time_ns):
             data = _NOTHING if image is None else image.data
             number, is_copy = self.numbers.take(number, name or f"frame {one.index}", data)
-            known = (width, height), camera, pose, fix
+            known = (width, height), camera, pose, fix, one.time_ns
             status = DUPLICATE if is_copy else self._status(image, one.fault, number, *known)
         used = status == USED and image is not None
         spacing_m = None
@@ -125,6 +121,7 @@ class Selection:
         camera: Camera | None,
         pose: PosePrior | None,
         fix: Fix | None,
+        time_ns: int,
     ) -> str:
         self.inside += 1
         if (self.inside - 1) % self.settings.every:
@@ -139,10 +136,10 @@ class Selection:
             return WRONG_SIZE
         if self.last_used is None and pose is None and fix is None and not self.spacing_m:
             return NO_POSITION
-        return USED if self.thinning.keeps(number, position_of(pose, fix)) else THINNED
+        return USED if self.thinning.keeps(number, position_of(pose, fix), time_ns) else THINNED
 
 
-def _format_and_size(image: ImageContent) -> tuple[str, int, int]:
+def format_and_size(image: ImageContent) -> tuple[str, int, int]:
     """Encoding in a word, width and height; 0 where only decoding will tell."""
     if image.width:
         return image.encoding, image.width, image.height

@@ -22,7 +22,7 @@ from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind
 from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.reading.stamps import Stamps
+from wayside.pipeline.reading.streams import CameraTrack, ImageIndex, Positions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
@@ -34,6 +34,10 @@ NAMES_METADATA, DATES_METADATA = "wayside.image_names", "wayside.image_dates"
 MOST_FRAMES = 32
 """Names of cameras in one topic; some write a name of its own into each image."""
 _DEPTH = ("16UC1", "32FC1", "compressedDepth")
+
+
+TopicKey = tuple[str, str]
+"""What tells topics apart: name and schema."""
 
 
 @dataclass(slots=True)
@@ -118,15 +122,17 @@ class Topic:
 class LogSurvey:
     """What was found in a log.
 
-    stamps: times and positions of its messages, images of `camera` only (empty: all); channels: by id, each with the
-    offset of its first message, in file order.
+    images: of each image topic, of `camera` alone where that is chosen; calibrations, positions: of each topic and
+    schema; tree: of all transforms; channels: by id, each with the offset of its first message, in file order.
     """
 
     path: Path
     camera: str = ""
     scan: ScanReport = field(default_factory=ScanReport)
     topics: dict[tuple[str, str], Topic] = field(default_factory=dict)
-    stamps: Stamps = field(default_factory=Stamps)
+    images: dict[str, ImageIndex] = field(default_factory=dict)
+    calibrations: dict[TopicKey, CameraTrack] = field(default_factory=dict)
+    positions: dict[TopicKey, Positions] = field(default_factory=dict)
     channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
     attached_camera: Camera | None = None
@@ -146,10 +152,9 @@ class LogSurvey:
         """Topics of camera images, by name."""
         return [t for t in self.of_kind(Kind.IMAGE) if t.is_camera]
 
-    def is_stamped(self, channel: Channel) -> bool:
-        """Whether messages of a channel have a row in `stamps`."""
-        kind = kind_of(channel)
-        return kind is not None and (kind is not Kind.IMAGE or self.camera in ("", channel.topic))
+    def is_indexed(self, channel: Channel) -> bool:
+        """Whether messages of a channel are images that `images` has a row of."""
+        return kind_of(channel) is Kind.IMAGE and self.camera in ("", channel.topic)
 
     def channels_at(self, offset: int) -> list[Channel]:
         """The channels of messages up to the record at an offset."""
@@ -190,17 +195,11 @@ def survey_log(
                 _take_attachment(survey, record)
         else:
             _take_message(survey, record, decoders)
-    survey.tree.forget_samples()
     return survey
 
 
 def _place(seen: tuple[int, Channel]) -> int:
     return seen[0]
-
-
-def topic_key(channel: Channel) -> tuple[str, str]:
-    """What tells topics apart: name and schema."""
-    return channel.topic, channel.schema_name
 
 
 def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> None:
@@ -209,7 +208,7 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     seen = survey.channels.setdefault(channel.id, [])
     if not seen or seen[-1][1] is not channel:
         seen.append((message.offset, channel))
-    key = topic_key(channel)
+    key = channel.topic, channel.schema_name
     topic = survey.topics.get(key)
     if topic is None:
         topic = Topic(channel.topic, channel.schema_name, channel.encoding, kind_of(channel))
@@ -218,30 +217,44 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     topic.count += 1
     topic.size += len(message.data)
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
-    stamped = survey.is_stamped(channel)
-    if topic.kind is None or (topic.first is not None and not stamped):
+    is_image = survey.is_indexed(channel)
+    if topic.kind is None or (
+        topic.kind is Kind.IMAGE and topic.first is not None and not is_image
+    ):
         return
     contents: Sequence[Content] = ()
     try:
         contents = decoders.decode(channel, message.data)
     except MessageError as error:
         _fail(topic, message.offset, str(error))
-    if stamped:
-        survey.stamps.add(key, message.offset, message.log_time_ns, contents)
+    if is_image:
+        index = survey.images.setdefault(channel.topic, ImageIndex())
+        index.stamp(message.log_time_ns, contents[0].time_ns if contents else None)
+        index.offset.append(message.offset)
     for content in contents:
-        if isinstance(content, CalibrationContent) and content.camera is None:
+        _take_content(survey, topic, key, message, content)
+
+
+def _take_content(
+    survey: LogSurvey, topic: Topic, key: TopicKey, message: Message, content: Content
+) -> None:
+    if isinstance(content, CalibrationContent):
+        if content.camera is None:
             _fail(topic, message.offset, content.why)
-            continue
-        topic.usable += 1
-        if isinstance(content, ImageContent):
-            _take_frame(topic, content.frame_id)
-        if isinstance(content, PoseContent | FixContent) and content.refused:
-            topic.in_part += 1
-            topic.refused = topic.refused or content.refused
-        if isinstance(content, PoseContent) and topic.kind is Kind.TRANSFORM:
-            survey.tree.add(content.time_ns or message.log_time_ns, content)
-        if topic.first is None:
-            topic.first, topic.first_log_ns = content, message.log_time_ns
+            return
+        survey.calibrations.setdefault(key, CameraTrack()).add(message.log_time_ns, content)
+    elif isinstance(content, ImageContent):
+        _take_frame(topic, content.frame_id)
+    elif topic.kind is Kind.TRANSFORM and isinstance(content, PoseContent):
+        survey.tree.add(message.log_time_ns, content)
+    else:
+        survey.positions.setdefault(key, Positions()).add(message.log_time_ns, content)
+    topic.usable += 1
+    if isinstance(content, PoseContent | FixContent) and content.refused:
+        topic.in_part += 1
+        topic.refused = topic.refused or content.refused
+    if topic.first is None:
+        topic.first, topic.first_log_ns = content, message.log_time_ns
 
 
 def _take_frame(topic: Topic, frame_id: str) -> None:

@@ -32,6 +32,11 @@ def distance_m(first: Position | None, second: Position | None) -> float | None:
     return EARTH_RADIUS_M * math.hypot(east, north)
 
 
+STANDING_NS, STANDING_SHARE = 1_000_000_000, 0.25
+"""Where positions stand still, within this share of the distance, an image a second is used all the same: positions may
+be wrong, and only images tell whether the camera moves."""
+
+
 class Thinning:
     """Decides which images are used, so that used ones are about `thin_m` apart.
 
@@ -44,16 +49,19 @@ class Thinning:
         self.thin_m, self.spacing_m = thin_m, spacing_m
         self.used: tuple[int, Position | None] | None = None
         self.latest: tuple[int, Position | None] | None = None
+        self.used_ns = 0
 
-    def keeps(self, number: int, position: Position | None) -> bool:
+    def keeps(self, number: int, position: Position | None, time_ns: int) -> bool:
         """Whether the image is used; `number` counts the images taken, `position` where it is known."""
         here = number, position
         latest, self.latest = self.latest, here
         if self.used is not None and latest is not None and self.thin_m > 0:
             way, step = self._between(self.used, here), self._between(latest, here)
-            if way is not None and way + (step or 0.0) / 2 < self.thin_m:
+            is_near = way is not None and way + (step or 0.0) / 2 < self.thin_m
+            stands = way is not None and way < STANDING_SHARE * self.thin_m
+            if is_near and not (stands and time_ns - self.used_ns >= STANDING_NS):
                 return False
-        self.used = here
+        self.used, self.used_ns = here, time_ns
         return True
 
     def _between(

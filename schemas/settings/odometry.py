@@ -91,23 +91,6 @@ class MotionSettings:
         low=0.05,
         high=1,
     )
-    order_ratio: float = setting(
-        2.0,
-        "",
-        "so many times as many corners move outward in the order in which two images were taken as in the other one",
-        origin="measured: 1.5 at least on neighbours of drives, 2 on all but the poorest (demo and real ones); with "
-        "images exchanged at most half as many",
-        expert=True,
-        low=1,
-    )
-    order_reach: int = setting(
-        3,
-        "images",
-        "on either side that an image is compared with where the order is doubtful",
-        origin="further apart, few corners are found again",
-        expert=True,
-        low=1,
-    )
     shortest_m: float = setting(0.02, "m", "shortest step", expert=True, low=0)
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1

@@ -12,12 +12,13 @@ from math import nan, pi, radians
 
 import numpy as np
 
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
-from wayside.stages.georeference.notes import notes_on, notes_on_spacing
+from wayside.stages.georeference.notes import contradiction, notes_on, notes_on_spacing
 from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, drive_path
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
@@ -47,6 +48,8 @@ def georeference(
 
     Raises
     ------
+    InputError
+        Fixes, the only source of lengths, contradict the motion in the images.
     numpy.linalg.LinAlgError
         Where the measurements do not determine the path.
     """
@@ -64,6 +67,11 @@ def georeference(
     chain = _chain(path, landmark.step_sigma)
     tilt, roll = radians(settings.first_tilt_deg), radians(settings.roll_deg)
     globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, settings, motion)
+    if globe is None:
+        raise InputError(
+            f"{notes[0]}; nothing else tells how far the camera moved: give the distance between images "
+            "(--spacing 26.4ft)"
+        )
     scales = _scales(path, chain, globe.trajectory)
     yield drive_path(path, "enu", _poses(path, globe.trajectory), globe, scales, notes)
 
@@ -174,8 +182,8 @@ def _on_globe(
     roll_rad: float,
     settings: GeoreferenceSettings,
     motion: MotionSettings,
-) -> tuple[Globe, tuple[str, ...]]:
-    """The path in east, north, up, bounded by the fixes, and notes on these.
+) -> tuple[Globe | None, tuple[str, ...]]:
+    """The path in east, north, up, bounded by the fixes, and notes on these; None where the fixes contradict it.
 
     start: rotations and centres, level; tilt_rad: how level the first is, roll_rad: all cameras are.
     """
@@ -207,6 +215,8 @@ def _on_globe(
     heading, shift = align_level(centre[rows] + rotation[rows] @ lever_arm, position)
     found = smooth(chain, measured, heading @ rotation, centre @ heading.T + shift, s)
     frames = [p.frame for p in path]
+    if reason := contradiction(chain, found):
+        return None, (f"the fixes are left out, as they contradict the motion: {reason}",)
     notes = notes_on(frames, chain, measured, found, "fixes", s)
     return Globe(origin, {frame: row for row, frame in enumerate(frames)}, found), notes
 

@@ -13,6 +13,9 @@ from wayside.stages.georeference.path import PathPoint
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
+LONGEST_LEVER_M = 15.0
+"""No vehicle on a road carries its antenna further from its camera."""
+
 
 def notes_on(
     frames: Sequence[int],
@@ -52,9 +55,28 @@ def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> st
     late = "behind" if offset > 0 else "ahead of"
     note = f"the {what} are {abs(offset):.3f} s {late} the images (± {found.time_offset_sigma_s:.3f} s)"
     if what == "fixes":
-        speed = chain.length[1:].sum() / max(float(chain.time_s[-1]), 1e-9)
-        note += f", or their antenna {abs(offset) * speed:.1f} m {late} the camera"
+        note += f", or their antenna {abs(offset) * speed_mps(chain):.1f} m {late} the camera"
     return f"{note}: corrected"
+
+
+def speed_mps(chain: RelativeMotionChain) -> float:
+    """Mean speed of a drive."""
+    return float(chain.length[1:].sum() / max(float(chain.time_s[-1]), 1e-9))
+
+
+def contradiction(chain: RelativeMotionChain, found: Trajectory) -> str:
+    """Why fixes cannot be those of this drive, in words; empty where they can."""
+    offset = found.impossible_offset_s or found.time_offset_s
+    lever_m = abs(offset) * speed_mps(chain)
+    if found.impossible_offset_s or lever_m > LONGEST_LEVER_M:
+        return (
+            f"they would be {abs(offset):.1f} s {'behind' if offset > 0 else 'ahead of'} the images, or their antenna "
+            f"{lever_m:.0f} m from the camera"
+        )
+    count = len(found.weight)
+    if 2 * found.outliers > count:
+        return f"{found.outliers} of {count} do not fit the motion between the frames"
+    return ""
 
 
 def _outliers(found: Trajectory, what: str) -> str:

@@ -29,7 +29,8 @@ class Trajectory:
 
     covariance (n, 7, 7): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale.
     weight (m,): of the absolute measurements, near 0 for an outlier, which `outliers` counts. time_offset_s: how long
-    after a frame's capture its position is reported, 0 where none is found.
+    after a frame's capture its position is reported, 0 where none is found; impossible_offset_s: one that no recorder
+    has and that is therefore not undone, 0 where there is none.
     """
 
     rotation: Array
@@ -40,6 +41,11 @@ class Trajectory:
     outliers: int
     time_offset_s: float
     time_offset_sigma_s: float
+    impossible_offset_s: float = 0.0
+
+
+LONGEST_OFFSET_S = 1.0
+"""No recorder is later; what asks for more contradicts the motion."""
 
 
 def smooth(
@@ -70,10 +76,19 @@ def smooth(
     s = settings
     free = _Adjustment(chain, measured, rotation, centre, s.offset_sigma_s, s).run()
     threshold = max(s.offset_sigmas * free.time_offset_sigma_s, s.smallest_offset_s)
-    if abs(free.time_offset_s) > threshold:
+    found_s, impossible_s = free.time_offset_s, 0.0
+    if abs(found_s) > LONGEST_OFFSET_S:
+        impossible_s = found_s
+        free = replace(free, rotation=rotation, centre=centre)
+    elif abs(found_s) > threshold:
         return free
     held = _Adjustment(chain, measured, free.rotation, free.centre, s.offset_drift_s, s).run()
-    return replace(held, time_offset_s=0.0, time_offset_sigma_s=free.time_offset_sigma_s)
+    return replace(
+        held,
+        time_offset_s=0.0,
+        time_offset_sigma_s=free.time_offset_sigma_s,
+        impossible_offset_s=impossible_s,
+    )
 
 
 class _Adjustment:

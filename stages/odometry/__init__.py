@@ -3,6 +3,15 @@
 from wayside.stages.odometry.drive_motion import estimate_motion
 from wayside.stages.odometry.epipolar import sampson_px
 from wayside.stages.odometry.features import extract_features, tie_corners
+from wayside.stages.odometry.motion_agreement import (
+    AXES,
+    Agreement,
+    CameraPath,
+    ImageStep,
+    agreement,
+    image_step,
+    upright,
+)
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import (
@@ -10,24 +19,27 @@ from wayside.stages.odometry.relative_pose import (
     fit_coarse_motion,
     fit_relative_pose,
 )
-from wayside.stages.odometry.step_length import SpacingCheck, StepLength
 from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
-from wayside.stages.odometry.visual_odometry import OdometryStep, VisualOdometry
+from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 __all__ = [
+    "AXES",
+    "Agreement",
+    "CameraPath",
+    "ImageStep",
     "KeypointImage",
     "MotionPrior",
     "Mount",
-    "OdometryStep",
     "RegisteredTies",
     "RelativePose",
-    "SpacingCheck",
-    "StepLength",
     "VisualOdometry",
+    "agreement",
     "estimate_motion",
     "extract_features",
     "fit_coarse_motion",
     "fit_relative_pose",
+    "image_step",
     "sampson_px",
     "tie_corners",
+    "upright",
 ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from copy import copy
 from dataclasses import dataclass, field
 from math import isfinite, nan
 
@@ -38,39 +37,16 @@ class Mount:
             np.array([0.0, 0.0, 1.0]), np.radians([s.mount_sigma_deg] * 2)
         )
 
-    def learn(self, rotation: Array, direction: Array, points: Array) -> tuple[Array, Array]:
-        """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame.
-
-        Returns what was learned, for `take`: slopes (2,) and heights (n,).
-        """
-        slopes = travel_slopes(rotation, direction)
-        self._take_slopes(slopes)
-        heights = lane_heights(points, self.travel.direction, self.settings)
-        self._take_heights(heights)
-        return slopes, heights
-
-    def copy(self) -> Mount:
-        """The same, apart from this one."""
-        twin = copy(self)
-        twin.slopes, twin.heights = self.slopes.copy(), self.heights.copy()
-        return twin
-
-    def take(self, slopes: Array, heights: Array) -> None:
-        """Take in what `learn` returned."""
-        self._take_slopes(slopes)
-        self._take_heights(heights)
-
-    def _take_slopes(self, slopes: Array) -> None:
-        self.slopes.append(slopes)
+    def learn(self, rotation: Array, direction: Array, points: Array) -> None:
+        """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame."""
+        self.slopes.append(travel_slopes(rotation, direction))
         s = self.settings
         if len(self.slopes) >= s.mount_steps:
             middle = np.median(np.array(self.slopes), axis=0)
             direction = np.array([middle[0], middle[1], 1.0])
             sigma = np.radians([s.travel_right_sigma_deg, s.travel_up_sigma_deg])
             self.travel = TravelDirection(direction / np.linalg.norm(direction), sigma)
-
-    def _take_heights(self, heights: Array) -> None:
-        self.heights.append(heights)
+        self.heights.append(lane_heights(points, self.travel.direction, s))
         self.height_m = common_height(np.concatenate(self.heights), self.settings)
 
     def ground(self, baseline_m: float) -> GroundPlane | None:

@@ -39,8 +39,17 @@ class KeypointImage:
         if camera is None or grey is None:
             return None
         features = detections.features
-        ideal = ideal_points(camera, features.corners)
-        return KeypointImage(camera, grey, features.corners, features.descriptors, ideal)
+        return KeypointImage.of_corners(camera, grey, features.corners, features.descriptors)
+
+    @staticmethod
+    def of_corners(
+        camera: Camera,
+        grey: NDArray[np.uint8],
+        corners: NDArray[np.float32],
+        descriptors: NDArray[np.uint8],
+    ) -> KeypointImage:
+        """Of the corners of a grey image."""
+        return KeypointImage(camera, grey, corners, descriptors, ideal_points(camera, corners))
 
     @property
     def focal_px(self) -> float:

@@ -11,7 +11,7 @@ from math import inf, isfinite, nan, radians, sqrt
 
 import numpy as np
 
-from wayside.schemas.frame import USED, Frame, Pose
+from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
@@ -32,10 +32,8 @@ from wayside.stages.odometry.tie_points import KeypointImage
 class OdometryStep:
     """A step and what it leaves behind for the next one.
 
-    motion: None where the image is left out, with `status`; nothing else changes then. depths (n,), metres, of the
-    corners of the image; rotation (3, 3) or None where unknown; length and speed_mps of the step; learned: slopes (2,)
-    and heights (n,) that the `Mount` took in, None where it took in nothing; outward: matched ties that moved outward;
-    misplaced: later frames that were found with this one to show other places.
+    motion: None before the first image. depths (n,), metres, of the corners of the image; rotation (3, 3) or None where
+    unknown; length and speed_mps of the step.
     """
 
     motion: Motion | None
@@ -43,10 +41,6 @@ class OdometryStep:
     rotation: Array | None = None
     length: StepLength = field(default_factory=StepLength)
     speed_mps: float = nan
-    learned: tuple[Array, Array] | None = None
-    outward: int = 0
-    status: str = USED
-    misplaced: tuple[int, ...] = ()
 
 
 @dataclass(slots=True)
@@ -88,20 +82,6 @@ class VisualOdometry:
         self.image, self.frame, self.last = image, frame, step
         return motion
 
-    def copy(self) -> VisualOdometry:
-        """The same state, apart from this one."""
-        twin = replace(self)
-        twin.mount = self.mount.copy()
-        return twin
-
-    def take(self, step: OdometryStep, image: KeypointImage | None, frame: Frame) -> None:
-        """Be as `advance` of the same image and frame left it where it gave this step."""
-        if step.motion is None:
-            return
-        self.image, self.frame, self.last = image, frame, step
-        if step.learned is not None:
-            self.mount.take(*step.learned)
-
     def _step(
         self, last: Motion, image: KeypointImage | None, expected: MotionPrior
     ) -> tuple[Motion, OdometryStep]:
@@ -113,9 +93,7 @@ class VisualOdometry:
         if step is None or image is None or self.image is None:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
             rotation = None if last.ties is None else self.last.rotation
-            kept = replace(
-                self.last, depths=np.zeros(0), rotation=rotation, learned=None, outward=0
-            )
+            kept = replace(self.last, depths=np.zeros(0), rotation=rotation)
             return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
@@ -142,7 +120,7 @@ class VisualOdometry:
         matched = step.inlier & (step.tied.rows[:, 1] >= 0)
         depths[step.tied.rows[matched, 1]] = points[matched, 2]
         # Only matched ties measure the height of the road: those predicted by the ground plane are biased.
-        learned = self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
+        self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
         pose = Pose(rotation, baseline * direction)
         motion = Motion(
             last.pose.compose(pose),
@@ -171,13 +149,7 @@ class VisualOdometry:
             _ratio(carried, last.baseline_m),
             _window_prior(expected, baseline, sigma_m),
         )
-        matched = step.tied.rows[step.inlier, 1] >= 0
-        outward = int(
-            (adjusted.displacement_px[matched] > self.settings.smallest_parallax_px).sum()
-        )
-        return motion, OdometryStep(
-            None, depths, adjusted.rotation, length, learned=learned, outward=outward
-        )
+        return motion, OdometryStep(None, depths, adjusted.rotation, length)
 
     def _carried_length(self, step: RelativePose, adjusted: PairAdjustment) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by points common with the step before; nan with too few."""

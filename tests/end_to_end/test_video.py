@@ -222,7 +222,7 @@ def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path):
 def test_a_video_of_another_size_than_the_calibration_is_not_decoded(tmp_path, monkeypatch):
     monkeypatch.setattr(video, "_new_context", None)
     log = write_log(tmp_path / "a.mcap", encode(images(3), WITHOUT_B), size=(64, 48))
-    with pytest.raises(InputError, match="found 162 x 122"):
+    with pytest.raises(InputError, match="have 162 x 122 pixels"):
         read(log)
 
 

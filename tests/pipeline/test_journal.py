@@ -20,10 +20,8 @@ from wayside.schemas.detections import (
     Regions,
     Segmentation,
 )
-from wayside.schemas.errors import InputError, OutputError, UsageError
-from wayside.schemas.frame import Frame, Image, Pose
-from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.stages.odometry import OdometryStep
+from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.frame import Frame, Image
 
 KEY = {"log": "a"}
 
@@ -115,56 +113,6 @@ def test_an_entry_whose_bytes_have_changed_ends_the_journal(tmp_path):
     assert 0 < journal.replayed < 4
     assert "cut or altered" in journal.note
     journal.close()
-
-
-def step(seed):
-    """A step as odometry leaves it, with arrays in both orders of memory, and values that are no Python ones."""
-    rng = np.random.default_rng(seed)
-    pose = Pose(rng.random((3, 3)).T, rng.random(3))
-    ties = Ties(
-        *(rng.random((7, 2)), rng.random((7, 2)), rng.random(7) < 0.5, rng.random((7, 3))),
-        *(rng.integers(-1, 9, (7, 2)), rng.random((7, 3)), rng.random(7)),
-    )
-    prior = StepPrior(rng.random((3, 3)), 0.1, rng.random(3), rng.random(2), True, 5.0, np.nan)
-    motion = Motion(
-        *(pose, pose, rng.random((6, 6)), "straight", np.float64(5), 9.5, ties, 0.3, np.nan),
-        *(True, 4, 1.5, pose, (1.0, 0.5), (np.nan, 0.1), prior),
-    )
-    return OdometryStep(
-        motion, rng.random(9), pose.rotation, 0.1, 3.0, 1, 2, (pose.centre, pose.centre)
-    )
-
-
-def test_steps_come_back_bit_by_bit(tmp_path, bits):
-    steps = {2: step(1), 3: OdometryStep(None), 7: step(2)}
-    journal = Journal(tmp_path, KEY)
-    for frame, one in steps.items():
-        journal.keep(frame, one)
-    journal.close()
-    again = Journal(tmp_path, KEY)
-    assert (again.replayed, again.note) == (0, "")
-    assert [frame for frame in range(9) if again.recall(frame)] == list(steps)
-    for frame, one in steps.items():
-        assert bits(again.recall(frame)) == bits(one)
-    again.close()
-
-
-class _Harm:
-    def __reduce__(self):
-        return os.mkdir, ("harm",)
-
-
-def test_a_pickle_of_something_else_is_refused_and_calls_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    journal = Journal(tmp_path, KEY)
-    journal.keep(1, _Harm())
-    journal.close()
-    with (
-        closing(Journal(tmp_path, KEY)) as again,
-        pytest.raises(InputError, match="wanted a step of the camera"),
-    ):
-        again.recall(1)
-    assert not (tmp_path / "harm").exists()
 
 
 def test_a_journal_of_something_else_is_begun_anew(tmp_path):

@@ -6,14 +6,12 @@ import time
 import zlib
 
 import lz4.frame
-import numpy as np
 import pytest
 import zstandard
 
 from wayside.pipeline.reading import survey
 from wayside.pipeline.reading.bounds import Allowance, allowance_of
 from wayside.pipeline.reading.records import Message, scan
-from wayside.pipeline.reading.replay import messages_of
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.survey import survey_log
 from wayside.pipeline.settings_file import load_settings
@@ -110,25 +108,6 @@ def test_what_lz4_can_reach_is_never_refused(tmp_path, name):
     messages, report = read(tmp_path / "log.mcap", *[one] * 30, allowance=Allowance(extra_bytes=0))
     assert messages == 30
     assert not report.lost
-
-
-def test_messages_before_their_definition_stay_lost_when_the_log_is_read_in_another_order(tmp_path):
-    def definitions(number):
-        schema = struct.pack("<H", 1) + text(b"foxglove.PoseInFrame") + text(b"jsonschema")
-        channel = struct.pack("<HH", number, 1) + text(b"/%d" % number) + text(b"json") + text(b"")
-        return record(3, schema + text(b"{}")) + record(4, channel)
-
-    def of(number):
-        return record(5, struct.pack("<HIQQ", number, 1, 10**18, 0) + b"{}")
-
-    path = tmp_path / "log.mcap"
-    first, second = definitions(1) + of(2) + of(1), definitions(2) + of(2) + of(1)
-    messages, report = read(path, chunk(first), chunk(second))
-    assert (messages, report.problem_count) == (3, 1)
-    order, again = np.array([2, 0, 1]), ScanReport()
-    found = list(messages_of(survey_log(path), order, again, Allowance()))
-    assert [(row, m.channel.topic) for row, m in found] == [(2, "/1"), (0, "/1"), (1, "/2")]
-    assert again.problem_count == 1
 
 
 def test_attached_calibrations_are_read_up_to_a_size_in_all(new_log, monkeypatch):

@@ -266,11 +266,12 @@ def test_fixes_without_position_are_left_out(new_log):
     log.add("/camera/calibration", "calibration", 0)
     log.add("/gps", "fix", 0, place=(math.nan, math.nan, math.nan))
     log.add("/gps", "fix", 1, status=-1, place=(1.0, 2.0, 3.0))
-    log.add("/gps", "fix", STEP, place=(48.0, 11.0, 500.0))
-    log.add_image(0)
-    log.add_image(1)
+    for index in (1, 2):
+        log.add("/gps", "fix", index * STEP, place=(48.0 + 1e-4 * index, 11.0, 500.0))
+    for index in range(3):
+        log.add_image(index)
     frames, report = read(log.finish(), thin_m=0.0)
-    assert [f.fix is not None for f in frames] == [False, True]
+    assert [f.fix is not None for f in frames] == [False, True, True]
     assert not report.lost
 
 
@@ -310,7 +311,7 @@ def test_header_times_of_another_clock_are_not_mixed(new_log):
     frames, report = read(log.finish())
     for index, frame in enumerate(frames):
         assert_pose(frame, index * STEP)
-    assert any("clocks" in note for note in report.notes)
+    assert any("the clock of the poses of /pose is" in note for note in report.notes)
 
 
 def test_a_calibration_that_comes_late_serves_the_first_images_too(new_log):
@@ -410,7 +411,7 @@ def test_fixes_of_another_time_than_all_images_are_refused_with_the_option(new_l
         log.add("/camera/calibration", "calibration", index * STEP)
         log.add("/gps", "fix", 10**12 + index * STEP, **place_at(index * STEP))
         log.add_image(index)
-    with pytest.raises(InputError, match=r"4 images and none of them near.*--spacing"):
+    with pytest.raises(InputError, match=r"none of its 4 images has a pose or fix near.*--spacing"):
         read(log.finish())
 
 
@@ -452,8 +453,9 @@ def test_thinning_goes_by_the_way_travelled(new_log, source):
     frames, _ = read(log.finish(), thin_m=8.0)
     used = [f.index for f in frames if f.used]
     assert used[:6] == [0, 4, 8, 12, 16, 20]
-    assert not any(21 < i < 50 for i in used[6:])
-    assert len(used) == 8
+    standing = [i for i in used if 20 < i < 50]  # one a second: it tells whether the camera stands
+    assert standing
+    assert min(np.diff(standing)) >= 4
 
 
 def test_a_part_and_every_nth_image_are_taken_and_the_rest_is_accounted_for(new_log):
@@ -479,7 +481,7 @@ def test_a_log_whose_images_all_differ_from_the_calibration_is_refused(new_log):
     log = new_log()
     log.add("/camera/calibration", "calibration", 0)
     log.add_image(0, width=40, height=30)
-    with pytest.raises(InputError, match=r"32 x 24 .* found 40 x 30 .*--calibration"):
+    with pytest.raises(InputError, match=r"have 40 x 30 pixels.* has 32 x 24; .*--calibration"):
         read(log.finish(), spacing_m=8.0)
 
 

@@ -8,11 +8,17 @@ import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.series import blend_fixes
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
 from wayside.stages.georeference.placement import mean_scale
+
+
+def between(first, second, part):
+    """A fix interpolated between two."""
+    a, b = (np.array([f.latitude_deg, f.longitude_deg, f.altitude_m]) for f in (first, second))
+    return Fix(*(a + (b - a) * part).tolist(), first.sigma_m)
+
 
 LEVEL_CAMERA = np.array(
     [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
@@ -333,7 +339,7 @@ def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
     exact = fixes_on(poses, 30.0, (0.05, 0.05, 0.08))
     rare = [
         dataclasses.replace(
-            blend_fixes(exact[n // 4 * 4], exact[min(n // 4 * 4 + 4, 80)], n % 4 / 4),
+            between(exact[n // 4 * 4], exact[min(n // 4 * 4 + 4, 80)], n % 4 / 4),
             span_s=4.0 if n % 4 else 0.0,
         )
         for n in range(81)

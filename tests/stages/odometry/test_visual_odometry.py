@@ -1,7 +1,6 @@
 """A drive past textured plates under a textured sky, painted here, and the motion found in it."""
 
 import math
-import pickle
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -15,7 +14,6 @@ from wayside.schemas.detections import Candidates, Detections, Regions, Segmenta
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     DUPLICATE,
-    OTHER_PLACE,
     SKIPPED,
     USED,
     Camera,
@@ -130,9 +128,9 @@ def detections_of(images, **known):
     return extract_features(classified(), FeatureSettings())
 
 
-def motions(images, settings=None, memory=None, **known):
+def motions(images, settings=None, **known):
     settings = settings or MotionSettings()
-    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings(), memory
+    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings()
     return [m.motion for m in estimate_motion(*given)]
 
 
@@ -440,32 +438,6 @@ def test_images_without_texture_are_no_duplicates():
     assert [m.baseline_m for m in found] == [0, SPACING, SPACING]
 
 
-class Kept(dict):
-    """Steps by frame, each as its bytes bring it back."""
-
-    def recall(self, frame):
-        return pickle.loads(self[frame]) if frame in self else None
-
-    def keep(self, frame, step):
-        self[frame] = pickle.dumps(step)
-
-
-def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(bits):
-    _, images = painted(7, 0.0)
-    given = {"status": [USED, USED, SKIPPED, *[USED] * 4], "spacing_m": [SPACING] * 7}
-    whole = Kept()
-    first = motions(images, **given, memory=whole)
-    for known in (1, 4, 6):
-        again = Kept({frame: step for frame, step in whole.items() if frame < known})
-        recalled = len(again)
-        second = motions(images, **given, memory=again)
-        assert sorted(again) == [0, 1, 3, 4, 5, 6]
-        assert 0 < recalled < len(again)
-        assert bits(first) == bits(second)
-        for frame in whole:
-            assert bits(whole.recall(frame)) == bits(again.recall(frame))
-
-
 def known_by(source, poses):
     """Frame fields that tell the lengths of steps."""
     if source == "poses":
@@ -476,69 +448,9 @@ def known_by(source, poses):
     return {"fix": [Fix(n, 0.0, 0.0, (0.5, 0.5, 1.0)) for n in north]}
 
 
-def stage(images, memory=None, **known):
+def stage(images, **known):
     settings = MotionSettings(), TieSettings(), AdjustmentSettings()
-    return list(estimate_motion(detections_of(images, **known), *settings, memory))
-
-
-def exchanged(images, first, second):
-    images = list(images)
-    images[first], images[second] = images[second], images[first]
-    return images
-
-
-@pytest.mark.parametrize(
-    ("source", "pair", "left_out"),
-    [
-        ("poses", (4, 5), [4, 5]),
-        ("spacing", (4, 5), [4, 5]),
-        ("fixes", (4, 5), [4, 5]),
-        ("poses", (3, 5), [3, 4, 5]),
-        ("spacing", (2, 6), [2, 6]),
-        ("poses", (0, 1), [0, 1]),
-        ("spacing", (6, 7), [6, 7]),
-    ],
-    ids=str,
-)
-def test_images_that_are_exchanged_are_left_out_and_the_rest_is_as_without_them(
-    source, pair, left_out
-):
-    poses, images = painted(8)
-    found = stage(exchanged(images, *pair), **known_by(source, poses))
-    assert [i for i, item in enumerate(found) if item.frame.status == OTHER_PLACE] == left_out
-    assert [item.frame.index for item in found] == list(range(8))
-    used = [item for item in found if item.motion is not None]
-    assert [item.frame.status for item in used] == [USED] * (8 - len(left_out))
-    first = poses[used[0].frame.index]
-    for item in used:
-        true = poses[item.frame.index].relative_to(first)
-        tolerance = 1.0 if source == "fixes" else 0.5
-        assert item.motion.pose.centre == pytest.approx(true.centre, abs=tolerance)
-
-
-def test_an_image_of_another_road_is_left_out():
-    poses, images = painted(8)
-    foreign = Scene(poses, seed=9).image(poses[3])
-    given = [*images[:3], foreign, *images[4:]]
-    found = stage(given, **known_by("spacing", poses))
-    assert [i for i, item in enumerate(found) if item.frame.status == OTHER_PLACE] == [3]
-    assert found[-1].motion.station_m == pytest.approx(7 * SPACING, abs=0.1)
-
-
-def test_of_two_cameras_that_nothing_tells_apart_one_is_used():
-    poses, images = painted(8)
-    aside = Scene(poses, seed=9)
-    given = [aside.image(poses[i]) if i % 2 else images[i] for i in range(8)]
-    found = stage(given, **known_by("poses", poses))
-    statuses = [item.frame.status for item in found]
-    assert statuses == [USED, OTHER_PLACE, USED, OTHER_PLACE, USED, OTHER_PLACE, USED, USED]
-
-
-def test_a_blurred_image_is_still_of_its_place():
-    poses, images = painted(8)
-    blurred = cv2.GaussianBlur(images[3], (0, 0), 25)
-    found = stage([*images[:3], blurred, *images[4:]], **known_by("spacing", poses))
-    assert all(item.frame.used for item in found)
+    return list(estimate_motion(detections_of(images, **known), *settings))
 
 
 def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
@@ -550,16 +462,3 @@ def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
     for item, i in zip(found, order, strict=True):
         true = poses[i].relative_to(poses[0]).centre
         assert item.motion.pose.centre == pytest.approx(true, abs=0.3)
-
-
-def test_a_run_that_goes_on_leaves_out_the_same_images(bits):
-    given, spacing_m = exchanged(painted(8)[1], 3, 5), [SPACING] * 8
-    whole = Kept()
-    first = stage(given, whole, spacing_m=spacing_m)
-    assert sorted(whole) == list(range(8))
-    for known in (3, 4, 5, 6):
-        again = Kept({frame: step for frame, step in whole.items() if frame < known})
-        second = stage(given, again, spacing_m=spacing_m)
-        assert [item.frame.status for item in first] == [item.frame.status for item in second]
-        assert bits([item.motion for item in first]) == bits([item.motion for item in second])
-        assert sorted(again) == list(range(8))

@@ -1,113 +1,15 @@
-"""Positions no vehicle can be at: told before anything is built on them."""
+"""Positions, calibrations and names in a log that cannot be, and what of the log is used all the same."""
 
 import math
-from itertools import pairwise
 
-import numpy as np
 import pytest
-from hypothesis import assume, example, given
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.consistency import Series, check_positions, joined
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
-SETTINGS = ReadSettings()
 STEP = 10**9 // 4
 COUNT = 24
-TURN = Rotation.from_euler("z", 30, degrees=True)
-
-
-def drive(count=60, rate=4.0, noise=0.0, seed=0):
-    """A bend at changing speed, as a series with rotations."""
-    t = np.arange(count) / rate
-    heading = 0.2 * np.sin(0.3 * t)
-    speed = 20 + 5 * np.sin(0.4 * t)
-    step = speed[:, None] / rate * np.stack([np.cos(heading), np.sin(heading), 0 * t], axis=1)
-    noise = np.random.default_rng(seed).normal(0, noise, (count, 3))
-    q = Rotation.from_euler("z", heading[:, None]).as_quat()
-    return Series(t, np.cumsum(step, axis=0) + noise, q)
-
-
-def judged(series, **settings):
-    found = check_positions(series, ReadSettings(**settings), origin_may_move=True)
-    return np.flatnonzero(found.wrong).tolist(), found
-
-
-@pytest.mark.parametrize("rate", [1.0, 4.0, 30.0, 200.0])
-@pytest.mark.parametrize("noise", [0.0, 0.03, 0.3])
-def test_a_sound_drive_is_kept_whole(rate, noise):
-    wrong, found = judged(drive(400, rate, noise))
-    assert wrong == []
-    assert not found.origin.any()
-
-
-@given(
-    st.lists(st.tuples(st.integers(3, 56), st.integers(1, 2)), min_size=1, max_size=3),
-    st.floats(8.0, 1e7),
-    st.floats(0, 2 * math.pi),
-)
-@example([(3, 1)], 43.0, 0.0)  # in reach of one side only
-@example([(3, 2)], 45.0, 1.0)  # a sound position out of reach of those beside it
-def test_positions_aside_are_found_wherever_they_are_and_nothing_else(places, size, direction):
-    series = drive(noise=0.02)
-    rows = sorted({row for at, length in places for row in range(at, at + length)})
-    assume(all(b - a == 1 or b - a > 6 for a, b in pairwise(rows)))
-    assume(not any(set(range(a, a + 4)) <= set(rows) for a in rows))
-    series.position[rows] += size * np.array([math.cos(direction), math.sin(direction), 0.0])
-    assert judged(series)[0] == rows
-
-
-@pytest.mark.parametrize("rows", [[0], [0, 1], [59], [58, 59], [0, 30, 31, 32, 59]])
-def test_positions_off_by_kilometres_are_found_at_the_ends_too(rows):
-    series = drive()
-    series.position[rows] += [5000.0, 0.0, 0.0]
-    assert judged(series)[0] == rows
-
-
-def test_a_rotation_that_flips_there_and_back_is_wrong():
-    series = drive()
-    series.rotation[20] = (Rotation.from_euler("z", 90, degrees=True)).as_quat()
-    assert judged(series)[0] == [20]
-
-
-def test_a_short_jump_that_stays_is_left_to_the_smoothing_of_the_path():
-    series = drive()
-    series.position[30:] += [0.0, 15.0, 0.0]
-    wrong, found = judged(series)
-    assert wrong == []
-    assert not found.origin.any()
-
-
-@pytest.mark.parametrize("at", [20, 40])
-def test_an_origin_that_moves_and_turns_is_moved_back(at):
-    series = drive()
-    sound = series.position.copy()
-    series.position[at:] = TURN.apply(series.position[at:])
-    series.position[at:] += [9000.0, -4000.0, 30.0]
-    series.rotation[at:] = (TURN * Rotation.from_quat(series.rotation[at:])).as_quat()
-    wrong, found = judged(series)
-    assert wrong == []
-    moves = joined(series, found)
-    whole = np.array(
-        [moves[o][0] @ p + moves[o][1] for o, p in zip(found.origin, series.position, strict=True)]
-    )
-    steps, true = np.diff(whole, axis=0), np.diff(sound, axis=0)
-    assert np.linalg.norm(steps, axis=1) == pytest.approx(np.linalg.norm(true, axis=1), abs=0.2)
-    kept = slice(0, at) if at > 30 else slice(at, None)
-    assert (whole[kept] == series.position[kept]).all()  # the longest part is the frame
-
-
-def test_fixes_that_leave_and_stay_away_are_left_out():
-    series = drive()
-    series.position[40:] += [5000.0, 0.0, 0.0]
-    found = check_positions(series, SETTINGS, origin_may_move=False)
-    assert np.flatnonzero(found.wrong).tolist() == list(range(40, 60))
-
-
-# In logs
 
 
 def write(new_log, pose=None, fix=None, calibration=None, poses=True, fixes=True):
@@ -149,12 +51,26 @@ def test_poses_aside_are_left_out_bridged_and_told(new_log, first, last, off):
     )
 
 
-def test_an_origin_of_the_poses_that_moves_is_told_and_the_drive_goes_on(new_log):
+def test_poses_of_another_origin_than_most_are_left_out_and_told(new_log):
     frames, report = read(write(new_log, pose=lambda i, p: [p[0] + 5000.0 * (i >= 14), *p[1:]]))
-    along = [f.pose.pose.centre[0] for f in frames]
-    assert np.diff(along) == pytest.approx(8.0, abs=1e-6)
-    assert along[0] == 0.0
-    assert any("the origin of the poses of /pose moves once" in note for note in report.notes)
+    assert [f.index for f in frames if f.pose is not None] == list(range(14))
+    assert any("10 of 24 poses of /pose are where no vehicle can be" in n for n in report.notes)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, 500.0)])
+def test_fixes_at_zero_are_no_fixes_and_counted(new_log, place):
+    frames, report = read(write(new_log, fix=lambda i, p: place if i < 9 else p))
+    assert [f.index for f in frames if f.fix is not None] == list(range(9, COUNT))
+    assert any("9 of 24 messages of /gps hold no position" in n for n in report.notes)
+    with pytest.raises(InputError, match=r"none of the 24 messages of /gps can be used.*--spacing"):
+        read(write(new_log, fix=lambda i, p: place, poses=False))
+
+
+def test_fixes_that_repeat_without_change_are_no_fixes_and_counted(new_log):
+    path = write(new_log, fix=lambda i, p: (48.0 + 7e-5 * min(i, 11), *p[1:]))
+    frames, report = read(path)
+    assert [f.index for f in frames if f.fix is not None] == list(range(12))
+    assert any("12 of 24 fixes of /gps repeat the one before" in n for n in report.notes)
 
 
 def test_a_fix_aside_is_left_out_bridged_and_told(new_log):

@@ -1,0 +1,220 @@
+"""Which stream of a log is believed to tell how the camera moved: one that the images do not contradict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wayside.pipeline.reading.bounds import Allowance
+from wayside.pipeline.reading.clocks import Floats, Integers
+from wayside.pipeline.reading.contents import ImageContent
+from wayside.pipeline.reading.h264 import H264
+from wayside.pipeline.reading.messages import Decoders, MessageError
+from wayside.pipeline.reading.plan import Plan
+from wayside.pipeline.reading.replay import image_messages
+from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.selection import format_and_size
+from wayside.pipeline.reading.video import VideoStreams
+from wayside.schemas.frame import USED, Camera, Frame
+from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
+from wayside.stages.imaging import decode
+from wayside.stages.odometry import (
+    AXES,
+    Agreement,
+    CameraPath,
+    ImageStep,
+    KeypointImage,
+    agreement,
+    image_step,
+    tie_corners,
+    upright,
+)
+
+_STEPS, _SHORTEST_S, _DOUBLINGS = 14, 0.08, 4
+"""Pairs of images spread over a drive; their distance grows from 0.08 s until they show motion."""
+_VIDEO_IMAGES = 40
+"""A video is decoded from its start: its first images are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionStream:
+    """Poses at all images: `raw` as recorded, `path` with the mount of the camera; sigma (k, 3) as recorded."""
+
+    source: str
+    topic: str
+    words: str
+    raw: CameraPath
+    path: CameraPath
+    sigma: Floats
+    assumed_mount: bool = False
+
+
+def believed(
+    streams: Sequence[MotionStream],
+    notes: list[str],
+    measure: Callable[[], list[ImageStep]],
+) -> MotionStream | None:
+    """The first stream that the images do not contradict, else the first that agrees after one known conversion.
+
+    Parameters
+    ----------
+    streams
+        In the order in which they are preferred.
+    notes
+        Filled with what was converted, and what is left out and why.
+    measure
+        Gives what the images show; called where there is a stream to compare.
+    """
+    streams = [stream for stream in streams if stream.path.known.any()]
+    if not streams:
+        return None
+    steps = measure()
+    for stream in streams:
+        found, (path, up) = agreement(steps, stream.path), upright(stream.path)
+        if not found.tells or (up and found.agrees):
+            if stream.assumed_mount:
+                notes.append(
+                    "the log does not say how the camera is mounted: it is taken to look straight ahead"
+                )
+            if not found.tells:
+                return stream
+            notes += _world_words(stream, up)
+            return replace(stream, path=path)
+        converted = list(_conversions(stream, steps))
+        level = [one for one in converted if one[2] == "z"] or converted
+        if len(level) == 1:
+            words, path, up = level[0]
+            notes.append(f"the {stream.words} are {words}: they are used so")
+            notes += _world_words(stream, up)
+            return replace(stream, path=path)
+        notes.append(_left_out_words(stream, found, len(level)))
+    return None
+
+
+def _conversions(
+    stream: MotionStream, steps: list[ImageStep]
+) -> Iterator[tuple[str, CameraPath, str]]:
+    """Known conventions after which poses agree with the images: in words, the poses, and their world's up."""
+    ways = [
+        (f"of a vehicle ({name}), not of the camera", stream.raw.mounted(axes))
+        for name, axes in AXES.items()
+    ]
+    ways += [
+        ("of the camera itself", stream.raw),
+        ("the world in the camera, not the camera in the world", stream.raw.inverted()),
+    ]
+    for words, path in ways:
+        turned, up = upright(path)
+        found = agreement(steps, turned)
+        if up and found.tells and found.agrees:
+            yield words, turned, up
+
+
+def _world_words(stream: MotionStream, up: str) -> list[str]:
+    if up == "z":
+        return []
+    was = {
+        "earth": "is centred on the earth",
+        "-z": "has z down (north, east, down)",
+        "-y": "has y down, as a camera has",
+    }.get(up, f"has {up} up")
+    return [f"the world of the {stream.words} {was}: it is turned so that z is up"]
+
+
+def _left_out_words(stream: MotionStream, found: Agreement, ways: int) -> str:
+    if not found.agrees:
+        reason = (
+            f"they contradict the images: {found.steps - found.agree} of {found.steps} steps differ, the direction of "
+            f"travel by {found.direction_deg:.0f} degrees, the rotation by {found.rotation_deg:.1f} (medians)"
+        )
+    else:
+        reason = "the camera would lie on its side in them"
+    several = " and fit after several conversions" if ways > 1 else ""
+    return (
+        f"the {stream.words} are left out: {reason}{several}; record poses of the camera, or a transform that "
+        "mounts it"
+    )
+
+
+def image_steps(
+    plan: Plan, order: Integers, time_ns: Integers, cameras: Sequence[Camera | None]
+) -> list[ImageStep]:
+    """Motion between pairs of images spread over a drive, as they show it by themselves."""
+    is_video = plan.camera.image_format == H264
+    if is_video:
+        order = order[:_VIDEO_IMAGES]
+    images = _Images(plan, cameras, order if is_video else None)
+    steps: list[ImageStep] = []
+    seconds = (time_ns[order] - time_ns[order[0]]) * 1e-9
+    for start in np.unique(np.linspace(0, len(order) - 2, _STEPS).astype(int)).tolist():
+        if start < 0:
+            break
+        apart = _SHORTEST_S
+        for _ in range(_DOUBLINGS):
+            end = max(start + 1, int(np.searchsorted(seconds, seconds[start] + apart)))
+            if end >= len(order):
+                break
+            rows = int(order[start]), int(order[end])
+            before, now = images.at(rows[0]), images.at(rows[1])
+            if before is None or now is None:
+                break
+            step = image_step(rows, before, now, MotionSettings(), TieSettings())
+            if step is not None:
+                steps.append(step)
+                break
+            apart = max(2 * apart, float(seconds[end] - seconds[start]) * 1.01)
+    return steps
+
+
+class _Images:
+    """Corners of images by their rows; of a video all of `first` are decoded beforehand, one after the other."""
+
+    def __init__(
+        self, plan: Plan, cameras: Sequence[Camera | None], first: Integers | None
+    ) -> None:
+        self.plan, self.cameras = plan, cameras
+        self.decoders, self.video = Decoders(), VideoStreams()
+        self.kept: dict[int, KeypointImage | None] = {}
+        if first is not None:
+            self._read(first)
+
+    def at(self, row: int) -> KeypointImage | None:
+        """The corners of an image, None where it cannot be used."""
+        if row not in self.kept:
+            while len(self.kept) > 2:
+                del self.kept[next(iter(self.kept))]
+            self._read(np.array([row]))
+        return self.kept.get(row)
+
+    def _read(self, rows: Integers) -> None:
+        plan = self.plan
+        found = image_messages(plan.survey, plan.camera.name, rows, ScanReport(), Allowance())
+        for row, message in found:
+            self.kept[row] = None
+            try:
+                (content,) = self.decoders.decode(message.channel, message.data)
+            except (MessageError, ValueError):
+                continue
+            camera = self.cameras[row]
+            if not isinstance(content, ImageContent) or camera is None:
+                continue
+            if content.encoding == H264:
+                size = camera.width, camera.height
+                fault, content = self.video.decode(
+                    message.channel.id, content, size, after_loss=False
+                )
+                if fault != USED:
+                    continue
+            self.kept[row] = _keypoints(row, content, camera)
+
+
+def _keypoints(row: int, content: ImageContent, camera: Camera) -> KeypointImage | None:
+    encoding, width, height = format_and_size(content)
+    frame = Frame(row, 0, None, USED, encoding, content.data, camera, width, height, content.step)
+    (image,) = decode(iter([frame]))
+    if image.grey is None:
+        return None
+    corners, descriptors = tie_corners(image.grey, FeatureSettings())
+    return KeypointImage.of_corners(camera, image.grey, corners, descriptors)

@@ -1,0 +1,153 @@
+"""Positions at the times of images, and which positions of a series no vehicle can have been at."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.pipeline.reading.clocks import Flags, Floats, Integers
+from wayside.pipeline.reading.streams import Samples
+from wayside.schemas.frame import EARTH_RADIUS_M, median_longitude_deg, turn_deg
+
+_WIDEST_GAP_S = 5.0
+"""Nothing is interpolated across a longer silence: a vehicle may turn meanwhile."""
+_CARRIED_S, _CARRIED_GAPS = 0.1, 10.0
+"""The last motion is carried on so far, and by so many gaps at most: its errors grow by as much."""
+_FASTEST_MPS, _SLACK_M = 150.0, 10.0
+"""No vehicle on a road is faster; fixes scatter by metres within a tenth of a second."""
+_HARDEST_MPS2, _SPIKE_M, _SPIKE_SCATTERS = 15.0, 0.5, 6.0
+"""Emergency braking reaches 10 m/s2; smaller spikes are weighted down when the path is smoothed."""
+_LOOK_BACK = 256
+"""Parts of a series before each that it may continue: bounds the time of a series that is nothing but jumps."""
+
+
+class Interpolated(NamedTuple):
+    """A series at the times of images."""
+
+    known: Flags
+    """(k,) whether there are samples near enough."""
+    value: Floats
+    """(k, 7) as of `Samples`; nan where not known."""
+    sigma: Floats
+    """(k, 3) of the nearer sample."""
+    span_s: Floats
+    """(k,) time between the samples on both sides, 0 at a sample."""
+
+
+def interpolate(samples: Samples, time_ns: Integers) -> Interpolated:
+    """Positions linear, longitudes the short way round, quaternions by slerp (Shoemake 1985)."""
+    n, k = len(samples), len(time_ns)
+    known, span = np.zeros(k, np.bool_), np.zeros(k)
+    value, sigma = np.full((k, 7), np.nan), np.full((k, 3), np.nan)
+    if not n or not k:
+        return Interpolated(known, value, sigma, span)
+    place = np.searchsorted(samples.time_ns, time_ns)
+    exact = samples.time_ns[place.clip(max=n - 1)] == time_ns
+    before = np.where(exact, place, place - 1).clip(0, max(n - 2, 0))
+    after = np.minimum(before + 1, n - 1)
+    first, second = samples.time_ns[before], samples.time_ns[after]
+    gap = (second - first) * 1e-9
+    outside = np.maximum(first - time_ns, time_ns - second) * 1e-9
+    farthest = np.minimum(_CARRIED_S, _CARRIED_GAPS * gap)
+    known = exact | ((gap > 0) & (gap <= _WIDEST_GAP_S) & (outside <= farthest))
+    part = np.where(gap > 0, (time_ns - first) * 1e-9 / np.where(gap > 0, gap, 1.0), 0.0)
+    part = np.where(exact & (before == place), 0.0, part)
+    a, b = samples.value[before], samples.value[after]
+    value[:, :3] = a[:, :3] + (b[:, :3] - a[:, :3]) * part[:, None]
+    value[:, 3:] = _slerp(a[:, 3:], b[:, 3:], part)
+    sigma = samples.sigma[np.where(part < 0.5, before, after)]
+    value[~known] = np.nan
+    return Interpolated(known, value, sigma, np.where(exact, 0.0, gap))
+
+
+def _slerp(first: Floats, second: Floats, part: Floats) -> Floats:
+    cosine = (first * second).sum(axis=1)
+    second = second * np.where(cosine < 0, -1.0, 1.0)[:, None]
+    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
+    sine = np.sin(angle)
+    small = sine < 1e-6
+    divisor = np.where(small, 1.0, sine)
+    a = np.where(small, 1 - part, np.sin((1 - part) * angle) / divisor)
+    b = np.where(small, part, np.sin(part * angle) / divisor)
+    turned = first * a[:, None] + second * b[:, None]
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def continuous_longitudes(samples: Samples) -> Samples:
+    """Fixes with longitudes that go on across 180 degrees, so that they can be interpolated."""
+    if not len(samples):
+        return samples
+    value = samples.value.copy()
+    middle = median_longitude_deg(value[:, 1])
+    value[:, 1] = middle + turn_deg(middle, value[:, 1])
+    return Samples(samples.time_ns, value, samples.sigma)
+
+
+def metres(samples: Samples) -> Floats:
+    """East, north, up (n, 3) on a sphere about the median, of fixes with continuous longitudes."""
+    degrees = samples.value[:, :3]
+    if not len(degrees):
+        return degrees
+    latitude, longitude = np.median(degrees[:, :2], axis=0)
+    scale = np.radians(1.0) * EARTH_RADIUS_M
+    east = (degrees[:, 1] - longitude) * scale * np.cos(np.radians(latitude))
+    return np.stack([east, (degrees[:, 0] - latitude) * scale, degrees[:, 2]], axis=1)
+
+
+def possible(time_ns: Integers, position: Floats) -> Flags:
+    """Which positions (n, 3) of a series, in the order of time, a vehicle can have been at.
+
+    The longest part whose positions can be reached from each other is kept; of it, no position lies aside of the path
+    of all its neighbours.
+    """
+    kept = np.zeros(len(time_ns), np.bool_)
+    time_s = np.asarray((time_ns - time_ns[:1]) * 1e-9, np.float64)
+    rows = _reachable(time_s, position)
+    rows = rows[~_aside(time_s[rows], position[rows])]
+    kept[rows] = True
+    return kept
+
+
+def _reachable(time_s: Floats, position: Floats) -> Integers:
+    """The most rows of which each can be reached from the one before at a vehicle's speed."""
+
+    def can_go(a: Integers, b: Integers) -> Flags:
+        length = np.linalg.norm(position[b] - position[a], axis=-1)
+        return np.asarray(length <= _FASTEST_MPS * (time_s[b] - time_s[a]) + _SLACK_M)
+
+    rows = np.arange(len(time_s))
+    parts = np.split(rows, np.flatnonzero(~can_go(rows[:-1], rows[1:])) + 1)
+    size, before = np.array([len(part) for part in parts]), np.full(len(parts), -1)
+    last = np.array([part[-1] for part in parts]) if len(rows) else rows
+    for k in range(1, len(parts)):
+        earlier = np.arange(max(0, k - _LOOK_BACK), k)
+        fits = earlier[can_go(last[earlier], np.full(len(earlier), parts[k][0]))]
+        if len(fits):
+            before[k] = fits[np.argmax(size[fits])]
+            size[k] += size[before[k]]
+    chosen, k = [rows[:0]], int(np.argmax(size))
+    while k >= 0:
+        chosen.append(parts[k])
+        k = int(before[k])
+    return np.concatenate(chosen[::-1])
+
+
+def _aside(time_s: Floats, position: Floats) -> Flags:
+    """Positions that lie far from the lines between each two of the neighbours before and behind them."""
+    aside = np.zeros(len(time_s), np.bool_)
+    if len(time_s) < 5:
+        return aside
+    here = np.arange(2, len(time_s) - 2)
+    nearest, sagitta = np.full(len(here), np.inf), np.zeros(len(here))
+    for a in (here - 2, here - 1):
+        for b in (here + 1, here + 2):
+            span = np.maximum(time_s[b] - time_s[a], 1e-9)
+            part = ((time_s[here] - time_s[a]) / span)[:, None]
+            off = position[here] - position[a] - (position[b] - position[a]) * part
+            nearest = np.minimum(nearest, np.linalg.norm(off, axis=1))
+            bend = (time_s[here] - time_s[a]) * (time_s[b] - time_s[here]) / 2
+            sagitta = np.maximum(sagitta, _HARDEST_MPS2 * bend)
+    scatter = 1.48 * float(np.median(nearest))
+    aside[here] = nearest > _SPIKE_M + sagitta + _SPIKE_SCATTERS * scatter
+    return aside

@@ -1,0 +1,243 @@
+"""What is known of each image of a log before any is processed: its time, calibration, pose and fix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wayside.pipeline.reading.agreement import MotionStream, believed, image_steps
+from wayside.pipeline.reading.clocks import (
+    Floats,
+    Integers,
+    Pairing,
+    StreamTimes,
+    pair_times,
+)
+from wayside.pipeline.reading.messages import Kind
+from wayside.pipeline.reading.plan import Plan, shortened
+from wayside.pipeline.reading.poses import composed, fixed, mount_of, path_of
+from wayside.pipeline.reading.positions import (
+    Interpolated,
+    continuous_longitudes,
+    interpolate,
+    metres,
+    possible,
+)
+from wayside.pipeline.reading.streams import Positions, Samples
+from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera, Fix, Pose, PosePrior, turn_deg
+from wayside.stages.odometry import AXES, CameraPath
+
+_STANDING = Pose(next(iter(AXES.values())), np.zeros(3))
+"""Camera on a vehicle (x forward, y left, z up; ROS REP 103 and 105) whose mount the log does not state."""
+
+
+@dataclass(slots=True)
+class Timeline:
+    """Images by their rows in the survey's index."""
+
+    order: Integers
+    """Rows by capture time."""
+    times: StreamTimes
+    cameras: list[Camera | None]
+    """Calibration in force at each image."""
+    motion: MotionStream | None = None
+    """Poses that are believed; None: none are."""
+    fixes: Interpolated | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def pose(self, row: int) -> PosePrior | None:
+        """The camera's pose at an image, None where the log does not tell."""
+        motion = self.motion
+        if motion is None or not motion.path.known[row]:
+            return None
+        sigma_m, sigma_rad = (
+            None if np.isnan(one) else float(one) for one in motion.sigma[row, :2]
+        )
+        pose = Pose(motion.path.rotation[row], motion.path.centre[row])
+        source = "odometry" if motion.source == "odometry" else "poses"
+        return PosePrior(pose, sigma_m, sigma_rad, source)
+
+    def fix(self, row: int) -> Fix | None:
+        """The satellite fix at an image, None where there is none."""
+        if self.fixes is None or not self.fixes.known[row]:
+            return None
+        latitude, longitude, altitude = self.fixes.value[row, :3].tolist()
+        east, north, up = self.fixes.sigma[row].tolist()
+        sigma = None if np.isnan(east) else (east, north, up)
+        span_s = float(self.fixes.span_s[row])
+        return Fix(latitude, turn_deg(0.0, longitude), altitude, sigma, span_s)
+
+
+def make_timeline(plan: Plan) -> Timeline:
+    """Time all images, and find their calibrations, poses and fixes.
+
+    Raises
+    ------
+    InputError
+        The clocks of the images contradict each other, or nothing that tells motion can be believed.
+    """
+    times = plan.survey.images[plan.camera.name].times()
+    if not (times.has_header or times.has_log):
+        raise InputError(
+            f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known: their times "
+            "go back and overlap, as where a clock was set while it was recorded; cut the log there and run each part"
+        )
+    order = np.argsort(times.capture_ns, kind="stable")
+    timeline = Timeline(order, times, _cameras(plan, times))
+    if times.off:
+        timeline.notes.append(_off_words(times, plan.camera.name))
+    timeline.motion = believed(
+        _motion_streams(plan, timeline),
+        timeline.notes,
+        lambda: image_steps(plan, order, times.capture_ns, timeline.cameras),
+    )
+    timeline.fixes = _fixes(plan, timeline)
+    if timeline.motion is None and timeline.fixes is None and not plan.spacing_m:
+        raise InputError(
+            f"{plan.survey.path}: nothing tells how far the camera moved: {'; '.join(timeline.notes)}; "
+            "give the distance between images, as in --spacing 26.4ft"
+        )
+    return timeline
+
+
+def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
+    """The calibration in force at each image: the latest, or the first for the images before it."""
+    if plan.camera_given is not None:
+        return [plan.camera_given] * len(times.log_ns)
+    assert plan.calibration is not None
+    track = plan.survey.calibrations[plan.calibration.name, plan.calibration.schema]
+    paired = pair_times(times, track.times())
+    if paired is None or len(track.cameras) == 1:
+        return [track.cameras[0]] * len(times.log_ns)
+    order = np.argsort(paired.stream_ns, kind="stable")
+    place = np.searchsorted(paired.stream_ns[order], paired.images_ns, side="right") - 1
+    rows = np.array(track.row)[order[place.clip(min=0)]]
+    return [track.cameras[row] for row in rows.tolist()]
+
+
+def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
+    """All streams that may tell the camera's motion, in the order in which they are preferred."""
+    tree, frame = plan.survey.tree, plan.camera_frame
+    found: list[MotionStream] = []
+    if moving := tree.moving(frame):
+        path, sigma = _chain_path(plan, tree.chain(frame), timeline)
+        if path is not None:
+            words = f"transforms of {', '.join(map(shortened, moving))}"
+            found.append(MotionStream("transforms", "", words, path, path, sigma))
+    elif edges := [name for name, edge in tree.edges.items() if edge.moves]:
+        timeline.notes.append(
+            f"transforms move {shortened(edges[0])}, but none of them mounts the camera "
+            f"({shortened(frame) or 'its images name no frame'}) on it: they are left out"
+        )
+    for source, kind in (("poses", Kind.POSE), ("odometry", Kind.ODOMETRY)):
+        topics = [t for t in plan.survey.of_kind(kind) if t.first is not None]
+        for topic in sorted(topics, key=lambda t: -t.usable):
+            positions = plan.survey.positions[topic.name, topic.schema]
+            words = f"{'poses' if source == 'poses' else 'odometry'} of {shortened(topic.name)}"
+            samples = _samples(positions, words, timeline)
+            if samples is None:
+                continue
+            raw, sigma = path_of(*samples)
+            mount = mount_of(tree, positions, frame)
+            if mount is None:
+                path = composed(raw, fixed(_STANDING, len(raw.known)))
+            elif mount:
+                inner, _ = _chain_path(plan, mount, timeline)
+                path = raw if inner is None else composed(raw, inner)
+            else:
+                path = raw
+            found.append(MotionStream(source, topic.name, words, raw, path, sigma, mount is None))
+    return found
+
+
+def _chain_path(
+    plan: Plan, chain: list[str], timeline: Timeline
+) -> tuple[CameraPath | None, Floats]:
+    """The camera in the parent of the last frame of a chain, at each image."""
+    count = len(timeline.times.log_ns)
+    total: CameraPath | None = None
+    for name in chain:
+        edge = plan.survey.tree.edges[name]
+        if edge.moves:
+            samples = _samples(edge, f"transforms of {shortened(name)}", timeline)
+            if samples is None:
+                return None, np.zeros((0, 3))
+            outer, _ = path_of(*samples)
+        else:
+            mount = plan.survey.tree.mount([name])
+            assert mount is not None
+            outer = fixed(mount, count)
+        total = outer if total is None else composed(outer, total)
+    return total, np.full((count, 3), np.nan)
+
+
+def _samples(
+    positions: Positions, words: str, timeline: Timeline, *, earth: bool = False
+) -> tuple[Samples, Integers] | None:
+    """Positions that a vehicle can have been at, and the times of the images on their clock; None without any."""
+    times = positions.times()
+    paired = pair_times(timeline.times, times)
+    notes = timeline.notes
+    if paired is None:
+        notes.append(f"no clock is common to the images and the {words}: these are left out")
+        return None
+    notes += _clock_words(words, times, paired)
+    samples = Samples.sorted(paired.stream_ns, positions.values(), positions.sigmas())
+    samples = _without_repeats(samples, words, notes) if earth else samples
+    samples = continuous_longitudes(samples) if earth else samples
+    kept = possible(samples.time_ns, metres(samples) if earth else samples.value[:, :3])
+    if wrong := int((~kept).sum()):
+        notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
+    return samples.kept(kept), paired.images_ns
+
+
+def _without_repeats(samples: Samples, words: str, notes: list[str]) -> Samples:
+    """Fixes without those that repeat the one before: a receiver that has lost its satellites does so."""
+    same = np.zeros(len(samples), np.bool_)
+    same[1:] = (samples.value[1:, :3] == samples.value[:-1, :3]).all(axis=1)
+    if same.any():
+        notes.append(f"{int(same.sum())} of {len(same)} {words} repeat the one before: left out")
+    return samples.kept(~same)
+
+
+def _clock_words(words: str, times: StreamTimes, paired: Pairing) -> list[str]:
+    notes = []
+    if times.off:
+        notes.append(_off_words(times, words))
+    if paired.apart_ns:
+        way = "ahead of" if paired.apart_ns > 0 else "behind"
+        notes.append(
+            f"the clock of the {words} is {_seconds(paired.apart_ns)} {way} that of the images: log times pair them"
+        )
+    return notes
+
+
+def _off_words(times: StreamTimes, words: str) -> str:
+    return (
+        f"{times.off} of {len(times.log_ns)} header times of {shortened(words)} do not fit their log times: the time "
+        "nearer to the rest is used"
+    )
+
+
+def _seconds(ns: int) -> str:
+    seconds = abs(ns) / 1e9
+    if seconds > 2 * 86400:
+        return f"{seconds / 86400:.0f} days"
+    return f"{seconds:.2f} s" if seconds < 600 else f"{seconds / 60:.0f} minutes"
+
+
+def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
+    if plan.fixes is None:
+        return None
+    positions = plan.survey.positions[plan.fixes.name, plan.fixes.schema]
+    samples = _samples(positions, f"fixes of {shortened(plan.fixes.name)}", timeline, earth=True)
+    if samples is None:
+        return None
+    if len(samples[0]) < 2:
+        timeline.notes.append(
+            f"the fixes of {shortened(plan.fixes.name)} are left out: fewer than two can be used"
+        )
+        return None
+    return interpolate(*samples)
