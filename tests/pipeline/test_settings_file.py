@@ -232,8 +232,8 @@ def test_a_changed_setting_is_listed_however_rare(tmp_path: Path) -> None:
         settings, origins = load_settings(preset)
         path = toml(tmp_path, format_settings(settings, origins))
         assert load_settings(file=path)[0] == settings
-    assert Settings().read.__dataclass_fields__["late_s"].metadata["expert"]
-    settings, origins = load_settings(assignments=["read.late_s=2"])
+    assert Settings().motion.__dataclass_fields__["shortest_m"].metadata["expert"]
+    settings, origins = load_settings(assignments=["motion.shortest_m=2"])
     assert load_settings(file=toml(tmp_path, format_settings(settings, origins)))[0] == settings
 
 
