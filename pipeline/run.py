@@ -34,6 +34,7 @@ from wayside.schemas.frame import (
     DUPLICATE,
     NO_CALIBRATION,
     OTHER_PLACE,
+    TURNED,
     UNDECODABLE,
     USED,
     WRONG_SIZE,
@@ -104,6 +105,7 @@ class RunResult:
             (UNDECODABLE, "do not decode"),
             (DAMAGED, "are damaged: they decode in part only"),
             (WRONG_SIZE, "have another size than the calibration of their time"),
+            (TURNED, "are to be shown turned by their Exif orientation, unlike the first"),
             (NO_CALIBRATION, "have no calibration"),
             (OTHER_PLACE, "show another place than their order says"),
         )
