@@ -139,7 +139,8 @@ def in_order(
             )
         return sorted(chain.from_iterable(held), key=lambda image: dates[image.path])
     dates = {path: date for path, date in dates.items() if path not in copies}
-    ordered = list(chain.from_iterable(_folders([_counter_order(f, dates) for f in held], dates)))
+    held = [_counter_order(folder, copies, dates) for folder in held]
+    ordered = list(chain.from_iterable(_folders(held, dates)))
     dated = [image for image in ordered if image.path in dates]
     by_date = sorted(dated, key=lambda image: dates[image.path])
     if dated != by_date:
@@ -159,13 +160,16 @@ def _ascends(images: Sequence[ImageFile], dates: Mapping[Path, datetime]) -> boo
     return all(a <= b for a, b in pairwise(known))
 
 
-def _counter_order(folder: list[ImageFile], dates: Mapping[Path, datetime]) -> list[ImageFile]:
+def _counter_order(
+    folder: list[ImageFile], copies: Mapping[Path, Path], dates: Mapping[Path, datetime]
+) -> list[ImageFile]:
     """Images of a folder, sorted by name; where the counter started again, the last numbers stand before the first."""
-    numbers = _numbers([image.path for image in folder])
+    originals = [image for image in folder if image.path not in copies]
+    numbers = _numbers([image.path for image in originals])
     if len(numbers) < 2 or _across(numbers[-1][1], numbers[0][1]) is None:
         return folder
     leaps = [b - a for (_, a), (_, b) in pairwise(numbers)]
-    cut = leaps.index(max(leaps)) + 1
+    cut = folder.index(originals[leaps.index(max(leaps)) + 1])
     turned = folder[cut:] + folder[:cut]
     same = numbers[0][0] == numbers[-1][0]
     return turned if same and max(leaps) > _WIDEST_GAP and _ascends(turned, dates) else folder
@@ -187,7 +191,7 @@ def _contradiction(by_name: list[ImageFile], by_date: list[ImageFile]) -> InputE
     place = max(0, next(k for k, (a, b) in enumerate(pairs) if a is not b) - 1)
     lines = "".join(
         f"\n  by {word}: {'... ' * (place > 0)}"
-        + ", ".join(f"{i.shown} ({i.exif.date})" for i in order[place : place + _MOST_SHOWN])
+        + ", ".join(f"{i.shown} ({i.exif.taken})" for i in order[place : place + _MOST_SHOWN])
         for word, order in (("name", by_name), ("date", by_date))
     )
     return InputError(

@@ -190,9 +190,13 @@ def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) ->
             "the numbers in the names do not rise evenly: images are taken to be one spacing apart, and missing ones "
             "are not noticed"
         )
-    for before, after in pairwise(originals):
-        if before.parent == after.parent and natural_key(after) < natural_key(before):
-            yield f"{after.name} is taken to follow {before.name}, where the numbers start again"
+    back = [
+        f"{after.name} behind {before.name}"
+        for before, after in pairwise(originals)
+        if before.parent == after.parent and natural_key(after) < natural_key(before)
+    ]
+    if back:
+        yield f"numbers start again or go back: {_listed(back)}"
     gaps = [(b - a - 1, before) for (a, b), before in zip(pairwise(counts), files, strict=False)]
     gaps = [(missing, before) for missing, before in gaps if missing > 0]
     if gaps:

@@ -82,9 +82,7 @@ def test_a_counter_that_starts_again_is_followed_by_the_dates(take, imported, pr
     found, spacing, said = imported([take(f"in/{wanted[0]}", 0.0, exact=exact).parent])
     assert found == wanted
     assert spacing == [None, *[10.0] * 10]
-    assert said == [
-        f"{prefix}0001.JPG is taken to follow {prefix}9999.JPG, where the numbers start again"
-    ]
+    assert said == [f"numbers start again or go back: {prefix}0001.JPG behind {prefix}9999.JPG"]
 
 
 def test_a_counter_that_starts_again_is_followed_without_dates(take, imported):
@@ -259,6 +257,15 @@ def test_dates_of_copies_are_no_witness(take, imported):
     found, spacing, _ = imported(paths)
     assert found == ["1.jpg", "2.jpg", "3.jpg", "4.jpg"]
     assert spacing == [None, 10.0, 10.0, None]
+
+
+def test_a_copy_does_not_hide_that_a_counter_starts_again(take, imported):
+    paths = [take(f"in/{name}", k) for k, name in enumerate(names("DSC_", WRAPPED))]
+    for place in (1, 7):
+        paths.append(Path(shutil.copy(paths[place], f"{paths[place].with_suffix('')} (1).JPG")))
+    found, spacing, _ = imported(paths)
+    assert [name for name in found if "(1)" not in name] == names("DSC_", WRAPPED)
+    assert [step for step in spacing if step] == [10.0] * 10
 
 
 def test_an_order_by_date_needs_all_dates(take, imported):
