@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from wayside.pipeline.class_map import numbered, read_class_map
-from wayside.pipeline.importing import natural_key
+from wayside.pipeline.image_order import natural_key
 from wayside.pipeline.input_files import read_input, read_parquet
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.schemas.detections import COLORS, SHAPES

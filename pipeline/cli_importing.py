@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,14 @@ from wayside.pipeline.cli_running import exit_with
 from wayside.pipeline.cli_viewing import Overwrite
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST
+
+
+class Order(StrEnum):
+    """What decides the order of images, whatever contradicts it."""
+
+    by_name = "name"
+    by_date = "date"
+
 
 IMPORT_EPILOG = examples(
     "wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap"
@@ -32,6 +41,10 @@ def import_(
     ],
     spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
+    order: Annotated[
+        Order | None,
+        typer.Option(help="What decides the order where names and dates of capture disagree."),
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Make a log of numbered images."""
@@ -40,16 +53,18 @@ def import_(
     from wayside.pipeline.progress import SheetProgress
 
     with SheetProgress("import", "images") as progress:
-        count = import_images(
+        count, left_out = import_images(
             images,
             calibration,
             parse_spacing(spacing),
             out,
+            order=order or "",
             overwrite=overwrite,
             warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
             watch=progress.watch,
         )
     typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
+    exit_with([PARTS_LOST] if left_out else [])
 
 
 def join(

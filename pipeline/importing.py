@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import re
-from collections import defaultdict
 from collections.abc import Callable, Iterator
-from hashlib import blake2b
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,11 +16,20 @@ from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP_FILE
 from mcap.writer import CompressionType, Writer
-from PIL import Image
 
+from wayside.pipeline.image_order import (
+    ImageFile,
+    copies_among,
+    count_images,
+    counted,
+    image_files,
+    in_order,
+    natural_key,
+    read_image_file,
+)
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.image_headers import read_image_header
+from wayside.pipeline.reading.exif import refuse_turned
 from wayside.pipeline.reading.survey import (
     BY_NUMBER_KEY,
     DATES_METADATA,
@@ -39,11 +44,7 @@ from wayside.schemas.frame import Camera
 SECOND_NS = 10**9
 """Imported images have no times: they are logged one second apart, from 0 on, and carry no capture time."""
 
-_SUFFIXES = {".jpg", ".jpeg", ".png"}
-_WIDEST_GAP = 20
 _MOST_LISTED = 6
-_EXIF, _DATE_TAKEN, _DATE_CHANGED = 0x8769, 0x9003, 0x0132
-"""Tags of the Exif standard: its directory, DateTimeOriginal in it, and DateTime."""
 _CAMERA_FRAME = "camera"
 
 _Kind = FieldDescriptorProto
@@ -73,15 +74,17 @@ def import_images(
     spacing_m: float,
     out: Path,
     *,
+    order: str = "",
     overwrite: bool = False,
     warn: Callable[[str], None] = lambda words: None,
     watch: Callable[[int, int], None] = lambda done, total: None,
-) -> int:
-    """Write a log of numbered images, a known distance apart, and return how many there are.
+) -> tuple[int, int]:
+    """Write a log of numbered images, a known distance apart; how many, and how many files were left out.
 
-    Images are sorted by the numbers in their names and passed through byte for byte, with the names of their files and
-    the dates that their cameras wrote into them. Numbers that are missing from an even count are taken for images not
-    taken: the distance across the gap is the larger. Copies of an image are imported, too; a run leaves them out.
+    Images are put in the order in which they were taken (`in_order`) and passed through byte for byte, with the names
+    of their files and the dates that their cameras wrote into them. Numbers that are missing from an even count are
+    taken for images not taken: the distance across the gap is the larger. Copies of an image are imported, too; a run
+    leaves them out. Files that are no images or cannot be read are left out.
 
     Parameters
     ----------
@@ -93,10 +96,12 @@ def import_images(
         Distance between images of neighbouring numbers, metres.
     out
         The MCAP file to write; it appears when it is complete.
+    order
+        "name" or "date" decides the order where they contradict each other; empty: that is refused.
     overwrite
         Replace a file of that name that is not this very log.
     warn
-        Called with what is amiss with the images, in words: copies, missing numbers.
+        Called with what is amiss with the images, in words: files left out, copies, missing numbers.
     watch
         Called with how many images are written, and of how many.
 
@@ -105,7 +110,8 @@ def import_images(
     UsageError
         The spacing is not positive, or there is no image among the paths.
     InputError
-        An image or the calibration cannot be used.
+        The calibration or none of the files can be used, an image is of another size or to be shown otherwise than it
+        is stored, or nothing tells the order.
     OutputError
         The log cannot be written, or another file of that name stands there.
     """
@@ -115,86 +121,82 @@ def import_images(
             "give it as in 26.4ft or 8.05m"
         )
     camera = read_camera_file(calibration)
-    files = sorted(set(image_files(images)), key=natural_key)
+    files = list(dict.fromkeys(image_files(images)))
     if not files:
         raise UsageError(
             "wanted images to import, found none; give JPEG or PNG files or folders of them"
         )
-    copies = copies_among(files)
-    files, counts = _numbered(files, copies)
-    for words in _warnings(files, counts, copies):
+    usable, left_out = _usable(files, camera)
+    if left_out:
+        warn(f"left out: {len(left_out)} of {len(files)} files ({_listed(left_out)})")
+    copies = copies_among(usable)
+    ordered, counts = _numbered(in_order(usable, copies, order), copies)
+    for words in _warnings([image.path for image in ordered], counts, copies):
         warn(words)
     with whole_file(out, overwrite=overwrite) as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
-        _write(writer, files, counts, camera, spacing_m, watch)
-    return len(files)
+        _write(writer, ordered, counts, camera, spacing_m, watch)
+    return len(ordered), len(left_out)
 
 
-def count_images(files: list[Path]) -> list[int]:
-    """Which trigger each image is of, from 1 on, by the last number in its name.
+def _usable(files: list[Path], camera: Camera) -> tuple[list[ImageFile], list[str]]:
+    """The files that can be imported, and the others with the reasons; raises InputError where there is none."""
+    usable, left_out = [], []
+    for file in files:
+        image = read_image_file(file)
+        if isinstance(image, str):
+            left_out.append(f"{file.name}: {image}")
+            continue
+        refuse_turned(str(file), image.exif)
+        if (image.header.width, image.header.height) != (camera.width, camera.height):
+            raise InputError(
+                f"{file}: wanted {camera.width} x {camera.height} pixels as the calibration has them, "
+                f"found {image.header.width} x {image.header.height}; give the calibration of these images"
+            )
+        usable.append(image)
+    if not usable:
+        raise InputError(f"none of {len(files)} files can be imported: {_listed(left_out)}")
+    return usable, left_out
 
-    Where the numbers do not rise in multiples of their smallest step, or leap far (times, for instance), the images
-    are counted one by one.
-    """
-    return _counted(files) or list(range(1, len(files) + 1))
 
-
-def _counted(files: list[Path]) -> list[int] | None:
-    digits = [re.findall(r"\d+", file.stem) for file in files]
-    if len(files) < 2 or not all(digits):
-        return None
-    numbers = [int(found[-1]) for found in digits]
-    steps = [b - a for a, b in pairwise(numbers)]
-    step = min(steps)
-    if step < 1 or any(s % step or s > _WIDEST_GAP * step for s in steps):
-        return None
-    return [(n - numbers[0]) // step + 1 for n in numbers]
-
-
-def _numbered(files: list[Path], copies: dict[Path, Path]) -> tuple[list[Path], list[int]]:
+def _numbered(
+    images: list[ImageFile], copies: dict[Path, Path]
+) -> tuple[list[ImageFile], list[int]]:
     """The images in order with their counts; copies whose names break an even count come behind their originals."""
+    files = [image.path for image in images]
     originals = [file for file in files if file not in copies]
-    counts = _counted(originals)
-    if _counted(files) is not None or counts is None:
-        return files, count_images(files)
+    counts = counted(originals)
+    if counted(files) is not None or counts is None:
+        return images, count_images(files)
     known = dict(zip(originals, counts, strict=True))
     number = {file: known[copies.get(file) or file] for file in files}
-    ordered = sorted(files, key=lambda file: (number[file], file in copies))
-    return ordered, [number[file] for file in ordered]
-
-
-def copies_among(files: list[Path]) -> dict[Path, Path]:
-    """Files that agree in every byte with another, each with the one of these that has the shortest name."""
-    by_size: defaultdict[int, list[Path]] = defaultdict(list)
-    for file in files:
-        by_size[file.stat().st_size].append(file)
-    by_content: defaultdict[bytes, list[Path]] = defaultdict(list)
-    for same in by_size.values():
-        for file in same if len(same) > 1 else ():
-            by_content[blake2b(_bytes_of(file)).digest()].append(file)
-    copies: dict[Path, Path] = {}
-    for same in by_content.values():
-        original = min(same, key=lambda file: len(file.name))
-        copies |= {file: original for file in same if file is not original}
-    return copies
+    ordered = sorted(images, key=lambda image: (number[image.path], image.path in copies))
+    return ordered, [number[image.path] for image in ordered]
 
 
 def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) -> Iterator[str]:
+    folders = list(dict.fromkeys(file.parent for file in files))
+    if len(folders) > 1:
+        yield f"folders are taken in this order: {_listed([str(folder) for folder in folders])}"
     if copies:
         pairs = [f"{copy.name} of {original.name}" for copy, original in copies.items()]
         yield (
             f"copies, byte for byte: {len(copies)} ({_listed(pairs)}); a run gives them the status "
             "`duplicate` and adds no distance for them"
         )
-    if (
-        len(files) > 1
-        and _counted([f for f in files if f not in copies]) is None
-        and _counted(files) is None
-    ):
+    originals = [file for file in files if file not in copies]
+    if len(files) > 1 and counted(originals) is None and counted(files) is None:
         yield (
-            "the numbers in the names do not rise evenly: images are taken to be one spacing apart, in the order of "
-            "their names, and missing ones are not noticed"
+            "the numbers in the names do not rise evenly: images are taken to be one spacing apart, and missing ones "
+            "are not noticed"
         )
+    back = [
+        f"{after.name} behind {before.name}"
+        for before, after in pairwise(originals)
+        if before.parent == after.parent and natural_key(after) < natural_key(before)
+    ]
+    if back:
+        yield f"numbers start again or go back: {_listed(back)}"
     gaps = [(b - a - 1, before) for (a, b), before in zip(pairwise(counts), files, strict=False)]
     gaps = [(missing, before) for missing, before in gaps if missing > 0]
     if gaps:
@@ -210,26 +212,9 @@ def _listed(words: list[str]) -> str:
     return ", ".join(words[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
-def image_files(paths: list[Path]) -> Iterator[Path]:
-    """Files among `paths` as they are, and the JPEG and PNG files of folders; raises InputError for what is missing."""
-    for path in paths:
-        if path.is_dir():
-            yield from (f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES)
-        elif path.is_file():
-            yield path
-        else:
-            raise InputError(f"{path}: wanted an image, found no such file; check the name")
-
-
-def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
-    """Numbers in a name compare as numbers: image 2 stands before image 10."""
-    pieces = re.split(r"(\d+)", path.name.lower())
-    return [(0, int(p), "") if p.isdecimal() else (1, 0, p) for p in pieces if p], str(path)
-
-
 def _write(
     writer: Writer,
-    files: list[Path],
+    images: list[ImageFile],
     counts: list[int],
     camera: Camera,
     spacing_m: float,
@@ -238,23 +223,21 @@ def _write(
     writer.start(library="wayside")
     writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
     times = _times_of(counts)
-    named = {str(time_ns): file.name for time_ns, file in zip(times, files, strict=True)}
-    writer.add_metadata(NAMES_METADATA, named)
+    timed = list(zip(map(str, times), images, strict=True))
+    writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
+    if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
+        writer.add_metadata(DATES_METADATA, dates)
     calibration = _message("CameraCalibration", _CALIBRATION)
-    image = _message("CompressedImage", _IMAGE)
+    message = _message("CompressedImage", _IMAGE)
     channel = _register(writer, "/camera/calibration", calibration)
     writer.add_message(channel, 0, _fill_calibration(calibration, camera), 0, 1)
-    channel = _register(writer, "/camera/image", image)
-    dates: dict[str, str] = {}
-    for done, (file, count, time_ns) in enumerate(zip(files, counts, times, strict=True), 1):
-        data, encoding = _read_image(file, camera)
-        if date := date_taken(data):
-            dates[str(time_ns)] = date
-        content = type(image)(data=data, format=encoding, frame_id=_CAMERA_FRAME)
+    channel = _register(writer, "/camera/image", message)
+    for done, (image, count, time_ns) in enumerate(zip(images, counts, times, strict=True), 1):
+        content = type(message)(
+            data=_bytes_of(image), format=image.header.encoding, frame_id=_CAMERA_FRAME
+        )
         writer.add_message(channel, time_ns, content.SerializeToString(), time_ns, count)
-        watch(done, len(files))
-    if dates:
-        writer.add_metadata(DATES_METADATA, dates)
+        watch(done, len(images))
     writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -266,43 +249,13 @@ def _times_of(counts: list[int]) -> list[int]:
     return times
 
 
-def date_taken(data: bytes) -> str:
-    """When an image was taken, `2009-05-14 10:31:07`, by its Exif data; empty where they do not say it."""
+def _bytes_of(image: ImageFile) -> bytes:
     try:
-        with Image.open(io.BytesIO(data)) as image:
-            exif = image.getexif()
-            date = str(exif.get_ifd(_EXIF).get(_DATE_TAKEN) or exif.get(_DATE_CHANGED) or "")
-    except (
-        Exception
-    ):  # the library has errors of its own for each damage, and a date is no reason to stop
-        return ""
-    found = re.match(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)", date)
-    return "" if found is None else "{}-{}-{} {}".format(*found.groups())
-
-
-def _bytes_of(file: Path) -> bytes:
-    try:
-        return read_input(file)
+        return read_input(image.path)
     except OSError as error:
         raise InputError(
-            f"{file}: wanted an image, found: {error.strerror or error}; check the file"
+            f"{image.path}: it could be read before, and now: {error.strerror or error}; check the file"
         ) from error
-
-
-def _read_image(file: Path, camera: Camera) -> tuple[bytes, str]:
-    data = _bytes_of(file)
-    header = read_image_header(data)
-    if header is None or header.encoding not in ("jpeg", "png"):
-        raise InputError(
-            f"{file}: wanted a JPEG or PNG image, found a file that is neither or is cut off; "
-            "convert it or leave it out"
-        )
-    if (header.width, header.height) != (camera.width, camera.height):
-        raise InputError(
-            f"{file}: wanted {camera.width} x {camera.height} pixels as the calibration has them, "
-            f"found {header.width} x {header.height}; give the calibration of these images"
-        )
-    return data, header.encoding
 
 
 def _fill_calibration(message: Message, camera: Camera) -> bytes:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from wayside.pipeline.importing import natural_key
+from wayside.pipeline.image_order import natural_key
 from wayside.pipeline.input_files import open_input, read_input, read_input_text
 from wayside.pipeline.json_text import parse_json
 from wayside.pipeline.reading.image_headers import read_image_header

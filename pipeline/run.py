@@ -33,6 +33,7 @@ from wayside.schemas.frame import (
     DAMAGED,
     DUPLICATE,
     NO_CALIBRATION,
+    TURNED,
     UNDECODABLE,
     USED,
     WRONG_SIZE,
@@ -103,6 +104,7 @@ class RunResult:
             (UNDECODABLE, "do not decode"),
             (DAMAGED, "are damaged: they decode in part only"),
             (WRONG_SIZE, "have another size than the calibration of their time"),
+            (TURNED, "are to be shown turned by their Exif orientation, unlike the first"),
             (NO_CALIBRATION, "have no calibration"),
         )
         images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 USED, THINNED, OUTSIDE, SKIPPED = "used", "thinned", "outside", "skipped"
 UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calibration"
 NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
-NO_KEY_FRAME, OTHER_CAMERA = "no_key_frame", "other_camera"
+NO_KEY_FRAME, OTHER_CAMERA, TURNED = "no_key_frame", "other_camera", "turned"
 FRAME_STATUS_WORDS = {
     USED: "its candidates were looked for, and it has a pose",
     THINNED: "too near to the used image before it; its candidates are not looked for",
@@ -23,6 +23,7 @@ FRAME_STATUS_WORDS = {
     SKIPPED: "left out by `--every`",
     UNDECODABLE: "cannot be decoded",
     WRONG_SIZE: "of another size than the calibration",
+    TURNED: "to be shown turned or mirrored, by its Exif orientation, while the first image is not",
     NO_CALIBRATION: "nothing says how its camera is calibrated",
     NO_POSITION: "before the first pose or fix, or behind the last",
     DAMAGED: "decodes in part only",

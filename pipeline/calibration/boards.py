@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.importing import image_files, natural_key
+from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.contents import OTHER_LENSES
+from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import BoardSettings
 from wayside.stages.calibration import (
@@ -31,7 +32,7 @@ Size = tuple[int, int]
 Watcher = Callable[[int, int], None]
 
 _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-"""The calibration belongs to the pixels as the sensor gave them: a rotation noted in EXIF is not applied."""
+"""Images that Exif turns are refused before this makes a difference."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +101,8 @@ def calibrate_images(
     UsageError
         An unknown lens model, or no image among the paths.
     InputError
-        The images do not determine a camera; the message names each image that was not used and why.
+        The images do not determine a camera (the message names each image that was not used and why), or one is to
+        be shown otherwise than it is stored.
     """
     if model not in LENS_MODELS:
         raise UsageError(
@@ -124,8 +126,8 @@ def calibrate_images(
     return CalibratedImages(board, model, tuple(images), calibration)
 
 
-def _common_size(files: list[Path], sizes: list[Size | None]) -> Size:
-    counts = Counter(size for size in sizes if size is not None)
+def _common_size(files: list[Path], sizes: list[Size | str]) -> Size:
+    counts = Counter(size for size in sizes if not isinstance(size, str))
     if not counts:
         raise InputError(
             f"{files[0]}: wanted images of a board, found none that decodes among {len(files)} files; "
@@ -144,34 +146,36 @@ def _common_size(files: list[Path], sizes: list[Size | None]) -> Size:
     return size
 
 
-def _size_of(file: Path) -> Size | None:
+def _size_of(file: Path) -> Size | str:
     grey = _read(file)
-    return None if grey is None else (grey.shape[1], grey.shape[0])
+    return grey if isinstance(grey, str) else (grey.shape[1], grey.shape[0])
 
 
 def _look(
-    file: Path, size: Size | None, wanted: Size, board: Board, settings: BoardSettings
+    file: Path, size: Size | str, wanted: Size, board: Board, settings: BoardSettings
 ) -> BoardImage:
-    if size is None:
-        return BoardImage(file, None, "no image that can be decoded")
+    if isinstance(size, str):
+        return BoardImage(file, None, size)
     if size != wanted:
         words = f"{size[0]} x {size[1]} pixels, while most have {wanted[0]} x {wanted[1]}"
         return BoardImage(file, None, words)
     grey = _read(file)
-    if grey is None or (grey.shape[1], grey.shape[0]) != size:
+    if isinstance(grey, str) or (grey.shape[1], grey.shape[0]) != size:
         raise InputError(f"{file}: wanted the image read before, found another; do not change it")
     found = find_board(grey, board, settings)
     return BoardImage(file, found.corners, found.why)
 
 
-def _read(file: Path) -> NDArray[np.uint8] | None:
+def _read(file: Path) -> NDArray[np.uint8] | str:
+    """Grey values of an image, or in words why there are none; raises InputError for one that Exif turns."""
     try:
-        data = np.frombuffer(read_input(file), np.uint8)
-        decoded = cv2.imdecode(data, _AS_STORED) if len(data) else None
+        data = read_input(file)
+        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_STORED) if data else None
     except OSError as error:
-        raise InputError(
-            f"{file}: wanted an image, found: {error.strerror or error}; check the file"
-        ) from error
+        return f"cannot be read: {error.strerror or error}"
     except cv2.error:
-        return None
-    return None if decoded is None else np.asarray(decoded, np.uint8)
+        decoded = None
+    if decoded is None:
+        return "no image that can be decoded"
+    refuse_turned(str(file), read_exif(data))
+    return np.asarray(decoded, np.uint8)

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.importing import image_files, natural_key
+from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON_FACE
+from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.schemas.errors import InputError
@@ -211,6 +212,7 @@ def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
         rgb = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
         if rgb is None:
             raise InputError(f"{file}: wanted an image, found none that can be read; leave it out")
+        refuse_turned(str(file), read_exif(file.read_bytes()))
         pixels = np.ascontiguousarray(rgb, np.uint8)
         height, width = pixels.shape[:2]
         frame = Frame(index, index, None, USED, "", b"", None, width, height)

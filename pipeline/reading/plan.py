@@ -9,7 +9,8 @@ from pathlib import Path
 
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.contents import CalibrationContent
+from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
+from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
@@ -91,7 +92,8 @@ def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = Non
     UsageError
         Settings that make no sense, an unknown camera topic, or several cameras and none chosen.
     InputError
-        The log has no images, no calibration, or nothing that tells how the camera moved.
+        The log has no images, no calibration, or nothing that tells how the camera moved, or its images are to be shown
+        otherwise than they are stored.
     """
     check_settings(settings)
     given = camera
@@ -157,6 +159,10 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
             f"{survey.path}: wanted images on {chosen[0].name}, found messages that cannot be decoded "
             f"({chosen[0].fault}); record them anew or choose another with --camera"
         )
+    first = chosen[0].first
+    if isinstance(first, ImageContent) and not first.width:
+        words = f"{survey.path}: the first image of {shortened(chosen[0].name)}"
+        refuse_turned(words, read_exif(first.data))
     if chosen[0].image_format == H264 and not can_decode_video():
         raise InputError(f"{survey.path}: {chosen[0].name}: {WITHOUT_DECODER}")
     return chosen[0]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.copies import ImageNumbers
+from wayside.pipeline.reading.exif import read_exif
 from wayside.pipeline.reading.image_headers import format_word, read_image_header
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.thinning import Thinning, position_of
@@ -17,6 +18,7 @@ from wayside.schemas.frame import (
     OUTSIDE,
     SKIPPED,
     THINNED,
+    TURNED,
     UNDECODABLE,
     USED,
     WRONG_SIZE,
@@ -134,6 +136,8 @@ class Selection:
             return NO_CALIBRATION
         if size != (0, 0) and size != (camera.width, camera.height):
             return WRONG_SIZE
+        if not image.width and read_exif(image.data).turned:
+            return TURNED
         if self.last_used is None and pose is None and fix is None and not self.spacing_m:
             return NO_POSITION
         return USED if self.thinning.keeps(number, position_of(pose, fix), time_ns) else THINNED

@@ -1,4 +1,4 @@
-"""What the tests of the pipeline share: pages in a real browser without a window."""
+"""What the tests of the pipeline share: pages in a real browser without a window, and Exif data as cameras write it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
 _FOUND = next((path for path in map(shutil.which, NAMES) if path), None)
@@ -54,3 +55,31 @@ def _run_page(page: Path, script: str, fragment: str = "", profile: Path | None 
     assert found, done.stderr[-2000:]
     assert found[1] == "DONE", unescape(found[2])
     return json.loads(unescape(found[2]))
+
+
+@pytest.fixture(scope="session")
+def with_exif() -> Callable[..., bytes]:
+    """`_with_exif`."""
+    return _with_exif
+
+
+def _with_exif(
+    jpeg: bytes,
+    *,
+    orientation: object = None,
+    taken: str = "",
+    fraction: str = "",
+    offset: str = "",
+    changed: str = "",
+) -> bytes:
+    """A JPEG with an Exif segment before its others; the pixels stay as they are."""
+    exif = Image.Exif()
+    if orientation is not None:
+        exif[0x0112] = orientation
+    if changed:
+        exif[0x0132] = changed
+    for tag, value in ((0x9003, taken), (0x9291, fraction), (0x9011, offset)):
+        if value:
+            exif.get_ifd(0x8769)[tag] = value
+    segment = exif.tobytes()
+    return jpeg[:2] + b"\xff\xe1" + (len(segment) + 2).to_bytes(2, "big") + segment + jpeg[2:]

@@ -1,3 +1,4 @@
+import os
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,8 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from PIL import Image
 
-from wayside.pipeline.importing import count_images, import_images
+from wayside.pipeline.image_order import count_images
+from wayside.pipeline.importing import import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -47,7 +49,7 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     files = [write_image(folder / f"P{n}.jpg") for n in (9, 10, 11, 100)]
     (folder / "notes.txt").write_text("no image")
     out = tmp_path / "drive.mcap"
-    assert import_images([folder], calibration, 8.04672, out) == 4
+    assert import_images([folder], calibration, 8.04672, out) == (4, 0)
     frames = frames_of(out)
     assert [bytes(f.data) for f in frames] == [f.read_bytes() for f in files]
     assert [f.spacing_m for f in frames] == [None, 8.04672, 8.04672, 8.04672]
@@ -124,12 +126,12 @@ def test_an_image_of_another_size_is_named_and_no_log_is_left(tmp_path, calibrat
 
 def test_what_is_no_image_is_named(tmp_path, calibration):
     (tmp_path / "1.jpg").write_text("no image")
-    with pytest.raises(InputError, match=r"1\.jpg: wanted a JPEG or PNG"):
+    with pytest.raises(InputError, match=r"none of 1 files .* 1\.jpg: no JPEG or PNG"):
         import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
 
 
 def test_a_missing_image_is_named(tmp_path, calibration):
-    with pytest.raises(InputError, match=r"1\.jpg: wanted an image, found no such file"):
+    with pytest.raises(InputError, match=r"1\.jpg: no such file"):
         import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
 
 
@@ -223,3 +225,53 @@ def test_numbers_that_tell_nothing_are_said(tmp_path, calibration):
     assert [words.split(":")[0] for words in said] == [
         "the numbers in the names do not rise evenly"
     ]
+
+
+def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, command):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for n in (1, 2, 9):
+        write_image(folder / f"P{n}.jpg")
+    (folder / "P3.jpg").symlink_to(tmp_path / "none.jpg")
+    (folder / "P4.jpg").write_bytes(b"")
+    (folder / "P5.jpg").mkdir()
+    os.mkfifo(folder / "P6.jpg")
+    (folder / "P7.jpg").write_text("no image")
+    (folder / "P8.jpg").symlink_to(folder / "P8.jpg")
+    latin = os.fsdecode(bytes(folder) + b"/P\xe9.jpg")
+    os.rename(write_image(folder / "P10.jpg"), latin)
+    out = tmp_path / "drive.mcap"
+    line = ["import", folder, "--calibration", calibration, "--spacing", "8m", "-o", out]
+    done = command(*line)
+    assert done.returncode == 4
+    assert [f.name for f in frames_of(out)] == ["P1.jpg", "P2.jpg", "P9.jpg"]
+    for words in (
+        "left out: 7 of 10 files",
+        "P3.jpg: a link to no file",
+        "P4.jpg: empty",
+        "P5.jpg: Is a directory",
+        "P6.jpg: a pipe",
+        "P7.jpg: no JPEG or PNG image",
+        "P8.jpg: a link to no file",
+        "and 1 more",
+    ):
+        assert words in done.stderr
+    line[1] = latin
+    refused = command(*line)
+    assert refused.returncode == 3
+    assert "P\\udce9.jpg: its name is no UTF-8" in refused.stderr
+    line[1] = folder / "P3.jpg"
+    assert command(*line).returncode == 3
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_files_and_folders_that_may_not_be_read_are_named(tmp_path, calibration):
+    images = [write_image(tmp_path / f"{n}.jpg") for n in (1, 2)]
+    images[1].chmod(0)
+    said = []
+    import_images(images, calibration, 8.0, tmp_path / "drive.mcap", warn=said.append)
+    assert "2.jpg: Permission denied" in said[0]
+    folder = tmp_path / "closed"
+    folder.mkdir(mode=0)
+    with pytest.raises(InputError, match="closed: the folder cannot be listed"):
+        import_images([folder], calibration, 8.0, tmp_path / "other.mcap")

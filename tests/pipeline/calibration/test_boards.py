@@ -75,6 +75,21 @@ def test_images_that_are_not_used_are_named_with_the_reason(found):
     assert all(f"{name}" in report and words in report for name, words in why.items())
 
 
+def test_boards_that_are_to_be_shown_turned_are_refused(boards, with_exif, tmp_path):
+    data = cv2.imencode(".jpg", cv2.imread(str(boards / "board0.png")))[1].tobytes()
+    (tmp_path / "board.jpg").write_bytes(with_exif(data, orientation=8))
+    files = [*boards.glob("board*.png"), tmp_path / "board.jpg"]
+    with pytest.raises(InputError, match=r"board\.jpg: .* turned by 90 degrees counterclockwise"):
+        calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
+
+
+def test_a_file_that_cannot_be_read_is_named_and_the_others_used(boards, tmp_path):
+    (tmp_path / "gone.png").symlink_to(tmp_path / "none.png")
+    files = [*boards.glob("board*.png"), tmp_path / "gone.png"]
+    found = calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
+    assert [image.why for image in found.failed] == ["cannot be read: No such file or directory"]
+
+
 @pytest.mark.slow
 def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
     names = [f"board{i}.png" for i in range(8)]

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
+from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES
@@ -475,6 +476,30 @@ def test_images_of_another_size_are_marked_and_the_others_used(new_log):
     frames, _ = read(log.finish(), spacing_m=8.0)
     assert [f.status for f in frames] == ["used", "used", "wrong_size", "used", "used", "used"]
     assert frames[3].spacing_m == 16.0
+
+
+def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, dialect, with_exif):
+    log = new_log(dialect)
+    log.add("/camera/calibration", "calibration", 0)
+    log.add_image(0, data=with_exif(image(0), orientation=3))
+    path = log.finish()
+    with pytest.raises(InputError, match=r"first image of /camera/image: .* turned by 180 degrees"):
+        read(path, spacing_m=8.0)
+    text = format_information(describe_log(path, ReadSettings(spacing_m=8.0)))
+    assert "not as it is: the first image of /camera/image: its Exif orientation" in text
+    assert "can be used" not in text
+
+
+def test_later_images_that_are_to_be_shown_turned_are_marked(new_log, with_exif):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    for index in range(5):
+        tag = {1: 1, 2: 6, 3: 0}.get(index)
+        log.add_image(index, data=with_exif(image(index), orientation=tag))
+    frames, report = read(log.finish(), spacing_m=8.0)
+    assert [f.status for f in frames] == ["used", "used", "turned", "used", "used"]
+    assert frames[3].spacing_m == 16.0
+    assert report.statuses["turned"] == 1
 
 
 def test_a_log_whose_images_all_differ_from_the_calibration_is_refused(new_log):

@@ -1,0 +1,305 @@
+"""The order of imported images: by folder, date of capture and number."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from wayside.pipeline.importing import import_images
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import ReadSettings
+
+YAML = """image_width: 32
+image_height: 24
+camera_matrix: {rows: 3, cols: 3, data: [50, 0, 16, 0, 51, 12, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.1, 0, 0, 0.5]}
+"""
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_text(YAML)
+    return path
+
+
+@pytest.fixture
+def take(tmp_path, with_exif):
+    """Take an image: `take("100MEDIA/DSC_0001.JPG", 3.5)`, so many seconds after 15:00:00; None: without a date."""
+
+    def take(name, second=None, *, exact=True, **exif):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        pixels = np.random.default_rng(list(name.encode())).integers(0, 256, (24, 32, 3), np.uint8)
+        data = cv2.imencode(".jpg", pixels)[1].tobytes()
+        if second is not None:
+            exif = {"taken": f"2024:06:10 15:{int(second) // 60:02d}:{int(second) % 60:02d}"} | exif
+            if exact:
+                exif["fraction"] = f"{round(second % 1 * 1000):03d}"
+        path.write_bytes(with_exif(data, **exif) if exif else data)
+        return path
+
+    return take
+
+
+@pytest.fixture
+def imported(tmp_path, calibration):
+    """Names and distances of the images of a log made of these, and what was said."""
+
+    def imported(paths, order=""):
+        said = []
+        out = tmp_path / "drive.mcap"
+        import_images(paths, calibration, 10.0, out, order=order, overwrite=True, warn=said.append)
+        frames = list(read_frames(out, ReadSettings(), ReadReport()))
+        return [f.name for f in frames], [f.spacing_m for f in frames], said
+
+    return imported
+
+
+def last(folders):
+    """The folder of images that are taken one after the other."""
+    return list(folders)[-1]
+
+
+def names(prefix, numbers, width=4):
+    return [f"{prefix}{number:0{width}d}.JPG" for number in numbers]
+
+
+WRAPPED = [*range(9995, 10000), *range(1, 7)]
+
+
+@pytest.mark.parametrize("prefix", ["DSC_", "DSC0", "", "frame_"])
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_counter_that_starts_again_is_followed_by_the_dates(take, imported, prefix, exact):
+    wanted = names(prefix, WRAPPED)
+    for k, name in enumerate(wanted):
+        take(f"in/{name}", k / 3, exact=exact)
+    found, spacing, said = imported([take(f"in/{wanted[0]}", 0.0, exact=exact).parent])
+    assert found == wanted
+    assert spacing == [None, *[10.0] * 10]
+    assert said == [f"numbers start again or go back: {prefix}0001.JPG behind {prefix}9999.JPG"]
+
+
+def test_a_counter_that_starts_again_is_followed_without_dates(take, imported):
+    wanted = names("DSC_", WRAPPED)
+    found, _, said = imported([take(f"in/{name}") for name in wanted])
+    assert found == wanted
+    assert len(said) == 1
+
+
+def test_numbers_are_missing_where_a_counter_starts_again(take, imported):
+    wanted = names("DSC_", [9996, 9998, 2, 3])  # without 9997, 9999 and 1
+    found, spacing, said = imported([take(f"in/{n}", k) for k, n in enumerate(wanted)])
+    assert found == wanted
+    assert spacing == [None, 20.0, 30.0, 10.0]
+    assert "missing numbers: 3 (1 after DSC_9996.JPG, 2 after DSC_9998.JPG)" in said[-1]
+
+
+def test_dates_keep_the_order_of_names_where_a_counter_could_have_started_again(take, imported):
+    wanted = names("DSC_", [1, 2, 3, 9998, 9999])
+    found, _, said = imported([take(f"in/{n}", k) for k, n in enumerate(wanted)])
+    assert found == wanted
+    assert [words.split(":")[0] for words in said] == [
+        "the numbers in the names do not rise evenly"
+    ]
+
+
+def test_low_counters_are_not_taken_to_start_again(take, imported):
+    wanted = [f"P{n}.jpg" for n in (1, 2, 3, 97, 98, 99)]
+    assert imported([take(f"in/{name}") for name in wanted])[0] == wanted
+
+
+@pytest.mark.parametrize(
+    ("numbers", "seconds"),
+    [
+        ([1, 2, 3, 4, 5, 6], [10, 11, 12, 0, 1, 2]),  # the clock was set back
+        ([1, 2, 3, 4, 5, 6], [0, 2, 1, 3, 4, 5]),
+        ([1, 2, 3, 4, 5, 6], [5, 4, 3, 2, 1, 0]),
+        ([9998, 9999, 1, 2, 3, 4], [0, 1, 2, 4, 3, 5]),
+        ([1, 2, 3, 4, 5, 6], [0.0, 0.4, 0.2, 0.6, 0.8, 1.0]),
+    ],
+)
+def test_dates_that_contradict_the_numbers_are_refused_with_both_orders(
+    take, imported, numbers, seconds
+):
+    paths = [take(f"in/{n}", s) for n, s in zip(names("I_", numbers), seconds, strict=True)]
+    by_date = [p.name for p in sorted(paths, key=lambda p: seconds[paths.index(p)])]
+    with pytest.raises(InputError, match="contradict the order of folders and names") as refused:
+        imported(paths)
+    first, by_name, dated = str(refused.value).splitlines()
+    assert "--order name or --order date" in first
+    assert by_name.startswith("  by name: ")
+    assert dated.startswith("  by date: ")
+    assert imported(paths, "date")[0] == by_date
+    assert imported(paths, "name")[0] == sorted(p.name for p in paths)
+
+
+def test_the_orders_are_shown_from_where_they_differ(take, imported):
+    seconds = [*range(50), 51, 50, *range(52, 60)]
+    paths = [take(f"in/{n}", s) for n, s in zip(names("I_", range(60)), seconds, strict=True)]
+    with pytest.raises(InputError) as refused:
+        imported(paths)
+    _, by_name, by_date = str(refused.value).splitlines()
+    assert by_name.startswith("  by name: ... in/I_0049.JPG (2024-06-10 15:00:49), in/I_0050.JPG")
+    assert by_date.startswith("  by date: ... in/I_0049.JPG (2024-06-10 15:00:49), in/I_0051.JPG")
+
+
+def test_two_cameras_in_one_folder_are_refused(take, imported):
+    for k in range(5):
+        take(f"in/DSC_{k:04d}.JPG", k + 0.5)
+        path = take(f"in/IMG_{k:04d}.JPG", k)
+    with pytest.raises(InputError, match="leave out what is of another camera"):
+        imported([path.parent])
+
+
+def test_numbers_decide_within_a_second(take, imported):
+    wanted = names("I_", range(10))
+    assert (
+        imported([take(f"in/{n}", k // 4, exact=False) for k, n in enumerate(wanted)])[0] == wanted
+    )
+
+
+@pytest.mark.parametrize("date", [None, 7.0])
+def test_dates_that_are_missing_or_all_the_same_say_nothing(take, imported, date):
+    wanted = names("I_", range(1, 5))
+    found, _, said = imported([take(f"in/{name}", date) for name in reversed(wanted)])
+    assert (found, said) == (wanted, [])
+
+
+def test_dates_of_change_say_nothing(take, imported):
+    wanted = names("I_", range(1, 5))
+    for k, name in enumerate(wanted):
+        path = take(f"in/{name}", changed=f"2024:06:11 10:00:{50 - k}")
+    assert imported([path.parent])[0] == wanted
+
+
+def test_offsets_of_time_zones_count_where_all_dates_have_one(take, imported):
+    wanted = names("I_", range(1, 5))  # a border is passed after the second image
+    for k, name in enumerate(wanted):
+        local = f"2024:06:10 {15 - (k > 1)}:00:0{k}"
+        path = take(f"in/{name}", 0, taken=local, offset="+02:00" if k < 2 else "+01:00")
+    assert imported([path.parent])[0] == wanted
+    for k, name in enumerate(wanted):
+        take(f"in/{name}", 0, taken=f"2024:06:10 {15 - (k > 1)}:00:0{k}")
+    with pytest.raises(InputError, match="dates of capture"):
+        imported([path.parent])
+
+
+@pytest.mark.parametrize("dated", [True, False])
+@pytest.mark.parametrize("turned", [True, False])
+def test_folders_of_a_camera_are_in_the_order_of_their_numbers(take, imported, dated, turned):
+    folders = []
+    for folder, first in (("99MEDIA", 0), ("100MEDIA", 3), ("101MEDIA", 6)):
+        for k in range(3):
+            path = take(f"{folder}/DSC0000{k + 1}.JPG", first + k if dated else None)
+        folders.append(path.parent)
+    found, spacing, said = imported(folders[::-1] if turned else folders)
+    assert found == ["DSC00001.JPG", "DSC00002.JPG", "DSC00003.JPG"] * 3
+    assert spacing == [None, *[10.0] * 8]
+    assert len(said) == 1
+    assert "folders are taken in this order" in said[0]
+    assert said[0].index("/99MEDIA") < said[0].index("/100MEDIA") < said[0].index("/101MEDIA")
+
+
+def test_a_number_goes_on_in_the_next_folder(take, imported):
+    for k, number in enumerate((9997, 9999)):
+        first = take(f"100CANON/IMG_{number}.JPG", k).parent
+    for k, number in enumerate((1, 3)):
+        second = take(f"101CANON/IMG_{number:04d}.JPG", 5 + k).parent
+    found, spacing, _ = imported([second, first])
+    assert found == ["IMG_9997.JPG", "IMG_9999.JPG", "IMG_0001.JPG", "IMG_0003.JPG"]
+    assert spacing == [None, 20.0, 10.0, 20.0]
+
+
+def test_folders_whose_dates_contradict_their_numbers_are_refused(take, imported):
+    first = last(take(f"100MEDIA/I_{k:04d}.JPG", 10 + k).parent for k in range(3))
+    second = last(take(f"101MEDIA/I_{k:04d}.JPG", k).parent for k in range(3))
+    with pytest.raises(InputError, match=r"by name: 100MEDIA/I_0000.*\n  by date: 101MEDIA/I_0000"):
+        imported([first, second])
+
+
+def test_folders_taken_at_the_same_time_are_refused(take, imported):
+    front = last(take(f"front/I_{k:04d}.JPG", k).parent for k in range(3))
+    rear = last(take(f"rear/I_{k:04d}.JPG", k + 0.5).parent for k in range(3))
+    with pytest.raises(InputError, match="front/I_0000"):
+        imported([front, rear])
+
+
+def test_folders_of_any_names_are_in_the_order_of_their_dates(take, imported):
+    later = last(take(f"a/{k}.jpg", 10 + k).parent for k in range(1, 3))
+    earlier = last(take(f"b/{k + 5}.jpg", k).parent for k in range(1, 3))
+    assert imported([later, earlier])[0] == ["6.jpg", "7.jpg", "1.jpg", "2.jpg"]
+
+
+def test_folders_without_dates_are_in_the_order_of_names_in_them_or_as_given(take, imported):
+    a, b = (last(take(f"{name}/{k}.jpg").parent for k in (1, 2)) for name in "ab")
+    c = last(take(f"c/{k}.jpg").parent for k in (3, 4))
+    assert "/b, " in imported([b, a])[2][0]  # "this order: .../b, .../a"
+    assert imported([c, a])[0] == ["1.jpg", "2.jpg", "3.jpg", "4.jpg"]
+
+
+def test_groups_of_a_series_are_counted_each(take, imported):
+    wanted = [f"G00{group}000{k}.JPG" for group in (1, 2) for k in (1, 2, 4)]
+    found, spacing, said = imported([take(f"in/{n}", k) for k, n in enumerate(wanted)])
+    assert found == wanted
+    assert spacing == [None, 10.0, 20.0, 10.0, 10.0, 20.0]
+    assert [words.split(":")[0] for words in said] == ["missing numbers"]
+
+
+def test_dates_of_copies_are_no_witness(take, imported):
+    paths = [take(f"in/{k}.jpg", k) for k in (1, 2, 3)]
+    paths.append(Path(shutil.copy(paths[0], paths[0].with_name("4.jpg"))))
+    found, spacing, _ = imported(paths)
+    assert found == ["1.jpg", "2.jpg", "3.jpg", "4.jpg"]
+    assert spacing == [None, 10.0, 10.0, None]
+
+
+def test_a_copy_does_not_hide_that_a_counter_starts_again(take, imported):
+    paths = [take(f"in/{name}", k) for k, name in enumerate(names("DSC_", WRAPPED))]
+    for place in (1, 7):
+        paths.append(Path(shutil.copy(paths[place], f"{paths[place].with_suffix('')} (1).JPG")))
+    found, spacing, _ = imported(paths)
+    assert [name for name in found if "(1)" not in name] == names("DSC_", WRAPPED)
+    assert [step for step in spacing if step] == [10.0] * 10
+
+
+def test_an_order_by_date_needs_all_dates(take, imported):
+    paths = [take("in/1.jpg", 1), take("in/2.jpg")]
+    with pytest.raises(InputError, match=r"1 of 2 images have no date .* in/2\.jpg"):
+        imported(paths, "date")
+
+
+def test_the_command_forces_an_order(take, command, tmp_path, calibration):
+    folder = last(take(f"in/{k}.jpg", 10 - k).parent for k in (1, 2))
+    line = ["import", folder, "--calibration", calibration, "--spacing", "8m", "-o"]
+    out = tmp_path / "drive.mcap"
+    refused = command(*line, out)
+    assert refused.returncode == 3
+    assert not out.exists()
+    assert command(*line, out, "--order", "date").returncode == 0
+    assert command(*line, out, "--order", "size").returncode == 2
+
+
+@pytest.mark.parametrize("tag", range(2, 9))
+def test_an_image_that_is_to_be_shown_otherwise_than_it_is_stored_is_refused(take, imported, tag):
+    paths = [take("in/1.jpg", 1), take("in/2.jpg", 2, orientation=tag)]
+    with pytest.raises(InputError, match=r"2\.jpg: its Exif orientation .*exiftran"):
+        imported(paths)
+
+
+@pytest.mark.parametrize("tag", [0, 1, 9])
+def test_orientations_that_say_nothing_are_imported(take, imported, tag):
+    assert imported([take("in/1.jpg", 1, orientation=tag)])[0] == ["1.jpg"]
+
+
+def test_the_orientation_of_a_png_is_read(imported, tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.new("RGB", (32, 24)).save(tmp_path / "1.png", exif=exif)
+    with pytest.raises(InputError, match=r"1\.png: .* turned by 90 degrees clockwise"):
+        imported([tmp_path / "1.png"])
