@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,8 @@ from wayside.stages.odometry import (
 
 _STEPS, _SHORTEST_S, _DOUBLINGS = 14, 0.08, 4
 """Pairs of images spread over a drive; their distance grows from 0.08 s until they show motion."""
+_CLEARLY_BETTER = 2.5
+"""A convention is told from another where its error is so many times smaller."""
 _VIDEO_IMAGES = 40
 """A video is decoded from its start: its first images are compared."""
 
@@ -53,8 +56,8 @@ class MotionStream:
 
 def believed(
     streams: Sequence[MotionStream],
+    steps: list[ImageStep],
     notes: list[str],
-    measure: Callable[[], list[ImageStep]],
 ) -> MotionStream | None:
     """The first stream that the images do not contradict, else the first that agrees after one known conversion.
 
@@ -62,41 +65,60 @@ def believed(
     ----------
     streams
         In the order in which they are preferred.
+    steps
+        What the images show.
     notes
         Filled with what was converted, and what is left out and why.
-    measure
-        Gives what the images show; called where there is a stream to compare.
     """
-    streams = [stream for stream in streams if stream.path.known.any()]
-    if not streams:
-        return None
-    steps = measure()
     for stream in streams:
         found, (path, up) = agreement(steps, stream.path), upright(stream.path)
-        if not found.tells or (up and found.agrees):
+        if not found.tells:
+            return stream
+        converted = sorted(_conversions(stream, steps), key=lambda one: one.found.error_deg)
+        best = converted[0] if converted else None
+        if (
+            up
+            and found.agrees
+            and not (best is not None and found.error_deg > _CLEARLY_BETTER * best.found.error_deg)
+        ):
             if stream.assumed_mount:
                 notes.append(
                     "the log does not say how the camera is mounted: it is taken to look straight ahead"
                 )
-            if not found.tells:
-                return stream
             notes += _world_words(stream, up)
             return replace(stream, path=path)
-        converted = list(_conversions(stream, steps))
-        level = [one for one in converted if one[2] == "z"] or converted
+        like = [
+            one
+            for one in converted
+            if best is not None and one.found.error_deg < _CLEARLY_BETTER * best.found.error_deg
+        ]
+        level = [one for one in like if one.up == "z"] or like
         if len(level) == 1:
-            words, path, up = level[0]
-            notes.append(f"the {stream.words} are {words}: they are used so")
-            notes += _world_words(stream, up)
-            return replace(stream, path=path)
+            notes.append(f"the {stream.words} are {level[0].words}: they are used so")
+            return replace(stream, path=level[0].path)
         notes.append(_left_out_words(stream, found, len(level)))
     return None
 
 
-def _conversions(
-    stream: MotionStream, steps: list[ImageStep]
-) -> Iterator[tuple[str, CameraPath, str]]:
-    """Known conventions after which poses agree with the images: in words, the poses, and their world's up."""
+def looks_aside(steps: list[ImageStep]) -> bool:
+    """Whether the camera travels across its optical axis."""
+    return len(steps) > 2 and float(np.median([abs(s.direction[2]) for s in steps])) < 0.5
+
+
+class _Conversion(NamedTuple):
+    """Poses after one known conversion, and how these agree with the images."""
+
+    words: str
+    path: CameraPath
+    up: str
+    found: Agreement
+
+
+def _conversions(stream: MotionStream, steps: list[ImageStep]) -> Iterator[_Conversion]:
+    """Known conventions after which poses agree with the images, in a world whose z axis is up.
+
+    Of other worlds only one is known with other axes: that of vehicles whose z axis is down, too.
+    """
     ways = [
         (f"of a vehicle ({name}), not of the camera", stream.raw.mounted(axes))
         for name, axes in AXES.items()
@@ -108,8 +130,9 @@ def _conversions(
     for words, path in ways:
         turned, up = upright(path)
         found = agreement(steps, turned)
-        if up and found.tells and found.agrees:
-            yield words, turned, up
+        known = up in ("z", "earth") or (up == "-z" and "z down" in words)
+        if known and found.tells and found.agrees:
+            yield _Conversion(words, turned, up, found)
 
 
 def _world_words(stream: MotionStream, up: str) -> list[str]:

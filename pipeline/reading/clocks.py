@@ -22,6 +22,8 @@ _LATE_NS = 1_500_000_000
 """A sound message is recorded at most so much later than others of its clock: receivers report once a second."""
 _COARSE_SHARE = 0.2
 """Share of neighbours with one time from which a clock is too coarse; a few are messages recorded twice."""
+_UNITS_NS = (10**9, 10**8, 10**7, 10**6)
+"""Times are rounded to seconds or to decimal parts of them."""
 _SAME_RATE = 1.25
 """Header and log clock run alike up to this factor; a clock in other units is a thousand times off."""
 _AGREE_SHARE = 0.1
@@ -91,10 +93,18 @@ def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
 
 
 def _is_coarse(time_ns: Integers, other_ns: Integers) -> bool:
-    """Whether many neighbours share a time that the other clock tells apart."""
+    """Whether many neighbours share a time that the other clock tells apart, or times are rounded and irregular."""
     order = np.lexsort((time_ns, other_ns))
-    same = (np.diff(time_ns[order]) == 0) & (np.diff(other_ns[order]) != 0)
-    return len(same) > 0 and float(same.mean()) > _COARSE_SHARE
+    apart, others = np.diff(time_ns[order]), np.diff(other_ns[order])
+    if not len(apart):
+        return False
+    if float(((apart == 0) & (others != 0)).mean()) > _COARSE_SHARE:
+        return True
+    unit = next((unit for unit in _UNITS_NS if not (time_ns % unit).any()), 1)
+    irregular = (
+        np.abs(apart - np.median(apart)).mean() > 2 * np.abs(others - np.median(others)).mean()
+    )
+    return bool(irregular and unit > _AGREE_SHARE * np.median(apart))
 
 
 def _run_alike(log_ns: Integers, header_ns: Integers) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wayside.pipeline.reading.agreement import MotionStream, believed, image_steps
+from wayside.pipeline.reading.agreement import MotionStream, believed, image_steps, looks_aside
 from wayside.pipeline.reading.clocks import (
     Floats,
     Integers,
@@ -29,6 +29,8 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Fix, Pose, PosePrior, turn_deg
 from wayside.stages.odometry import AXES, CameraPath
 
+_SCALE_REACH_M, _FEWEST_SCALES, _SCALE_FACTOR = 40.0, 3, 1.6
+"""Lengths of so many metres by fixes tell a scale that no receiver is off by: that of feet, or an arbitrary one."""
 _STANDING = Pose(next(iter(AXES.values())), np.zeros(3))
 """Camera on a vehicle (x forward, y left, z up; ROS REP 103 and 105) whose mount the log does not state."""
 
@@ -88,18 +90,48 @@ def make_timeline(plan: Plan) -> Timeline:
     timeline = Timeline(order, times, _cameras(plan, times))
     if times.off:
         timeline.notes.append(_off_words(times, plan.camera.name))
-    timeline.motion = believed(
-        _motion_streams(plan, timeline),
-        timeline.notes,
-        lambda: image_steps(plan, order, times.capture_ns, timeline.cameras),
-    )
     timeline.fixes = _fixes(plan, timeline)
+    streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
+    streams = [one for one in streams if _has_scale(plan, one, timeline)]
+    if streams:
+        steps = image_steps(plan, order, times.capture_ns, timeline.cameras)
+        if looks_aside(steps):
+            raise InputError(
+                f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks across its way; signs are found "
+                "by a camera that looks ahead: choose another with --camera"
+            )
+        timeline.motion = believed(streams, steps, timeline.notes)
     if timeline.motion is None and timeline.fixes is None and not plan.spacing_m:
         raise InputError(
             f"{plan.survey.path}: nothing tells how far the camera moved: {'; '.join(timeline.notes)}; "
             "give the distance between images, as in --spacing 26.4ft"
         )
     return timeline
+
+
+def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
+    """Whether the lengths of poses are those of the fixes, where both cover a part that is long enough to tell."""
+    if timeline.fixes is None:
+        return True
+    rows = timeline.order[(stream.path.known & timeline.fixes.known)[timeline.order]]
+    if not len(rows):
+        return True
+    fixes = metres(Samples(rows, timeline.fixes.value[rows], timeline.fixes.sigma[rows]))
+    ratios, start = [], 0
+    for end in range(1, len(rows)):
+        by_fixes = float(np.linalg.norm(fixes[end, :2] - fixes[start, :2]))
+        if by_fixes > _SCALE_REACH_M:
+            centres = stream.path.centre[rows[[start, end]]]
+            ratios.append(float(np.linalg.norm(centres[1] - centres[0])) / by_fixes)
+            start = end
+    ratio = float(np.median(ratios)) if len(ratios) >= _FEWEST_SCALES else 1.0
+    if 1 / _SCALE_FACTOR < ratio < _SCALE_FACTOR:
+        return True
+    timeline.notes.append(
+        f"the {stream.words} are left out: their lengths are {ratio:.2f} times those of the fixes; record them in "
+        "metres"
+    )
+    return False
 
 
 def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:

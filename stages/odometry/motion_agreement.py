@@ -29,6 +29,7 @@ _PARALLAX_PX = 2.0
 """Without rotation, half of the inliers have moved by so much at least: less tells no direction."""
 _DIRECTION_DEG, _ROTATION_DEG = 20.0, 4.0
 """Errors of a sound step: of a camera not quite mounted as stated, and of two images a few metres apart."""
+_ROTATION_WEIGHT = 4.0
 _STANDS_M = 0.05
 """A step of poses that is shorter tells no direction, and contradicts images that show motion."""
 _AGREE_SHARE, _FEWEST_STEPS = 0.7, 3
@@ -125,6 +126,11 @@ class Agreement(NamedTuple):
     def tells(self) -> bool:
         """Whether there are enough steps to say anything."""
         return self.steps >= _FEWEST_STEPS
+
+    @property
+    def error_deg(self) -> float:
+        """Both errors in one: rotations of a step are measured several times as well as its direction."""
+        return self.direction_deg + _ROTATION_WEIGHT * self.rotation_deg
 
     @property
     def agrees(self) -> bool:
