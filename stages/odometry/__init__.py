@@ -10,19 +10,15 @@ from wayside.stages.odometry.relative_pose import (
     fit_coarse_motion,
     fit_relative_pose,
 )
-from wayside.stages.odometry.step_length import SpacingCheck, StepLength
 from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
-from wayside.stages.odometry.visual_odometry import OdometryStep, VisualOdometry
+from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 __all__ = [
     "KeypointImage",
     "MotionPrior",
     "Mount",
-    "OdometryStep",
     "RegisteredTies",
     "RelativePose",
-    "SpacingCheck",
-    "StepLength",
     "VisualOdometry",
     "estimate_motion",
     "extract_features",

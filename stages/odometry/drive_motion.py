@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count, islice
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
 from wayside.schemas.frame import DUPLICATE, OTHER_PLACE, Frame, Image
@@ -17,27 +17,15 @@ from wayside.stages.odometry.tie_points import KeypointImage
 from wayside.stages.odometry.visual_odometry import OdometryStep, VisualOdometry
 
 
-class StepMemory(Protocol):
-    """Keeps the steps of a run for one that goes on with it."""
-
-    def recall(self, frame: int) -> OdometryStep | None:
-        """The step to a frame in the run before; None where it did not come so far."""
-
-    def keep(self, frame: int, step: OdometryStep) -> None:
-        """Take a new step, in the order of the frames."""
-
-
 def estimate_motion(
     images: Iterator[Detections],
     settings: MotionSettings,
     ties: TieSettings,
     adjustment: AdjustmentSettings,
-    memory: StepMemory | None = None,
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
     Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
-    Steps that `memory` recalls are not measured again.
     An image that shows no motion since the last used one becomes a frame with the status `duplicate`, without
     candidates: rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up,
     since images are compared with the one that was used last.
@@ -59,36 +47,30 @@ def estimate_motion(
     misplaced: set[int] = set()
     while (item := coming.popleft() if coming else next(images, None)) is not None:
         frame, image = item.frame, KeypointImage.of(item) if item.frame.used else None
-        step = memory.recall(frame.index) if memory is not None and frame.used else None
-        recalled = step is not None
-        if step is not None:
-            misplaced.update(step.misplaced)
-        elif frame.used and frame.index in misplaced:
+        step: OdometryStep | None = None
+        if frame.used and frame.index in misplaced:
             step = _other_place(frame, misplaced)
         elif shows_no_motion(odometry.image, image, settings, ties):
             step = OdometryStep(None, status=DUPLICATE)
         if not frame.used or (step is not None and step.motion is None):
             if step is not None and step.status == OTHER_PLACE:
                 gap_m += frame.spacing_m or 0.0
-            held.append(_Held(item, step, recalled))
+            held.append(_Held(item, step))
             if before_newest is None:
-                yield from _released(held, memory)
+                yield from _released(held)
             continue
         before, wrong = odometry.copy(), set[int]()
-        if step is not None:
-            odometry.take(step, image, frame)
-        else:
-            spacing_m = None if frame.spacing_m is None else frame.spacing_m + gap_m
-            odometry.advance(image, replace(frame, spacing_m=spacing_m))
-        if step is None and image is not None and past and _is_doubtful(odometry, before):
+        spacing_m = None if frame.spacing_m is None else frame.spacing_m + gap_m
+        odometry.advance(image, replace(frame, spacing_m=spacing_m))
+        if image is not None and past and _is_doubtful(odometry, before):
             ahead = _from_here(View(frame, image), images, coming, misplaced, odometry)
             compared = islice(ahead, 1 + settings.order_reach)
             wrong = ImageOrder(before).misplaced(past, compared, certain=before_newest is None)
         if not wrong:
-            yield from _released(held, memory)
+            yield from _released(held)
             before_newest, gap_m = (before, gap_m), 0.0
             past = [] if image is None else [*past[-settings.order_reach :], View(frame, image)]
-            held = [_Held(item, odometry.last, recalled)]
+            held = [_Held(item, odometry.last)]
             continue
         # Go back before the first image that is left out: this one comes again.
         odometry, misplaced = before, misplaced | wrong
@@ -98,23 +80,20 @@ def estimate_motion(
             newest = past.pop().frame
             gap_m += newest.spacing_m or 0.0
             held[0] = held[0]._replace(step=_other_place(newest, misplaced))
-            yield from _released(held, memory)
-    yield from _released(held, memory)
+            yield from _released(held)
+    yield from _released(held)
 
 
 class _Held(NamedTuple):
-    """The newest used image or one that has come since; recalled: its step is in the memory."""
+    """The newest used image or one that has come since."""
 
     item: Detections
     step: OdometryStep | None
-    recalled: bool
 
 
-def _released(held: list[_Held], memory: StepMemory | None) -> Iterator[PosedDetections]:
+def _released(held: list[_Held]) -> Iterator[PosedDetections]:
     """Let go of all that waits: it is certain."""
-    for item, step, recalled in held:
-        if memory is not None and step is not None and not recalled:
-            memory.keep(item.frame.index, step)
+    for item, step in held:
         motion = None if step is None else step.motion
         out = item if step is None or motion is not None else _left_out(item, step.status)
         yield PosedDetections(out, motion)

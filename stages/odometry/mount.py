@@ -38,27 +38,16 @@ class Mount:
             np.array([0.0, 0.0, 1.0]), np.radians([s.mount_sigma_deg] * 2)
         )
 
-    def learn(self, rotation: Array, direction: Array, points: Array) -> tuple[Array, Array]:
-        """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame.
-
-        Returns what was learned, for `take`: slopes (2,) and heights (n,).
-        """
-        slopes = travel_slopes(rotation, direction)
-        self._take_slopes(slopes)
-        heights = lane_heights(points, self.travel.direction, self.settings)
-        self._take_heights(heights)
-        return slopes, heights
+    def learn(self, rotation: Array, direction: Array, points: Array) -> None:
+        """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame."""
+        self._take_slopes(travel_slopes(rotation, direction))
+        self._take_heights(lane_heights(points, self.travel.direction, self.settings))
 
     def copy(self) -> Mount:
         """The same, apart from this one."""
         twin = copy(self)
         twin.slopes, twin.heights = self.slopes.copy(), self.heights.copy()
         return twin
-
-    def take(self, slopes: Array, heights: Array) -> None:
-        """Take in what `learn` returned."""
-        self._take_slopes(slopes)
-        self._take_heights(heights)
 
     def _take_slopes(self, slopes: Array) -> None:
         self.slopes.append(slopes)

@@ -33,9 +33,8 @@ class OdometryStep:
     """A step and what it leaves behind for the next one.
 
     motion: None where the image is left out, with `status`; nothing else changes then. depths (n,), metres, of the
-    corners of the image; rotation (3, 3) or None where unknown; length and speed_mps of the step; learned: slopes (2,)
-    and heights (n,) that the `Mount` took in, None where it took in nothing; outward: matched ties that moved outward;
-    misplaced: later frames that were found with this one to show other places.
+    corners of the image; rotation (3, 3) or None where unknown; length and speed_mps of the step; outward: matched ties
+    that moved outward; misplaced: later frames that were found with this one to show other places.
     """
 
     motion: Motion | None
@@ -43,7 +42,6 @@ class OdometryStep:
     rotation: Array | None = None
     length: StepLength = field(default_factory=StepLength)
     speed_mps: float = nan
-    learned: tuple[Array, Array] | None = None
     outward: int = 0
     status: str = USED
     misplaced: tuple[int, ...] = ()
@@ -94,14 +92,6 @@ class VisualOdometry:
         twin.mount = self.mount.copy()
         return twin
 
-    def take(self, step: OdometryStep, image: KeypointImage | None, frame: Frame) -> None:
-        """Be as `advance` of the same image and frame left it where it gave this step."""
-        if step.motion is None:
-            return
-        self.image, self.frame, self.last = image, frame, step
-        if step.learned is not None:
-            self.mount.take(*step.learned)
-
     def _step(
         self, last: Motion, image: KeypointImage | None, expected: MotionPrior
     ) -> tuple[Motion, OdometryStep]:
@@ -113,9 +103,7 @@ class VisualOdometry:
         if step is None or image is None or self.image is None:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
             rotation = None if last.ties is None else self.last.rotation
-            kept = replace(
-                self.last, depths=np.zeros(0), rotation=rotation, learned=None, outward=0
-            )
+            kept = replace(self.last, depths=np.zeros(0), rotation=rotation, outward=0)
             return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
@@ -142,7 +130,7 @@ class VisualOdometry:
         matched = step.inlier & (step.tied.rows[:, 1] >= 0)
         depths[step.tied.rows[matched, 1]] = points[matched, 2]
         # Only matched ties measure the height of the road: those predicted by the ground plane are biased.
-        learned = self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
+        self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
         pose = Pose(rotation, baseline * direction)
         motion = Motion(
             last.pose.compose(pose),
@@ -175,9 +163,7 @@ class VisualOdometry:
         outward = int(
             (adjusted.displacement_px[matched] > self.settings.smallest_parallax_px).sum()
         )
-        return motion, OdometryStep(
-            None, depths, adjusted.rotation, length, learned=learned, outward=outward
-        )
+        return motion, OdometryStep(None, depths, adjusted.rotation, length, outward=outward)
 
     def _carried_length(self, step: RelativePose, adjusted: PairAdjustment) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by points common with the step before; nan with too few."""

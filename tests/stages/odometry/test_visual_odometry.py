@@ -1,7 +1,6 @@
 """A drive past textured plates under a textured sky, painted here, and the motion found in it."""
 
 import math
-import pickle
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -130,9 +129,9 @@ def detections_of(images, **known):
     return extract_features(classified(), FeatureSettings())
 
 
-def motions(images, settings=None, memory=None, **known):
+def motions(images, settings=None, **known):
     settings = settings or MotionSettings()
-    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings(), memory
+    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings()
     return [m.motion for m in estimate_motion(*given)]
 
 
@@ -440,32 +439,6 @@ def test_images_without_texture_are_no_duplicates():
     assert [m.baseline_m for m in found] == [0, SPACING, SPACING]
 
 
-class Kept(dict):
-    """Steps by frame, each as its bytes bring it back."""
-
-    def recall(self, frame):
-        return pickle.loads(self[frame]) if frame in self else None
-
-    def keep(self, frame, step):
-        self[frame] = pickle.dumps(step)
-
-
-def test_steps_of_a_run_before_are_recalled_and_the_next_ones_are_the_same(bits):
-    _, images = painted(7, 0.0)
-    given = {"status": [USED, USED, SKIPPED, *[USED] * 4], "spacing_m": [SPACING] * 7}
-    whole = Kept()
-    first = motions(images, **given, memory=whole)
-    for known in (1, 4, 6):
-        again = Kept({frame: step for frame, step in whole.items() if frame < known})
-        recalled = len(again)
-        second = motions(images, **given, memory=again)
-        assert sorted(again) == [0, 1, 3, 4, 5, 6]
-        assert 0 < recalled < len(again)
-        assert bits(first) == bits(second)
-        for frame in whole:
-            assert bits(whole.recall(frame)) == bits(again.recall(frame))
-
-
 def known_by(source, poses):
     """Frame fields that tell the lengths of steps."""
     if source == "poses":
@@ -476,9 +449,9 @@ def known_by(source, poses):
     return {"fix": [Fix(n, 0.0, 0.0, (0.5, 0.5, 1.0)) for n in north]}
 
 
-def stage(images, memory=None, **known):
+def stage(images, **known):
     settings = MotionSettings(), TieSettings(), AdjustmentSettings()
-    return list(estimate_motion(detections_of(images, **known), *settings, memory))
+    return list(estimate_motion(detections_of(images, **known), *settings))
 
 
 def exchanged(images, first, second):
@@ -550,16 +523,3 @@ def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
     for item, i in zip(found, order, strict=True):
         true = poses[i].relative_to(poses[0]).centre
         assert item.motion.pose.centre == pytest.approx(true, abs=0.3)
-
-
-def test_a_run_that_goes_on_leaves_out_the_same_images(bits):
-    given, spacing_m = exchanged(painted(8)[1], 3, 5), [SPACING] * 8
-    whole = Kept()
-    first = stage(given, whole, spacing_m=spacing_m)
-    assert sorted(whole) == list(range(8))
-    for known in (3, 4, 5, 6):
-        again = Kept({frame: step for frame, step in whole.items() if frame < known})
-        second = stage(given, again, spacing_m=spacing_m)
-        assert [item.frame.status for item in first] == [item.frame.status for item in second]
-        assert bits([item.motion for item in first]) == bits([item.motion for item in second])
-        assert sorted(again) == list(range(8))
