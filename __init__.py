@@ -4,7 +4,12 @@ The checkout is the package: this file is `wayside/__init__.py`, the folders bes
 the use.
 """
 
+import os as _os
 from importlib.metadata import version as _version
+
+# onnxruntime sends reports to its vendor unless this is set before its first import. Every way into wayside, processes
+# of a fleet included, comes through here first; who has set it already has decided.
+_os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 from wayside.pipeline.library import Inventory, Progress, open_inventory, run
 

@@ -7,6 +7,8 @@ import io
 import json
 import random
 import shutil
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -241,23 +243,23 @@ def _reviews(folder: Path) -> Attempt:
 
 
 def _journals(folder: Path) -> Attempt:
-    out, key = folder / "out", {"log": "x"}
+    out = folder / "out"
     line = ["run", str(ROOT / "recordings" / "demo.mcap"), "-o", str(out), "--until", "0.6s"]
     removed, run.remove_journal = run.remove_journal, lambda folder: None
     app([*line, "--resume", "--workers", "1"], standalone_mode=False)
     run.remove_journal = removed
-    content = (out / JOURNAL).read_bytes().partition(b"\n")[2]
+    content = (out / JOURNAL).read_bytes()
+    with pa.ipc.open_stream(content[8:]) as stream:
+        key = json.loads(stream.schema.metadata[b"key"])
 
     def attempt(tally: Tally, rng: random.Random) -> None:
-        (out / JOURNAL).write_bytes(json.dumps(key).encode() + b"\n" + changed_bytes(content, rng))
-
-        def work() -> None:
-            journal = Journal(out, key)
-            for frame in range(4):
-                journal.recall(frame)
-            journal.close()
-
-        tally.attempt(work)
+        altered = changed_bytes(content, rng)
+        if len(altered) < 8:
+            return
+        (length,) = struct.unpack_from("<I", altered)  # as if its check sum were right
+        sealed = struct.pack("<I", zlib.crc32(altered[8 : 8 + length]))
+        (out / JOURNAL).write_bytes(altered[:4] + sealed + altered[8:])
+        tally.attempt(lambda: Journal(out, key).close())
 
     return attempt
 

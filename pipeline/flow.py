@@ -145,7 +145,8 @@ class Flow:
                 yield from self.detect(chain([frame], frames))
                 return
             for image in self.stage("decode", decode(iter([frame]), self.settings.balance)):
-                yield self.journal.replay(image)
+                known = self.journal.replay(image)
+                yield from self.detect(iter([frame])) if known is None else (known,)
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Do what one image needs for itself; runs side by side in the workers."""

@@ -52,6 +52,13 @@ def not_written(
     return OutputError(f"{path}: wanted {wanted}, found: {error.strerror or error}; {advice}")
 
 
+def not_whole(path: Path) -> OutputError:
+    """The error for a person where what was written cannot be read back as it was."""
+    return OutputError(
+        f"{path}: not all that was written can be read back, so it is not kept; free some space, or name another file"
+    )
+
+
 def create(path: Path) -> BufferedWriter:
     """A new file, open for writing; never through a link.
 
@@ -109,13 +116,17 @@ def require_free(
     path: Path, *, is_own: Callable[[Path], bool] = lambda path: False, overwrite: bool = False
 ) -> None:
     """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user's."""
-    if path.is_file() and not _is_stream(path) and not overwrite and not is_own(path):
+    if path.is_file() and not is_stream(path) and not overwrite and not is_own(path):
         raise refuse(path, "another file of that name")
 
 
 @contextmanager
 def whole_file(
-    path: Path, *, is_own: Callable[[Path], bool] = lambda path: False, overwrite: bool = False
+    path: Path,
+    *,
+    is_own: Callable[[Path], bool] = lambda path: False,
+    overwrite: bool = False,
+    read_back: Callable[[Path], None] = lambda path: None,
 ) -> Iterator[BinaryIO]:
     """A file to write, which appears under its name, synced, when the block ends without an error.
 
@@ -129,6 +140,8 @@ def whole_file(
         Whether a file that stands there is one of wayside's own that the new one may replace.
     overwrite
         Replace whatever file stands there.
+    read_back
+        Called with the file when all is written, before it takes its place; raises OutputError where it is not whole.
 
     Raises
     ------
@@ -136,7 +149,7 @@ def whole_file(
         It cannot be written, or something of the user's stands there.
     """
     try:
-        if _is_stream(path):
+        if is_stream(path):
             with path.open("wb") as stream:
                 yield stream
             return
@@ -152,6 +165,7 @@ def whole_file(
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
+                read_back(scratch)
                 if not replaced and not filecmp.cmp(scratch, target, shallow=False):
                     raise refuse(path, "another file of that name")
                 os.replace(scratch, target)
@@ -213,7 +227,7 @@ def resolved(path: Path) -> Path:
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from error
 
 
-def _is_stream(path: Path) -> bool:
+def is_stream(path: Path) -> bool:
     """Whether a path is a device, a pipe or an open file of this process, which cannot be replaced."""
     if path.parts[:2] in (("/", "dev"), ("/", "proc")):
         return True

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import filecmp
+import os
 import shutil
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,10 +20,10 @@ from wayside.pipeline.exporting.sources import (
     inventory_rows,
     is_inventory,
 )
-from wayside.pipeline.exporting.text_files import write_csv, write_geojson
+from wayside.pipeline.exporting.text_files import count_rows, write_csv, write_geojson
 from wayside.pipeline.exporting.units import in_feet_and_inches
 from wayside.pipeline.reviewing.review import Review
-from wayside.pipeline.writing import refuse, whole_file
+from wayside.pipeline.writing import is_stream, not_whole, refuse, whole_file
 from wayside.schemas.errors import UsageError
 
 FORMATS = {
@@ -107,10 +109,10 @@ def export(
     inventory = is_inventory(out)
     _require_fitting(out, kind, table, inventory=inventory)
     if kind == "mcap":
-        from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
+        from wayside.pipeline.exporting.foxglove_log import require_whole_log, write_foxglove_log
 
         signs = flat_table(out, review)
-        with whole_file(file, overwrite=overwrite) as stream:
+        with whole_file(file, overwrite=overwrite, read_back=require_whole_log) as stream:
             notes = write_foxglove_log(out, signs, log, stream)
         return Exported(len(signs.rows), (file,), tuple(notes))
     if inventory:
@@ -125,12 +127,17 @@ def export(
     written = _Rows(source, crs, units)
     if kind in ("csv", "geojson"):
         write = write_csv if kind == "csv" else write_geojson
-        with whole_file(file, overwrite=overwrite) as stream:
+
+        def read_back(made: Path) -> None:
+            if count_rows(made, kind) != written.count:
+                raise not_whole(file)
+
+        with whole_file(file, overwrite=overwrite, read_back=read_back) as stream:
             write(written.columns, written, stream)
         told = kind != "csv" or crs is not None
         return Exported(written.count, (file,), written.notes() if told else ())
     layer = GisLayer(source.table, source.key, written.columns, written, written.crs, source.last)
-    with made_files(layer, kind, file.stem) as (made, cut):
+    with made_files(layer, kind, file) as (made, cut):
         targets = [file.with_suffix(path.suffix) for path in made[:-1]] + [file]
         _write_together(made, targets, overwrite=overwrite)
     return Exported(written.count, tuple(targets), (*written.notes(), *cut))
@@ -175,10 +182,15 @@ def _require_fitting(out: Path, kind: str, table: str | None, *, inventory: bool
 
 
 def _write_together(made: list[Path], targets: list[Path], *, overwrite: bool) -> None:
-    """Copy files that belong together; none where one of them would replace something else."""
+    """Copy files that belong together; none where one of them would replace something else or has no room."""
     for path, target in zip(made, targets, strict=True):
         if not overwrite and target.is_file() and not filecmp.cmp(path, target, shallow=False):
             raise refuse(target, "another file of that name")
-    for path, target in zip(made, targets, strict=True):
-        with path.open("rb") as source, whole_file(target, overwrite=overwrite) as stream:
+    with ExitStack() as opened:  # each takes its place at the end, when all are on the disk
+        for path, target in zip(made, targets, strict=True):
+            source = opened.enter_context(path.open("rb"))
+            stream = opened.enter_context(whole_file(target, overwrite=overwrite))
             shutil.copyfileobj(source, stream)
+            stream.flush()
+            if not is_stream(target):
+                os.fsync(stream.fileno())

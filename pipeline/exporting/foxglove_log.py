@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
@@ -25,6 +27,7 @@ from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading
 from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings, read_table
+from wayside.pipeline.writing import not_whole
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Pose
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
@@ -79,6 +82,18 @@ class _Frames:
         chain = self.plan.survey.tree.chain(self.plan.camera_frame)
         mount = self.plan.survey.tree.mount(chain)
         return None if mount is None else camera.compose(_IDENTITY.relative_to(mount))
+
+
+def require_whole_log(file: Path) -> None:
+    """Read a log back; raises OutputError where its end or a message is missing."""
+    try:
+        with file.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            summary, found = reader.get_summary(), sum(1 for _ in reader.iter_messages())
+    except McapError as error:
+        raise not_whole(file) from error
+    if summary is None or summary.statistics is None or summary.statistics.message_count != found:
+        raise not_whole(file)
 
 
 def write_foxglove_log(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -18,7 +20,8 @@ import pyarrow as pa
 from wayside.pipeline.exporting.flat_table import Chunk, Point, Row
 from wayside.pipeline.exporting.text_files import plain_value
 from wayside.pipeline.exporting.units import short_names
-from wayside.schemas.errors import UsageError
+from wayside.pipeline.writing import PART, is_stream, not_whole, not_written, resolved
+from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import Column
 
 _GEOMETRY = "geometry"
@@ -73,8 +76,10 @@ class GisLayer:
 
 
 @contextmanager
-def made_files(layer: GisLayer, kind: str, stem: str) -> Iterator[tuple[list[Path], list[str]]]:
+def made_files(layer: GisLayer, kind: str, file: Path) -> Iterator[tuple[list[Path], list[str]]]:
     """The files of a layer in a scratch folder, which goes with the block, the main one last; and what was cut.
+
+    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back.
 
     Parameters
     ----------
@@ -82,13 +87,15 @@ def made_files(layer: GisLayer, kind: str, stem: str) -> Iterator[tuple[list[Pat
         The rows and where they lie.
     kind
         `gpkg`, `shp` or `kml`.
-    stem
-        Of the file's name; a Shapefile has no other name for its layer.
+    file
+        Where they will go; the scratch folder lies beside it. A Shapefile has no other name than its for the layer.
 
     Raises
     ------
     UsageError
         pyogrio is not installed.
+    OutputError
+        They cannot be written, or are not whole.
     """
     pyogrio = load_pyogrio()
     options: dict[str, str] = {}
@@ -98,28 +105,73 @@ def made_files(layer: GisLayer, kind: str, stem: str) -> Iterator[tuple[list[Pat
         options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{layer.when:%Y-%m-%d}"}
     cut: Counter[str] = Counter()
     schema = _schema(layer, kind)
-    batches = (_batch(chunk, layer, schema, kind, cut) for chunk in layer.chunks)
-    with TemporaryDirectory(prefix="wayside-") as scratch:
-        file = Path(scratch) / f"{stem}.{kind}"
-        with _dated(pyogrio, layer.when):
-            pyogrio.write_arrow(
-                pa.RecordBatchReader.from_batches(schema, batches),
-                file,
-                layer=stem if kind == "shp" else layer.name,
-                driver=_DRIVERS[kind],
-                geometry_name=_GEOMETRY,
-                geometry_type="Point" if kind == "kml" else "Point Z",
-                crs=layer.crs,
-                **options,
-            )
-        beside = sorted(path for path in Path(scratch).iterdir() if path != file)
+    key = short_names(layer.columns)[layer.key] if kind == "shp" else layer.key
+    written = hashlib.sha256()
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        for chunk in layer.chunks:
+            batch = _batch(chunk, layer, schema, kind, cut)
+            _count(batch, key, _GEOMETRY, written)
+            yield batch
+
+    with _scratch_beside(file) as scratch:
+        made = scratch / f"{file.stem}.{kind}"
+        try:
+            with _dated(pyogrio, layer.when):
+                pyogrio.write_arrow(
+                    pa.RecordBatchReader.from_batches(schema, batches()),
+                    made,
+                    layer=file.stem if kind == "shp" else layer.name,
+                    driver=_DRIVERS[kind],
+                    geometry_name=_GEOMETRY,
+                    geometry_type="Point" if kind == "kml" else "Point Z",
+                    crs=layer.crs,
+                    **options,
+                )
+        except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
+            raise OutputError(
+                f"{file}: GDAL could not write it: {error}; free some space, or name another file"
+            ) from error
+        if _read_back(pyogrio, made, key) != written.digest():
+            raise not_whole(file)
+        beside = sorted(path for path in scratch.iterdir() if path != made)
         yield (
-            [*beside, file],
+            [*beside, made],
             [
                 f"{count} texts of {name} are cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
                 for name, count in cut.items()
             ],
         )
+
+
+@contextmanager
+def _scratch_beside(file: Path) -> Iterator[Path]:
+    """A folder on the file system that the file will be on; elsewhere where that is a device."""
+    try:
+        parent = None if is_stream(file) else resolved(file).parent
+        made = TemporaryDirectory(prefix=f".{file.name}.", suffix=PART, dir=parent)
+    except OSError as error:
+        raise not_written(file, error, "to write a file here", "name another file") from error
+    with made as scratch:
+        yield Path(scratch)
+
+
+def _count(batch: pa.RecordBatch, key: str, geometry: str, digest: Any) -> None:
+    """Add the rows of a batch to a digest: what names each, and whether it has a place."""
+    places = batch.column(geometry).is_valid().to_pylist()
+    for name, placed in zip(batch.column(key).to_pylist(), places, strict=True):
+        digest.update(f"{name}\0{placed}\n".encode())
+
+
+def _read_back(pyogrio: ModuleType, made: Path, key: str) -> bytes:
+    """The digest of all rows of a file; of those before a fault."""
+    found = hashlib.sha256()
+    faults = pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, KeyError, OSError
+    with warnings.catch_warnings(action="ignore"), suppress(*faults):
+        with pyogrio.open_arrow(made, columns=[key], use_pyarrow=True) as (about, batches):
+            for batch in batches:
+                _count(batch, key, about["geometry_name"] or "wkb_geometry", found)
+    return found.digest()
 
 
 def _schema(layer: GisLayer, kind: str) -> pa.Schema:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable
 from datetime import datetime
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Any, BinaryIO
 
 from wayside.pipeline.csv_text import guarded
@@ -42,6 +43,17 @@ def write_geojson(columns: Iterable[Column], chunks: Iterable[Chunk], stream: Bi
             stream.write((between + json.dumps(feature)).encode())
             between = ",\n"
     stream.write(b"\n]}\n")
+
+
+def count_rows(file: Path, kind: str) -> int:
+    """Rows of a `csv`, or features of a `geojson`, that was written here, read back; -1 where its end is missing."""
+    with file.open(encoding="utf-8", newline="") as text:
+        if kind == "csv":
+            return sum(1 for _ in csv.reader(text)) - 1
+        ends = [
+            line.rstrip("\n") == "]}" for line in text
+        ]  # the first and the last line hold no feature
+    return len(ends) - 2 if ends and ends[-1] else -1
 
 
 def plain_value(value: Any) -> Any:

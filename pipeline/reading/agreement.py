@@ -72,21 +72,16 @@ def believed(
     """
     for stream in streams:
         found, (path, up) = agreement(steps, stream.path), upright(stream.path)
-        if not found.tells:
-            return stream
         converted = sorted(_conversions(stream, steps), key=lambda one: one.found.error_deg)
         best = converted[0] if converted else None
-        if (
-            up
-            and found.agrees
-            and not (best is not None and found.error_deg > _CLEARLY_BETTER * best.found.error_deg)
-        ):
+        better = best is not None and found.error_deg > _CLEARLY_BETTER * best.found.error_deg
+        if not found.tells or (up and found.agrees and not better):
             if stream.assumed_mount:
                 notes.append(
                     "the log does not say how the camera is mounted: it is taken to look straight ahead"
                 )
-            notes += _world_words(stream, up)
-            return replace(stream, path=path)
+            notes += _world_words(stream, up) if found.tells else []
+            return replace(stream, path=path) if found.tells else stream
         like = [
             one
             for one in converted

@@ -29,6 +29,8 @@ ATTEMPTS = 8
 T = TypeVar("T")
 VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
 SOFTWARE = ("lvp_icd.x86_64.json", "lvp_icd.aarch64.json", "lvp_icd.json")
+SILENT = {"CI": "1"}
+"""The viewer's program sends usage statistics from its second start on, but not where it takes itself to be tested."""
 MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
 
 
@@ -88,7 +90,7 @@ def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: b
         require_display()
     port, web = free_ports(2)
     options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
-    process = _start(port, options, dict(os.environ))
+    process = _start(port, options, {})
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
     # the server of the page starts after that of the data
     _wait_for_ports(process, (port, web) if serve else (port,))
@@ -124,8 +126,8 @@ def headless(
     """
     (port,) = free_ports(1)
     options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
-    environment = dict(os.environ, WGPU_BACKEND="vulkan", VK_ICD_FILENAMES=str(software_vulkan()))
-    process = _start(port, options, environment)
+    vulkan = {"WGPU_BACKEND": "vulkan", "VK_ICD_FILENAMES": str(software_vulkan())}
+    process = _start(port, options, vulkan)
     try:
         _wait_for_ports(process, (port,))
         address = f"rerun+http://{LOOPBACK}:{port}/proxy"
@@ -220,7 +222,7 @@ def import_log(log: Path, recording_id: str, target: Path) -> None:
     """
     command = [str(viewer_program()), "mcap", "convert", str(log), "-o", str(target)]
     command += ["--application-id", APPLICATION, "--recording-id", recording_id]
-    environment = dict(os.environ, NO_COLOR="1")
+    environment = os.environ | SILENT | {"NO_COLOR": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     faults = [line for line in done.stderr.splitlines() if "ERROR" in line]  # with exit status 0
     if done.returncode != 0 or faults or not target.is_file():
@@ -239,11 +241,10 @@ def end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _start(
-    port: int, options: Sequence[str], environment: dict[str, str]
-) -> subprocess.Popen[bytes]:
+def _start(port: int, options: Sequence[str], more: dict[str, str]) -> subprocess.Popen[bytes]:
     command = [str(viewer_program()), "--bind", LOOPBACK, "--port", str(port), *MEMORY, *options]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    environment = os.environ | SILENT | more
     return subprocess.Popen(command, env=environment, start_new_session=True, **quiet)
 
 

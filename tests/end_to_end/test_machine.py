@@ -5,15 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import pickle
+import random
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from wayside.pipeline import run as run_module
+from wayside.pipeline.cli import app
+from wayside.pipeline.journal import JOURNAL
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -208,6 +216,65 @@ def test_a_run_that_was_killed_goes_on_and_gives_the_same_bytes(tmp_path):
     assert sorted(os.listdir(out)) == sorted(FILES)
     assert [digests(out)[name] for name in TABLES] == [digests(whole)[name] for name in TABLES]
     assert json.loads((out / "run.json").read_text())["times"]["replayed_frames"] >= 4
+
+
+@pytest.fixture(scope="module")
+def with_journal(tmp_path_factory):
+    """A result whose journal was left, and what a function of its bytes makes a run that goes on give."""
+    folder = tmp_path_factory.mktemp("journal")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_module, "remove_journal", lambda folder: None)
+        line = ["run", str(DEMO), *SHORT, "-o", str(folder / "whole"), "--resume"]
+        assert not app(line, standalone_mode=False)
+    whole = (folder / "whole" / JOURNAL).read_bytes()
+
+    def resumed(altered):
+        out = folder / "out"
+        shutil.copytree(folder / "whole", out, dirs_exist_ok=True)
+        (out / JOURNAL).write_bytes(altered(whole))
+        assert not app([*line[:-2], str(out), "--resume"], standalone_mode=False)
+        given = [digests(out)[name] for name in TABLES]
+        about = json.loads((out / "run.json").read_text())
+        return given == [digests(folder / "whole")[name] for name in TABLES], about
+
+    return resumed
+
+
+def test_a_run_with_its_whole_journal_takes_all_from_it(with_journal):
+    same, about = with_journal(lambda whole: whole)
+    assert same
+    assert about["times"]["replayed_frames"] == 24
+    assert not [note for note in about["notes"] if "--resume" in note]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_altered_journal_changes_no_byte_of_the_tables(with_journal, seed):
+    rng = random.Random(seed)
+
+    def altered(whole):
+        content = bytearray(whole)
+        for _ in range(rng.randint(1, 4)):
+            content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+        return content[: rng.choice([len(content), rng.randrange(len(content))])]
+
+    same, about = with_journal(altered)
+    assert same
+    assert [note for note in about["notes"] if note.startswith("--resume")]
+
+
+def test_a_pickle_in_the_place_of_the_journal_is_not_read(with_journal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    class Harm:
+        def __reduce__(self):
+            return os.mkdir, ("harm",)
+
+    content = pickle.dumps(Harm())
+    head = struct.pack("<II", len(content), zlib.crc32(content))
+    same, about = with_journal(lambda whole: head + content)
+    assert same
+    assert about["times"]["replayed_frames"] == 0
+    assert not (tmp_path / "harm").exists()
 
 
 def test_resuming_and_viewing_exclude_each_other(command, tmp_path):

@@ -1,9 +1,13 @@
 """Signs of a result as files of other programs, read back by the programs' own libraries."""
 
 import csv
+import errno
 import io
+import itertools
 import json
+import shutil
 import sqlite3
+import subprocess
 import sys
 from pathlib import Path
 
@@ -20,6 +24,7 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.flat_table import FlatTable
+from wayside.pipeline.exporting.text_files import write_csv, write_geojson
 from wayside.pipeline.exporting.units import SHORT_NAME, in_feet_and_inches, short_names
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS, Column
@@ -258,3 +263,88 @@ def test_feet_are_metres_again_after_the_way_back(metres):
     table = FlatTable((Column("up_m", pa.float64(), "m", ""),), ({"up_m": metres},))
     (row,) = in_feet_and_inches(table).rows
     assert row["up_ft"] * 0.3048 == pytest.approx(metres)
+
+
+TOO_FEW = {"csv": 512, "geojson": 512, "gpkg": 4096, "shp": 1024, "kml": 1024}
+"""Bytes that two rows do not fit in."""
+
+
+@pytest.mark.parametrize("end", TOO_FEW)
+def test_a_file_that_finds_no_room_is_not_written_and_the_earlier_one_stays(out, tmp_path, end):
+    file = tmp_path / f"signs.{end}"
+    file.write_bytes(b"earlier")
+    code = (
+        "import resource, sys; from wayside.pipeline.cli import main; "
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({TOO_FEW[end]},) * 2); main()"
+    )
+    line = [sys.executable, "-c", code, "export", str(out), "-o", str(file), "--overwrite"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 5, done.stderr
+    assert str(file) in done.stderr
+    assert "Traceback" not in done.stderr
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*signs*")} == {
+        file.name: b"earlier"
+    }
+
+
+def cut_by(monkeypatch, suffix, kept):
+    """GDAL, saying nothing, leaves a share of the bytes of its files of this suffix."""
+    whole = pyogrio.write_arrow
+
+    def cut(batches, path, **options):
+        whole(batches, path, **options)
+        part = path.with_suffix(suffix)
+        part.write_bytes(part.read_bytes()[: int(kept * part.stat().st_size)])
+
+    monkeypatch.setattr(pyogrio, "write_arrow", cut)
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.4, 0.7, 0.95])
+@pytest.mark.parametrize("suffix", [".gpkg", ".shp", ".dbf", ".shx", ".kml"])
+def test_what_is_cut_is_seen_when_it_is_read_back(out, tmp_path, monkeypatch, suffix, kept):
+    cut_by(monkeypatch, suffix, kept)
+    end = suffix if suffix in (".gpkg", ".kml") else ".shp"
+    with pytest.raises(OutputError, match="read back"):
+        export(out, "-o", tmp_path / f"signs{end}")
+    assert list(tmp_path.glob("*signs*")) == []
+
+
+@pytest.mark.parametrize("kind", ["csv", "geojson"])
+def test_rows_that_a_text_file_lacks_are_seen_when_it_is_read_back(
+    out, tmp_path, monkeypatch, kind
+):
+    writer = {"csv": write_csv, "geojson": write_geojson}[kind]
+
+    def lacking(columns, chunks, stream):
+        made = io.BytesIO()
+        writer(columns, chunks, made)
+        stream.write(made.getvalue()[:-40] if kind == "geojson" else made.getvalue()[:400])
+
+    monkeypatch.setattr(f"wayside.pipeline.exporting.export.write_{kind}", lacking)
+    with pytest.raises(OutputError, match="read back"):
+        export(out, "-o", tmp_path / f"signs.{kind}")
+    assert list(tmp_path.glob("*signs*")) == []
+
+
+def test_a_full_folder_for_scratch_files_does_not_matter(out, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    for end in ("gpkg", "shp", "kml"):
+        assert "2 rows" in export(out, "-o", tmp_path / f"signs.{end}")
+
+
+def test_of_files_that_belong_together_none_is_replaced_where_one_finds_no_room(
+    out, tmp_path, monkeypatch
+):
+    export(out, "-o", tmp_path / "signs.shp")
+    before = {path.name: path.read_bytes() for path in tmp_path.glob("signs.*")}
+    copy, count = shutil.copyfileobj, itertools.count()
+
+    def full(source, stream):
+        if next(count) == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        copy(source, stream)
+
+    monkeypatch.setattr(shutil, "copyfileobj", full)
+    with pytest.raises(OutputError, match="No space"):
+        export(out, "-o", tmp_path / "signs.shp", "--overwrite", "--units", "us")
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*signs.*")} == before
