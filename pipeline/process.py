@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import signal
@@ -19,6 +20,20 @@ if TYPE_CHECKING:
 
 _ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
 _STREAMS = ("stdout", "stderr")
+_PLAIN = "wayside.plain"
+_PLAIN_TEXTS = {
+    **{
+        "\u00b1": "+-",
+        "\u00b0": " deg",
+        "\u00d7": "x",
+        "\u00b7": "-",
+        "\u2026": "...",
+        "\u2212": "-",
+    },
+    **{"\u2190": "<-", "\u2191": "^", "\u2192": "->", "\u2013": "-", "\u2014": "-", "\u00a0": " "},
+    **{"\u2018": "'", "\u2019": "'", "\u201c": '"', "\u201d": '"'},
+}
+"""What stands for a character that the encoding of a stream does not have; a question mark for any other."""
 
 
 def interrupt_on_signals() -> None:
@@ -33,7 +48,11 @@ def interrupt_on_signals() -> None:
 
 
 def open_standard_streams() -> None:
-    """Let what nobody reads go: a pipe that its reader has closed is no fault of the work, nor is a closed stream."""
+    """Let what nobody reads go: a pipe that its reader has closed is no fault of the work, nor is a closed stream.
+
+    A character that the encoding of a stream does not have is written in plain ones.
+    """
+    codecs.register_error(_PLAIN, _in_plain_characters)
     for name in _STREAMS:
         stream = getattr(sys, name)
         if stream is None:  # closed by the caller
@@ -44,12 +63,10 @@ def open_standard_streams() -> None:
         except (OSError, ValueError, AttributeError):  # replaced by something that is no file
             continue
         raw = io.BufferedWriter(_Pipe(number, "wb", closefd=False))
-        encoding, errors = stream.encoding, stream.errors
         at_once = getattr(stream, "write_through", False)  # PYTHONUNBUFFERED
         lines = name == "stderr" or stream.isatty() or at_once
-        setattr(
-            sys, name, io.TextIOWrapper(raw, encoding=encoding, errors=errors, line_buffering=lines)
-        )
+        text = io.TextIOWrapper(raw, stream.encoding, _PLAIN, line_buffering=lines)
+        setattr(sys, name, text)
 
 
 def report_error(error: WaysideError, *, debug: bool) -> int:
@@ -84,6 +101,13 @@ def silence_standard_streams() -> None:
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
+
+
+def _in_plain_characters(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    unknown = error.object[error.start : error.end]
+    return "".join(_PLAIN_TEXTS.get(character, "?") for character in unknown), error.end
 
 
 def _nowhere() -> io.TextIOWrapper:

@@ -121,7 +121,7 @@ def _expanded(text: str) -> list[str]:
 
 def _listed(file: Path) -> list[str]:
     try:
-        lines = [line.strip() for line in read_input_text(file).splitlines()]
+        lines = [_unquoted(line.strip()) for line in read_input_text(file).splitlines()]
     except (OSError, ValueError) as error:
         raise UsageError(f"@{file}: wanted a list of logs, one a line, found: {error}") from error
     entries = [line for line in lines if line and not line.startswith("#")]
@@ -129,6 +129,11 @@ def _listed(file: Path) -> list[str]:
     if nested is not None:
         raise UsageError(f"@{file}: wanted logs, found another list in it: {nested}")
     return _some(f"@{file}", [uri for line in entries for uri in _expanded(line)])
+
+
+def _unquoted(text: str) -> str:
+    """A path without the quotes that file managers put around it."""
+    return text[1:-1].strip() if text[:1] in ("'", '"') and text[:1] == text[1:][-1:] else text
 
 
 def _stored(url: str) -> list[str]:
