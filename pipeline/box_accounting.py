@@ -15,6 +15,7 @@ from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 
 REASONS = {
+    "not_read": "cannot be read",
     "not_finite": "have a coordinate or score that is no number",
     "no_area": "have no width or height",
     "other_class": "are of classes that are no signs",
@@ -50,6 +51,7 @@ class BoxAccounting:
             self._left_out.update(source.left_out)
             self._unseen = set(source.boxes)
         self._candidates = self._of_signs = 0
+        self._from_one = False
 
     def take(self, settled: TrackedFrame) -> None:
         """Count the boxes of a frame whose candidates are decided."""
@@ -64,6 +66,7 @@ class BoxAccounting:
             self._left_out[reason] += settled.region_count - len(table)
             return
         boxes = self._source.of(frame)
+        self._from_one |= self._source.by_id(frame) and min(self._source.ids) == 1
         number = self._source.number_of(frame)
         if number is not None:
             self._unseen.discard(number)
@@ -102,8 +105,11 @@ class BoxAccounting:
     def _notes(self, counts: dict[str, Any]) -> list[str]:
         """What is amiss with the boxes, in words."""
         left_out = counts["left_out"]
+        where = (
+            {"not_read": f" ({self._source.fault})"} if isinstance(self._source, BoxFile) else {}
+        )
         faults = [
-            f"{count} of {self._given} boxes {REASONS[name]}"
+            f"{count} of {self._given} boxes {REASONS[name]}{where.get(name, '')}"
             for name, count in left_out.items()
             if name not in EXPECTED
         ]
@@ -112,6 +118,11 @@ class BoxAccounting:
         elif left_out.get("other_class", 0) == self._given:
             faults.append(
                 f"all {self._given} boxes are of classes that the class map does not name (models.classes)"
+            )
+        if self._from_one:
+            faults.append(
+                "image_id begins at 1 and is taken for the frame, which begins at 0; if it counts images from 1, give "
+                "file_name with each result"
             )
         if self._source.signs is None:
             faults.append("no class map: boxes of every class count as signs (models.classes)")
@@ -152,25 +163,53 @@ def in_words(source: DetectorFile | BoxFile, counts: dict[str, Any]) -> str:
     )
 
 
-def paired_by_order(frames: Iterator[Frame], boxes: BoxFile) -> Iterator[Frame]:
-    """The frames, as many as the file names images.
+def paired(frames: Iterator[Frame], boxes: BoxFile, held: int) -> Iterator[Frame]:
+    """The frames of a log that holds so many images, where those of the file can be theirs.
 
     Raises
     ------
     InputError
-        There are more or fewer: names say only the order of the images.
+        `image_id` is no number of a frame; two images have one name; or names say only the order of the images, and
+        there are more or fewer.
     """
-    count = 0
+    seen: set[int] = set()
+    unnamed, checked = 0, False
     for frame in frames:
-        count += 1
-        if count > boxes.images:
+        if (boxes.key == "frame" or boxes.by_id(frame)) and not checked:
+            _require_frames(boxes, held)
+            checked = True
+        unnamed += not frame.name
+        if boxes.names and not boxes.ids and unnamed > len(boxes.names):
             break
+        if boxes.names and frame.name and (place := boxes.number_of(frame)) is not None:
+            if place in seen:
+                raise InputError(
+                    f"models.detections: two images of the log have the name {boxes.names[place]} of {boxes.path}; "
+                    "say the frame of each box (docs/detectors.md)"
+                )
+            seen.add(place)
         yield frame
-    if count != boxes.images:
-        more = "more" if count > boxes.images else str(count)
+    if boxes.names and not boxes.ids and unnamed not in (0, len(boxes.names)):
+        more = "more" if unnamed > len(boxes.names) else str(unnamed)
         raise InputError(
-            f"models.detections: wanted as many images in the log as {boxes.path} names, {boxes.images}, found {more}: "
-            "names are matched with images in order; name all of them, or say the frame of each box (docs/detectors.md)"
+            f"models.detections: wanted as many images in the log as {boxes.path} names, {len(boxes.names)}, "
+            f"found {more}: the log does not name its images, so they are matched in order; "
+            "name all of them, or say the frame of each box (docs/detectors.md)"
+        )
+
+
+def _require_frames(boxes: BoxFile, held: int) -> None:
+    """Refuse numbers of images that are no frames; stray ones are counted where the file itself calls them frames."""
+    numbers = boxes.ids or boxes.boxes
+    first, last = min(numbers, default=0), max(numbers, default=0)
+    beyond = boxes.ids and not 0 <= first <= last < held
+    if beyond or (first > 0 and last == held):
+        key = "image_id" if boxes.ids else boxes.key
+        wrong = last if last >= held else first
+        raise InputError(
+            f"models.detections: {key} {wrong} in {boxes.path} is no frame of the log: its {held} images are "
+            f"the frames 0 to {held - 1}; write the frame as {key}, or give file_name (image_name in Parquet) "
+            "where the log is one of `wayside import` (docs/detectors.md)"
         )
 
 
@@ -179,8 +218,8 @@ def require_known_boxes(source: BoxFile, counts: dict[str, Any]) -> None:
     lost = counts["left_out"].get("not_in_log", 0)
     usable = source.rows - sum(source.left_out.values())
     if usable and lost == usable:
-        known = sorted(source.boxes)[:3]
+        known = source.names[:3] or [str(number) for number in sorted(source.boxes)[:3]]
         raise InputError(
             f"models.detections: wanted boxes of images of the log by {source.key}, found none in {source.path} "
-            f"(it has {', '.join(str(int(k)) for k in known)} ...); frames.parquet of a run lists frame and times"
+            f"(it has {', '.join(known)} ...); frames.parquet of a run lists frame and times"
         )

@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
-from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
+from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.earlier_result import check_earlier
 from wayside.pipeline.flow import Flow, FrameCounts, Observer
@@ -272,8 +272,8 @@ def _process(
     source = models.external
     accounting = None if source is None else BoxAccounting(source)
     read = frames if first is None else chain((first,), frames)
-    if isinstance(source, BoxFile) and source.images:
-        read = paired_by_order(read, source)
+    if isinstance(source, BoxFile):
+        read = paired(read, source, report.images_held)
     try:
         flow = Flow(
             settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.pipeline.box_accounting import BoxAccounting, paired_by_order
+from wayside.pipeline.box_accounting import BoxAccounting, paired
 from wayside.pipeline.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import COLORS, SHAPES
@@ -75,7 +75,7 @@ def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
     path = parquet(tmp_path, image_name=names, **corners(*[(1, 2, 3, 4)] * 3))
     found = load(path)
     assert {number: len(one) for number, one in found.boxes.items()} == {0: 1, 1: 2}
-    assert found.images == 2
+    assert len(found.names) == 2
 
 
 @pytest.mark.parametrize(("count", "words"), [(1, "found 1"), (3, "found more")])
@@ -83,9 +83,9 @@ def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, co
     path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[(1, 2, 3, 4)] * 2))
     frames = [Frame(k, k, None, THINNED, "jpeg", b"", None) for k in range(count)]
     with pytest.raises(InputError, match=words):
-        list(paired_by_order(iter(frames), load(path)))
+        list(paired(iter(frames), load(path), len(frames)))
     exact = [Frame(k, k, None, THINNED, "jpeg", b"", None) for k in range(2)]
-    assert list(paired_by_order(iter(exact), load(path))) == exact
+    assert list(paired(iter(exact), load(path), 2)) == exact
 
 
 def test_rows_that_cannot_be_used_are_counted_by_reason(tmp_path):
@@ -169,7 +169,7 @@ def test_results_of_coco_name_the_frame_and_have_width_and_height(tmp_path):
     entry = {"image_id": 4, "category_id": 9, "bbox": [10, 20, 5, 6], "score": 0.5}
     found = load(coco(tmp_path, [entry]))
     assert found.boxes[4].box.tolist() == [[10, 20, 15, 26]]
-    assert (found.key, found.images) == ("frame", 0)
+    assert (found.key, found.names) == ("image_id", ())
 
 
 def data_set(**of_second):
@@ -188,7 +188,7 @@ def data_set(**of_second):
 
 def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):
     found = load(coco(tmp_path, data_set()))
-    assert (found.key, found.images, sorted(found.boxes)) == ("image_name", 2, [0, 1])
+    assert (found.key, len(found.names), sorted(found.boxes)) == ("image_name", 2, [0, 1])
     np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.array([0.7])))
     classes = tmp_path / "classes.toml"
     classes.write_text("[classes]\nstop = {}\n")
@@ -201,7 +201,7 @@ def test_images_of_a_coco_data_set_may_say_their_frame(tmp_path):
     content = data_set(frame=33)
     content["images"][0]["frame"] = 31
     found = load(coco(tmp_path, content))
-    assert (found.key, found.images, sorted(found.boxes)) == ("frame", 0, [31, 33])
+    assert (found.key, found.names, sorted(found.boxes)) == ("frame", (), [31, 33])
 
 
 @pytest.mark.parametrize(
