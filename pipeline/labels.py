@@ -11,11 +11,12 @@ from xml.etree.ElementTree import ParseError
 from wayside.pipeline.class_map import read_class_map
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.label_file import read_label_file
-from wayside.pipeline.label_formats import read_json, read_voc, read_yolo
+from wayside.pipeline.label_formats import read_json, read_voc
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.reviewing.labels import review_labels
 from wayside.pipeline.reviewing.review import is_review, required_review
+from wayside.pipeline.yolo_labels import read_yolo
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.labels import Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
@@ -77,11 +78,8 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
             "see docs/labels.md"
         ) from error
     if not labels.labels and not labels.complete:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in labels.left_out.items())
-        raise InputError(
-            f"{path}: wanted labels, found none{f' that can be used ({reasons})' if reasons else ''}; "
-            "see docs/labels.md"
-        )
+        reasons = f" that can be used: {labels.reasons}" if labels.left_out else ""
+        raise InputError(f"{path}: wanted labels, found none{reasons}; see docs/labels.md")
     return labels
 
 
@@ -94,6 +92,7 @@ def joined(parts: Sequence[Labels]) -> Labels:
         tuple(label for part in parts for label in part.labels),
         tuple(image for part in parts for image in part.complete),
         dict(left_out),
+        {reason: words for part in reversed(parts) for reason, words in part.first.items()},
     )
 
 

@@ -1,0 +1,179 @@
+"""Labels of YOLO, and what programs write behind them: confidences, numbers of tracks, key points."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from wayside.pipeline.importing import natural_key
+from wayside.pipeline.input_files import open_input, read_input_text
+from wayside.pipeline.label_formats import Classes, Collected
+from wayside.pipeline.reading.image_headers import read_image_header
+from wayside.pipeline.yaml_text import parse_yaml
+from wayside.schemas.labels import Box, LabelledImage, Labels, Polygon
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif")
+_HEADER_BYTES = 1 << 20
+_BEYOND = 0.01
+"""How far rounding may carry a fraction of the image out of 0 to 1."""
+_SMALLER = 4.0
+"""Points of a polygon that pass for key points span at most four times the area of the box that they pass for."""
+
+Readings = Mapping[str, tuple[Box, Polygon]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A line and what it can mean: boxes and polygons in fractions of the image, by what its numbers would be."""
+
+    place: str
+    image: LabelledImage
+    name: str
+    count: int
+    readings: Readings
+
+
+def read_yolo(folder: Path, classes: Classes | None) -> Labels:
+    """Labels of a folder of YOLO: one text file an image, `class x y width height` or `class x1 y1 x2 y2 ...`.
+
+    Behind a box there may be key points, behind these or a polygon a confidence and the number of a track. Numbers are
+    fractions of the image, whose size is read from the image itself: beside the text, or in `images` where that lies in
+    `labels`. Names of the classes are those of a `data.yaml` or `classes.txt`, else their numbers. An image without
+    text is not labelled; a line that is none of these, or of which it cannot be told what it is, is left out.
+    """
+    found = Collected(classes, folder.name)
+    names = _names(folder)
+    files = {
+        path.relative_to(folder): path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in IMAGE_SUFFIXES
+    }
+    images: list[LabelledImage] = []
+    lines: list[_Line] = []
+    for inside in sorted(files, key=natural_key):
+        text = _text_of(folder, inside)
+        if text is None:
+            found.leave_out("image_without_text")
+            continue
+        with open_input(files[inside]) as stream:
+            header = read_image_header(stream.read(_HEADER_BYTES))
+        if header is None:
+            found.leave_out("image_not_readable")
+            continue
+        images.append(LabelledImage(image_name=inside.name, size=(header.width, header.height)))
+        for row, line in enumerate(read_input_text(text).splitlines(), 1):
+            place = f"{text.relative_to(folder)}, line {row}"
+            with found.entry(place, images[-1]):
+                if line.strip():
+                    number, *values = (float(value) for value in line.split())
+                    if not number.is_integer():
+                        raise ValueError(f"class {number} is no whole number")
+                    name = names.get(int(number), f"{number:.0f}")
+                    readings = _readings(values)
+                    lines.append(_Line(place, images[-1], name, len(values), readings))
+    sure: defaultdict[int, set[str]] = defaultdict(set)
+    for one in lines:
+        sure[one.count].update(_told(one.readings))
+    for one in lines:
+        told = _told(one.readings) or [k for k in one.readings if k in sure[one.count]]
+        with found.entry(one.place, one.image):
+            if len(told) != 1:
+                raise ValueError(f"its {one.count} numbers can be {' or '.join(one.readings)}")
+            box, polygon = one.readings[told[0]]
+            width, height = one.image.size or (0, 0)
+            x0, y0, x1, y1 = box
+            points = tuple((x * width, y * height) for x, y in polygon)
+            edges = (x0 * width, y0 * height, x1 * width, y1 * height)
+            found.named(one.image, one.name, edges, polygon=points)
+    for image in images:
+        found.is_complete(image)
+    return found.done()
+
+
+def _told(readings: Readings) -> list[str]:
+    """The one that a line must mean; none where that cannot be told.
+
+    Where a size is taken for a place, or a place for a size, the box grows: the true one is the smaller by far.
+    """
+    areas = {kind: (x1 - x0) * (y1 - y0) for kind, ((x0, y0, x1, y1), _) in readings.items()}
+    best = min(areas, key=lambda kind: areas[kind])
+    others = (area for kind, area in areas.items() if kind != best)
+    return [best] if all(areas[best] * _SMALLER < area for area in others) else []
+
+
+def _readings(values: Sequence[float]) -> Readings:
+    """What the numbers behind the class can mean; raises ValueError where that is nothing."""
+    found: dict[str, tuple[Box, Polygon]] = {}
+    if _is_box(values):
+        x, y, w, h = values[:4]
+        found["a box"] = (x - w / 2, y - h / 2, x + w / 2, y + h / 2), ()
+    for behind, words in enumerate(("", " and a number", " and two numbers")):
+        corners = values[: len(values) - behind]
+        if len(corners) < 6 or len(corners) % 2 or not _are_fractions(corners):
+            continue
+        if _is_tail(values[len(corners) :]):
+            across, down = corners[::2], corners[1::2]
+            box = (min(across), min(down), max(across), max(down))
+            found[f"a polygon{words}"] = box, tuple(zip(across, down, strict=True))
+    if not found:
+        raise ValueError(
+            f"{len(values)} numbers that are no box or polygon in fractions of the image, "
+            "alone or with key points, confidence or track"
+        )
+    return found
+
+
+def _is_box(values: Sequence[float]) -> bool:
+    """Whether numbers can be a box, and what is behind it key points on it, a confidence and the number of a track."""
+    if len(values) < 4 or not _are_fractions(values[:4]):
+        return False
+    x, y, w, h = values[:4]
+    for tail in range(3):
+        points = values[4 : len(values) - tail]
+        if len(values) - tail < 4 or not _is_tail(values[4 + len(points) :]):
+            continue
+        for step in (2, 3):
+            groups = [points[k : k + step] for k in range(0, len(points), step)]
+            if len(points) % step == 0 and all(
+                ((abs(px - x) <= w and abs(py - y) <= h) or px == py == 0)
+                and all(0 <= seen <= 2 for seen in rest)
+                for px, py, *rest in groups
+            ):
+                return True
+    return False
+
+
+def _is_tail(values: Sequence[float]) -> bool:
+    """Whether these can be a confidence, the number of a track, or both."""
+    if len(values) == 1:
+        return 0 <= values[0] <= 1 or (values[0] > 1 and values[0].is_integer())
+    return not values or (0 <= values[0] <= 1 and values[1] >= 0 and values[1].is_integer())
+
+
+def _are_fractions(values: Sequence[float]) -> bool:
+    return all(-_BEYOND <= value <= 1 + _BEYOND for value in values)
+
+
+def _names(folder: Path) -> dict[int, str]:
+    for parent in (folder, folder.parent):
+        for path in (parent / "data.yaml", parent / "classes.txt"):
+            if path.is_file():
+                text = read_input_text(path)
+                names = text.splitlines() if path.suffix == ".txt" else parse_yaml(text)["names"]
+                return {
+                    int(number): str(name)
+                    for number, name in (
+                        names.items() if isinstance(names, dict) else enumerate(names)
+                    )
+                }
+    return {}
+
+
+def _text_of(folder: Path, image: Path) -> Path | None:
+    """The text file of an image."""
+    parts = ["labels" if part == "images" else part for part in image.parts]
+    beside = {folder / image, folder.joinpath(*parts), folder / "labels" / image}
+    texts = (path.with_suffix(".txt") for path in sorted(beside))
+    return next((text for text in texts if text.is_file()), None)
