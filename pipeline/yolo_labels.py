@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 from wayside.pipeline.importing import natural_key
 from wayside.pipeline.input_files import open_input, read_input_text
@@ -18,8 +18,13 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".a
 _HEADER_BYTES = 1 << 20
 _BEYOND = 0.01
 """How far rounding may carry a fraction of the image out of 0 to 1."""
-_SMALLER = 4.0
-"""Points of a polygon that pass for key points span at most four times the area of the box that they pass for."""
+_OUTSIDE = 0.1
+"""How far a box that a tracker has predicted may reach out of the image."""
+_BOX = "a box"
+_FAR = 4.0
+"""Points of a polygon that pass for key points of a box span at most four times the box: so far are they from it."""
+_FARTHEST = 30.0
+"""Key points of most boxes do not lie together so closely."""
 
 Readings = Mapping[str, tuple[Box, Polygon]]
 
@@ -73,15 +78,13 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
                     name = names.get(int(number), f"{number:.0f}")
                     readings = _readings(values)
                     lines.append(_Line(place, images[-1], name, len(values), readings))
-    sure: defaultdict[int, set[str]] = defaultdict(set)
+    sure = _sure([one.readings for one in lines if one.count > 5])
     for one in lines:
-        sure[one.count].update(_told(one.readings))
-    for one in lines:
-        told = _told(one.readings) or [k for k in one.readings if k in sure[one.count]]
+        told = _told(one.readings) or _told(one.readings, sure)
         with found.entry(one.place, one.image):
-            if len(told) != 1:
-                raise ValueError(f"its {one.count} numbers can be {' or '.join(one.readings)}")
-            box, polygon = one.readings[told[0]]
+            if not told:
+                raise ValueError(f"it can be {' or '.join(one.readings)}")
+            box, polygon = one.readings[told]
             width, height = one.image.size or (0, 0)
             x0, y0, x1, y1 = box
             points = tuple((x * width, y * height) for x, y in polygon)
@@ -92,15 +95,32 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
     return found.done()
 
 
-def _told(readings: Readings) -> list[str]:
-    """The one that a line must mean; none where that cannot be told.
+def _told(readings: Readings, kinds: Collection[str] = ()) -> str:
+    """What a line means: of these kinds where it can be several, else by itself; empty where that cannot be told."""
+    area = {kind: _area(box) for kind, (box, _) in readings.items()}
+    best, *others = sorted((k for k in area if k in (kinds or area)), key=lambda k: area[k]) or [""]
+    if len(area) == 1 or not best:
+        return best
+    alone = all(area[best] * _FAR < area[other] for other in others)
+    likely = area[best] <= min(area.values()) * _FAR if kinds else best == _BOX
+    return best if alone and likely else ""
 
-    Where a size is taken for a place, or a place for a size, the box grows: the true one is the smaller by far.
+
+def _sure(lines: Sequence[Readings]) -> set[str]:
+    """What the lines of a set mean where by themselves they can mean several.
+
+    It is what others of them must mean. Where all can be boxes and polygons, the polygons are small or it is not known.
     """
-    areas = {kind: (x1 - x0) * (y1 - y0) for kind, ((x0, y0, x1, y1), _) in readings.items()}
-    best = min(areas, key=lambda kind: areas[kind])
-    others = (area for kind, area in areas.items() if kind != best)
-    return [best] if all(areas[best] * _SMALLER < area for area in others) else []
+    sure = {_told(readings) for readings in lines} - {""}
+    if lines and not sure:
+        areas = [[_area(box) for box, _ in readings.values()] for readings in lines]
+        if median(max(of_line) / max(min(of_line), 1e-12) for of_line in areas) > _FARTHEST:
+            sure = {kind for readings in lines for kind in readings} - {_BOX}
+    return sure
+
+
+def _area(box: Box) -> float:
+    return (box[2] - box[0]) * (box[3] - box[1])
 
 
 def _readings(values: Sequence[float]) -> Readings:
@@ -108,7 +128,7 @@ def _readings(values: Sequence[float]) -> Readings:
     found: dict[str, tuple[Box, Polygon]] = {}
     if _is_box(values):
         x, y, w, h = values[:4]
-        found["a box"] = (x - w / 2, y - h / 2, x + w / 2, y + h / 2), ()
+        found[_BOX] = (x - w / 2, y - h / 2, x + w / 2, y + h / 2), ()
     for behind, words in enumerate(("", " and a number", " and two numbers")):
         corners = values[: len(values) - behind]
         if len(corners) < 6 or len(corners) % 2 or not _are_fractions(corners):
@@ -130,6 +150,8 @@ def _is_box(values: Sequence[float]) -> bool:
     if len(values) < 4 or not _are_fractions(values[:4]):
         return False
     x, y, w, h = values[:4]
+    if len(values) > 4 and max(w / 2 - x, h / 2 - y, x + w / 2 - 1, y + h / 2 - 1) > _OUTSIDE:
+        return False
     for tail in range(3):
         points = values[4 : len(values) - tail]
         if len(values) - tail < 4 or not _is_tail(values[4 + len(points) :]):
