@@ -6,7 +6,7 @@ import codecs
 import errno
 import os
 import stat
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -84,6 +84,16 @@ def decoded(data: bytes) -> str:
     if "\0" in text:
         raise ValueError("no text: it holds a NUL")
     return text
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """What is no folder in a folder and those below it; raises OSError where one of these cannot be listed."""
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    for root, _, names in os.walk(folder, onerror=refuse):
+        yield from (Path(root, name) for name in names)
 
 
 def read_parquet(

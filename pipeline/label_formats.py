@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 from wayside.pipeline.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.importing import natural_key
-from wayside.pipeline.input_files import read_input, read_input_text
+from wayside.pipeline.input_files import files_below, read_input, read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
@@ -51,17 +51,20 @@ class Collected:
         self._names: set[str] = set()
         self._left_out: Counter[str] = Counter()
         self._first: dict[str, str] = {}
+        self._place = ""
 
     @contextmanager
     def entry(
         self, place: str, image: LabelledImage | None = None, reason: str = "no_box"
     ) -> Iterator[None]:
         """Leave an entry that is no label out, and say where it stands."""
+        outer, self._place = self._place, place
         try:
             yield
         except CONTENT_FAULTS as error:
             words = f"no {error}" if isinstance(error, KeyError) else str(error)
-            self.leave_out(reason, image, f"{place}: {words}")
+            self.leave_out(reason, image, f": {words[:160]}")
+        self._place = outer
 
     def named(
         self,
@@ -114,8 +117,8 @@ class Collected:
     def leave_out(self, reason: str, image: LabelledImage | None = None, words: str = "") -> None:
         """Count a label or an image that cannot be used; an image with such a label is not complete."""
         self._left_out[reason] += 1
-        if words:
-            self._first.setdefault(reason, words)
+        if self._place:
+            self._first.setdefault(reason, f"the first: {self._place}{words}")
         if image is not None:
             self._unread.add(image)
 
@@ -165,7 +168,9 @@ def read_voc(folder: Path, classes: Classes | None) -> Labels:
     What is `difficult` does not count for recall.
     """
     found = Collected(classes, folder.name)
-    for path in sorted(folder.rglob("*.xml"), key=natural_key):
+    for path in sorted(files_below(folder), key=natural_key):
+        if path.suffix.lower() != ".xml":
+            continue
         try:
             root = ElementTree.fromstring(read_input(path))
         except ElementTree.ParseError as error:

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
 from wayside.pipeline.class_map import read_class_map
+from wayside.pipeline.input_files import files_below
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.label_formats import read_json, read_voc
@@ -65,14 +66,22 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
     classes = None if class_map is None else read_class_map(class_map)
     try:
         if path.is_dir():
-            read = read_voc if any(path.rglob("*.xml")) else read_yolo
+            read = (
+                read_voc
+                if any(file.suffix.lower() == ".xml" for file in files_below(path))
+                else read_yolo
+            )
             labels = read(path, classes)
         elif path.suffix.lower() == ".json":
             labels = read_json(path, classes)
         else:
             labels = read_label_file(path)
     except (OSError, ParseError, *CONTENT_FAULTS) as error:
-        found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        found = (
+            f"{error.filename}: {error.strerror}"
+            if isinstance(error, OSError)
+            else f"{type(error).__name__}: {error}"
+        )
         raise InputError(
             f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "
             "see docs/labels.md"

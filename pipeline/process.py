@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import io
 import os
 import signal
 import sys
 import traceback
 from contextlib import suppress
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from wayside.pipeline.visible_text import visible_lines
-from wayside.schemas.errors import WaysideError
+from wayside.pipeline.writing import UNWRITABLE, not_written
+from wayside.schemas.errors import InputError, UsageError, WaysideError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 _ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
+_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR)
+"""What a system call says of a path that can name no file."""
 _STREAMS = ("stdout", "stderr")
 _PLAIN = "wayside.plain"
 _PLAIN_TEXTS = {
@@ -67,6 +72,22 @@ def open_standard_streams() -> None:
         lines = name == "stderr" or stream.isatty() or at_once
         text = io.TextIOWrapper(raw, stream.encoding, _PLAIN, line_buffering=lines)
         setattr(sys, name, text)
+
+
+def in_words(error: OSError) -> WaysideError:
+    """What a system call says, wherever it comes up; the error itself where it says nothing of a file."""
+    if error.errno in UNWRITABLE:
+        target = Path(error.filename or "output")
+        return not_written(target, error, "to write here", "write elsewhere")
+    if error.filename is None:
+        raise error
+    found = str(error.filename)
+    shown = found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
+    if error.errno in _NO_NAMES:
+        return UsageError(f"wanted a path, found: {error.strerror}: {shown}; correct the name")
+    return InputError(
+        f"{shown} cannot be read: {error.strerror}; check the permissions of it and of the folders it lies in"
+    )
 
 
 def report_error(error: WaysideError, *, debug: bool) -> int:

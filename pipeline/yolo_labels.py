@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from wayside.pipeline.importing import natural_key
-from wayside.pipeline.input_files import open_input, read_input_text
+from wayside.pipeline.input_files import files_below, open_input, read_input_text
 from wayside.pipeline.label_formats import Classes, Collected
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.yaml_text import parse_yaml
@@ -52,7 +52,7 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
     names = _names(folder)
     files = {
         path.relative_to(folder): path
-        for path in folder.rglob("*")
+        for path in files_below(folder)
         if path.suffix.lower() in IMAGE_SUFFIXES
     }
     images: list[LabelledImage] = []
@@ -62,22 +62,14 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
         if text is None:
             found.leave_out("image_without_text")
             continue
-        with open_input(files[inside]) as stream:
-            header = read_image_header(stream.read(_HEADER_BYTES))
-        if header is None:
-            found.leave_out("image_not_readable")
-            continue
-        images.append(LabelledImage(image_name=inside.name, size=(header.width, header.height)))
-        for row, line in enumerate(read_input_text(text).splitlines(), 1):
-            place = f"{text.relative_to(folder)}, line {row}"
-            with found.entry(place, images[-1]):
-                if line.strip():
-                    number, *values = (float(value) for value in line.split())
-                    if not number.is_integer():
-                        raise ValueError(f"class {number} is no whole number")
-                    name = names.get(int(number), f"{number:.0f}")
-                    readings = _readings(values)
-                    lines.append(_Line(place, images[-1], name, len(values), readings))
+        with found.entry(str(inside), reason="image_not_readable"):
+            with open_input(files[inside]) as stream:
+                header = read_image_header(stream.read(_HEADER_BYTES))
+            if header is None:
+                raise ValueError("no image of a known format")
+            image = LabelledImage(image_name=inside.name, size=(header.width, header.height))
+            lines += _lines(found, image, text, folder, names)
+            images.append(image)
     sure = _sure([one.readings for one in lines if one.count > 5])
     for one in lines:
         told = _told(one.readings) or _told(one.readings, sure)
@@ -93,6 +85,23 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
     for image in images:
         found.is_complete(image)
     return found.done()
+
+
+def _lines(
+    found: Collected, image: LabelledImage, text: Path, folder: Path, names: Mapping[int, str]
+) -> list[_Line]:
+    """The lines of the text of an image."""
+    lines = []
+    for row, line in enumerate(read_input_text(text).splitlines(), 1):
+        place = f"{text.relative_to(folder)}, line {row}"
+        with found.entry(place, image):
+            if line.strip():
+                number, *values = (float(value) for value in line.split())
+                if not number.is_integer():
+                    raise ValueError(f"class {number} is no whole number")
+                name = names.get(int(number), f"{number:.0f}")
+                lines.append(_Line(place, image, name, len(values), _readings(values)))
+    return lines
 
 
 def _told(readings: Readings, kinds: Collection[str] = ()) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -11,7 +12,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from wayside.pipeline.earlier_result import stream_fingerprint
-from wayside.pipeline.input_files import read_input_text
+from wayside.pipeline.input_files import files_below, read_input_text
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import InputError, UsageError
 
@@ -110,9 +111,9 @@ def _expanded(text: str) -> list[str]:
     if _is_url(text):
         return _stored(text)
     path = Path(text)
-    if path.is_dir():
-        found = (p for p in path.rglob("*") if p.suffix.lower() == _SUFFIX and p.is_file())
-    elif not path.exists() and any(c in text for c in _PATTERN):
+    if os.path.isdir(path):  # no error where it lies in a folder that cannot be searched
+        found = (p for p in files_below(path) if p.suffix.lower() == _SUFFIX and p.is_file())
+    elif not os.path.exists(path) and any(c in text for c in _PATTERN):
         found = (Path(name) for name in glob.glob(text, recursive=True) if Path(name).is_file())
     else:
         return [str(path.absolute())]
