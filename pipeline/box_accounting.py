@@ -208,7 +208,7 @@ def _require_frames(boxes: BoxFile, held: int) -> None:
         wrong = last if last >= held else first
         raise InputError(
             f"models.detections: {key} {wrong} in {boxes.path} is no frame of the log: its {held} images are "
-            f"the frames 0 to {held - 1}; write the frame as {key}, or give file_name (image_name in Parquet) "
+            f"the frames 0 to {held - 1}; count from 0, or give file_name (image_name in Parquet) "
             "where the log is one of `wayside import` (docs/detectors.md)"
         )
 
