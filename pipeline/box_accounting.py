@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +50,6 @@ class BoxAccounting:
             self._left_out.update(source.left_out)
             self._unseen = set(source.boxes)
         self._candidates = self._of_signs = 0
-        self._from_one = False
 
     def take(self, settled: TrackedFrame) -> None:
         """Count the boxes of a frame whose candidates are decided."""
@@ -65,10 +63,14 @@ class BoxAccounting:
             reason = "unused_image" if settled.motion is None else "other_class"
             self._left_out[reason] += settled.region_count - len(table)
             return
-        boxes = self._source.of(frame)
-        self._from_one |= self._source.by_id(frame) and min(self._source.ids) == 1
+        boxes, names = self._source.of(frame), self._source.names
         number = self._source.number_of(frame)
         if number is not None:
+            if names and number in self._source.boxes and number not in self._unseen:
+                raise InputError(
+                    f"models.detections: two images of the log have the name {names[number]} of {self._source.path}; "
+                    "say the frame of each box (docs/detectors.md)"
+                )
             self._unseen.discard(number)
         if settled.motion is None:
             self._left_out["unused_image"] += len(boxes)
@@ -119,11 +121,6 @@ class BoxAccounting:
             faults.append(
                 f"all {self._given} boxes are of classes that the class map does not name (models.classes)"
             )
-        if self._from_one:
-            faults.append(
-                "image_id begins at 1 and is taken for the frame, which begins at 0; if it counts images from 1, give "
-                "file_name with each result"
-            )
         if self._source.signs is None:
             faults.append("no class map: boxes of every class count as signs (models.classes)")
         return faults
@@ -163,54 +160,38 @@ def in_words(source: DetectorFile | BoxFile, counts: dict[str, Any]) -> str:
     )
 
 
-def paired(frames: Iterator[Frame], boxes: BoxFile, held: int) -> Iterator[Frame]:
-    """The frames of a log that holds so many images, where those of the file can be theirs.
+def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
+    """Notes on boxes for a log of so many images, of which this is the first.
+
+    Stray numbers are counted later where the file itself calls them frames.
 
     Raises
     ------
     InputError
-        `image_id` is no number of a frame; two images have one name; or names say only the order of the images, and
+        `image_id` is no number of a frame, frames are counted from 1, or names say only the order of the images, and
         there are more or fewer.
     """
-    seen: set[int] = set()
-    unnamed, checked = 0, False
-    for frame in frames:
-        if (boxes.key == "frame" or boxes.by_id(frame)) and not checked:
-            _require_frames(boxes, held)
-            checked = True
-        unnamed += not frame.name
-        if boxes.names and not boxes.ids and unnamed > len(boxes.names):
-            break
-        if boxes.names and frame.name and (place := boxes.number_of(frame)) is not None:
-            if place in seen:
-                raise InputError(
-                    f"models.detections: two images of the log have the name {boxes.names[place]} of {boxes.path}; "
-                    "say the frame of each box (docs/detectors.md)"
-                )
-            seen.add(place)
-        yield frame
-    if boxes.names and not boxes.ids and unnamed not in (0, len(boxes.names)):
-        more = "more" if unnamed > len(boxes.names) else str(unnamed)
+    by_id = boxes.by_id(first)
+    if boxes.names and not first.name and not by_id and len(boxes.names) != held:
         raise InputError(
             f"models.detections: wanted as many images in the log as {boxes.path} names, {len(boxes.names)}, "
-            f"found {more}: the log does not name its images, so they are matched in order; "
+            f"found {held}: the log does not name its images, so they are matched in order; "
             "name all of them, or say the frame of each box (docs/detectors.md)"
         )
-
-
-def _require_frames(boxes: BoxFile, held: int) -> None:
-    """Refuse numbers of images that are no frames; stray ones are counted where the file itself calls them frames."""
-    numbers = boxes.ids or boxes.boxes
-    first, last = min(numbers, default=0), max(numbers, default=0)
-    beyond = boxes.ids and not 0 <= first <= last < held
-    if beyond or (first > 0 and last == held):
-        key = "image_id" if boxes.ids else boxes.key
-        wrong = last if last >= held else first
+    numbers = boxes.ids if by_id else boxes.boxes if boxes.key == "frame" else ()
+    least, last = min(numbers, default=0), max(numbers, default=0)
+    if (by_id and not 0 <= least <= last < held) or (least > 0 and last == held):
         raise InputError(
-            f"models.detections: {key} {wrong} in {boxes.path} is no frame of the log: its {held} images are "
-            f"the frames 0 to {held - 1}; count from 0, or give file_name (image_name in Parquet) "
-            "where the log is one of `wayside import` (docs/detectors.md)"
+            f"models.detections: {'image_id' if by_id else 'frame'} {last if last >= held else least} in {boxes.path} "
+            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}; count from 0, or give "
+            "file_name (image_name in Parquet) where the log is one of `wayside import` (docs/detectors.md)"
         )
+    if by_id and least == 1:
+        return [
+            "image_id begins at 1 and is taken for the frame, which begins at 0; if it counts images from 1, give "
+            "file_name with each result"
+        ]
+    return []
 
 
 def require_known_boxes(source: BoxFile, counts: dict[str, Any]) -> None:

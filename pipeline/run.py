@@ -261,6 +261,9 @@ def _process(
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
+    source = models.external
+    if isinstance(source, BoxFile) and first is not None:
+        report.notes += paired(source, first, report.images_held)
     memory = image_memory(settings)
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     observer = open_observer(report)
@@ -269,11 +272,8 @@ def _process(
     misplaced: list[str] = []
     if journal is not None and journal.note:
         report.notes.append(journal.note)
-    source = models.external
     accounting = None if source is None else BoxAccounting(source)
     read = frames if first is None else chain((first,), frames)
-    if isinstance(source, BoxFile):
-        read = paired(read, source, report.images_held)
     try:
         flow = Flow(
             settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts
