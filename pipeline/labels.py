@@ -77,11 +77,8 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
         else:
             labels = read_label_file(path)
     except (OSError, ParseError, *CONTENT_FAULTS) as error:
-        found = (
-            f"{error.filename}: {error.strerror}"
-            if isinstance(error, OSError)
-            else f"{type(error).__name__}: {error}"
-        )
+        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
+        found = f"{kind}{error}"
         raise InputError(
             f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "
             "see docs/labels.md"

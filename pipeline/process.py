@@ -70,7 +70,7 @@ def open_standard_streams() -> None:
         raw = io.BufferedWriter(_Pipe(number, "wb", closefd=False))
         at_once = getattr(stream, "write_through", False)  # PYTHONUNBUFFERED
         lines = name == "stderr" or stream.isatty() or at_once
-        text = io.TextIOWrapper(raw, stream.encoding, _PLAIN, line_buffering=lines)
+        text = _Text(raw, stream.encoding, _PLAIN, line_buffering=lines)
         setattr(sys, name, text)
 
 
@@ -133,6 +133,16 @@ def _in_plain_characters(error: UnicodeError) -> tuple[str, int]:
 
 def _nowhere() -> io.TextIOWrapper:
     return open(os.devnull, "w", encoding="utf-8")
+
+
+class _Text(io.TextIOWrapper):
+    """Keeps the encoding it has: Click writes UTF-8 to streams in ASCII, which it takes for an oversight."""
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """Another name of ASCII than the one that Click looks for."""
+        known = super().encoding
+        return "us-plain" if codecs.lookup(known).name == "ascii" else known
 
 
 class _Pipe(io.FileIO):

@@ -194,6 +194,14 @@ def test_output_is_written_with_the_characters_that_the_terminal_has(tmp_path, e
     assert done.returncode == 0, done.stderr
     assert (shown or "±along m".encode()) in done.stdout
     assert "Bögen".encode(encoding, "replace") in done.stdout
+    done = subprocess.run(
+        [WAYSIDE, "export", tmp_path / "Bögen", "-o", tmp_path / "Bögen.csv"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        timeout=300,
+        check=False,
+    )
+    assert "Bögen.csv".encode(encoding, "replace") in done.stdout
 
 
 def test_an_error_is_written_with_the_characters_that_the_terminal_has(tmp_path):
