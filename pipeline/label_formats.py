@@ -171,26 +171,32 @@ def read_voc(folder: Path, classes: Classes | None) -> Labels:
     for path in sorted(files_below(folder), key=natural_key):
         if path.suffix.lower() != ".xml":
             continue
-        try:
-            root = ElementTree.fromstring(read_input(path))
-        except ElementTree.ParseError as error:
-            raise ValueError(f"{path}: {error}") from error
-        if root.tag != "annotation":
-            found.leave_out("other_xml")
-            continue
-        name = Path(root.findtext("filename") or f"{path.stem}.jpg").name
-        size = (int(root.findtext(f"size/{side}") or 0) for side in ("width", "height"))
-        width, height = size
-        image = LabelledImage(image_name=name, size=(width, height) if width and height else None)
-        for one in root.iter("object"):
-            name = one.findtext("name") or ""
-            hard = (one.findtext("difficult") or "0").strip() == "1"
-            ends = [one.findtext(f"bndbox/{end}") for end in ("xmin", "ymin", "xmax", "ymax")]
-            with found.entry(f"{path.name}, object {name}", image):
-                x0, y0, x1, y1 = (float(end) if end else math.nan for end in ends)
-                found.named(image, name, (x0 - 1, y0 - 1, x1, y1), wanted=not hard)
-        found.is_complete(image)
+        with found.entry(path.name, reason="image_not_readable"):
+            _read_annotation(path, found)
     return found.done()
+
+
+def _read_annotation(path: Path, found: Collected) -> None:
+    """The labels of one file of Pascal VOC; raises ValueError where it is none that can be read."""
+    try:
+        root = ElementTree.fromstring(read_input(path))
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from error
+    if root.tag != "annotation":
+        found.leave_out("other_xml")
+        return
+    name = Path(root.findtext("filename") or f"{path.stem}.jpg").name
+    size = (int(root.findtext(f"size/{side}") or 0) for side in ("width", "height"))
+    width, height = size
+    image = LabelledImage(image_name=name, size=(width, height) if width and height else None)
+    for one in root.iter("object"):
+        name = one.findtext("name") or ""
+        hard = (one.findtext("difficult") or "0").strip() == "1"
+        ends = [one.findtext(f"bndbox/{end}") for end in ("xmin", "ymin", "xmax", "ymax")]
+        with found.entry(f"{path.name}, object {name}", image):
+            x0, y0, x1, y1 = (float(end) if end else math.nan for end in ends)
+            found.named(image, name, (x0 - 1, y0 - 1, x1, y1), wanted=not hard)
+    found.is_complete(image)
 
 
 def read_truth(truth: Entry, source: str) -> Labels:

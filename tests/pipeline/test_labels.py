@@ -235,6 +235,23 @@ def test_an_image_of_coco_of_absurd_numbers_is_left_out_with_its_boxes(tmp_path,
     assert read.left_out == {"image_not_readable": 1, "no_such_image": 1}
 
 
+@pytest.mark.parametrize(
+    ("text", "left_out"),
+    [
+        ("<annotation><object>", "image_not_readable"),
+        ("<annotation><size><width>1e3</width></size></annotation>", "image_not_readable"),
+        ("<annotation><object><bndbox><xmin>left</xmin></bndbox></object></annotation>", "no_box"),
+    ],
+)
+def test_one_file_of_voc_that_cannot_be_read_is_left_out_and_named(tmp_path, text, left_out):
+    (write_voc(tmp_path) / "b.xml").write_text(text)
+    read = read_labels(tmp_path)
+    assert len(read.labels) == len(THINGS)
+    assert read.left_out == {left_out: 1}
+    assert "b.xml" in read.reasons
+    assert [image.image_name for image in read.complete] == ["a 1.png"]
+
+
 def test_polygons_of_coco_and_yolo_are_kept(tmp_path):
     corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
     points = ((20, 10), (40, 10), (30, 30))
