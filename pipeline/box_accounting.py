@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 
 REASONS = {
+    "not_read": "cannot be read",
     "not_finite": "have a coordinate or score that is no number",
     "no_area": "have no width or height",
     "other_class": "are of classes that are no signs",
@@ -63,9 +63,14 @@ class BoxAccounting:
             reason = "unused_image" if settled.motion is None else "other_class"
             self._left_out[reason] += settled.region_count - len(table)
             return
-        boxes = self._source.of(frame)
+        boxes, names = self._source.of(frame), self._source.names
         number = self._source.number_of(frame)
         if number is not None:
+            if names and number in self._source.boxes and number not in self._unseen:
+                raise InputError(
+                    f"models.detections: two images of the log have the name {names[number]} of {self._source.path}; "
+                    "say the frame of each box (docs/detectors.md)"
+                )
             self._unseen.discard(number)
         if settled.motion is None:
             self._left_out["unused_image"] += len(boxes)
@@ -102,8 +107,11 @@ class BoxAccounting:
     def _notes(self, counts: dict[str, Any]) -> list[str]:
         """What is amiss with the boxes, in words."""
         left_out = counts["left_out"]
+        where = (
+            {"not_read": f" ({self._source.fault})"} if isinstance(self._source, BoxFile) else {}
+        )
         faults = [
-            f"{count} of {self._given} boxes {REASONS[name]}"
+            f"{count} of {self._given} boxes {REASONS[name]}{where.get(name, '')}"
             for name, count in left_out.items()
             if name not in EXPECTED
         ]
@@ -152,26 +160,38 @@ def in_words(source: DetectorFile | BoxFile, counts: dict[str, Any]) -> str:
     )
 
 
-def paired_by_order(frames: Iterator[Frame], boxes: BoxFile) -> Iterator[Frame]:
-    """The frames, as many as the file names images.
+def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
+    """Notes on boxes for a log of so many images, of which this is the first.
+
+    Stray numbers are counted later where the file itself calls them frames.
 
     Raises
     ------
     InputError
-        There are more or fewer: names say only the order of the images.
+        `image_id` is no number of a frame, frames are counted from 1, or names say only the order of the images, and
+        there are more or fewer.
     """
-    count = 0
-    for frame in frames:
-        count += 1
-        if count > boxes.images:
-            break
-        yield frame
-    if count != boxes.images:
-        more = "more" if count > boxes.images else str(count)
+    by_id = boxes.by_id(first)
+    if boxes.names and not first.name and not by_id and len(boxes.names) != held:
         raise InputError(
-            f"models.detections: wanted as many images in the log as {boxes.path} names, {boxes.images}, found {more}: "
-            "names are matched with images in order; name all of them, or say the frame of each box (docs/detectors.md)"
+            f"models.detections: wanted as many images in the log as {boxes.path} names, {len(boxes.names)}, "
+            f"found {held}: the log does not name its images, so they are matched in order; "
+            "name all of them, or say the frame of each box (docs/detectors.md)"
         )
+    numbers = boxes.ids if by_id else boxes.boxes if boxes.key == "frame" else ()
+    least, last = min(numbers, default=0), max(numbers, default=0)
+    if (by_id and not 0 <= least <= last < held) or (least > 0 and last == held):
+        raise InputError(
+            f"models.detections: {'image_id' if by_id else 'frame'} {last if last >= held else least} in {boxes.path} "
+            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}; count from 0, or give "
+            "file_name (image_name in Parquet) where the log is one of `wayside import` (docs/detectors.md)"
+        )
+    if by_id and least == 1:
+        return [
+            "image_id begins at 1 and is taken for the frame, which begins at 0; if it counts images from 1, give "
+            "file_name with each result"
+        ]
+    return []
 
 
 def require_known_boxes(source: BoxFile, counts: dict[str, Any]) -> None:
@@ -179,8 +199,8 @@ def require_known_boxes(source: BoxFile, counts: dict[str, Any]) -> None:
     lost = counts["left_out"].get("not_in_log", 0)
     usable = source.rows - sum(source.left_out.values())
     if usable and lost == usable:
-        known = sorted(source.boxes)[:3]
+        known = source.names[:3] or [str(number) for number in sorted(source.boxes)[:3]]
         raise InputError(
             f"models.detections: wanted boxes of images of the log by {source.key}, found none in {source.path} "
-            f"(it has {', '.join(str(int(k)) for k in known)} ...); frames.parquet of a run lists frame and times"
+            f"(it has {', '.join(known)} ...); frames.parquet of a run lists frame and times"
         )

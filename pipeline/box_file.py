@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,20 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from wayside.pipeline.class_map import numbered, read_class_map
+from wayside.pipeline.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.image_order import natural_key
-from wayside.pipeline.input_files import read_input, read_parquet
+from wayside.pipeline.input_files import decoded, read_input, read_parquet
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass, unnamed
 from wayside.schemas.errors import InputError
+from wayside.schemas.labels import Box
 from wayside.schemas.settings import Settings
 from wayside.stages.detection import named_boxes
 
 CORNERS = ("x_min", "y_min", "x_max", "y_max")
+_Image = tuple[str, Any]
+"""What a file names an image by, and the number or name."""
 ADVICE = "see docs/detectors.md for the columns"
 
 
@@ -31,8 +35,9 @@ ADVICE = "see docs/detectors.md for the columns"
 class BoxRows:
     """Rows of a file: key (one of `IMAGE_KEYS`), image (n,) int64, box (n, 4), score (n,), number (n,) of the class.
 
-    names: of the classes by number; color, shape (n,) int8 or -1: what the rows themselves say; images: how many names
-    of images there are, 0 without names.
+    names: of the classes by number; color, shape (n,) int8 or -1: what the rows themselves say; image_names: in natural
+    order, those that the numbers of the images count; ids: number of the image by `image_id`, where that is a number;
+    unread: the fault of each further row.
     """
 
     key: str
@@ -43,7 +48,9 @@ class BoxRows:
     names: Mapping[int, str]
     color: NDArray[np.int8]
     shape: NDArray[np.int8]
-    images: int = 0
+    image_names: Sequence[str] = ()
+    ids: Mapping[int, int] = field(default_factory=dict)
+    unread: Sequence[str] = ()
 
 
 def load_boxes(settings: Settings) -> BoxFile:
@@ -69,8 +76,20 @@ def load_boxes(settings: Settings) -> BoxFile:
         signs = numbered(classes, rows.names, str(path), complete=False)
     boxes, left_out = boxes_by_image(path, rows, signs, settings.candidates.external_score)
     digest = sha256(data).hexdigest()
-    count = len(rows.box)
-    return BoxFile(str(path), digest, rows.key, boxes, count, rows.images, left_out, signs)
+    if rows.unread:
+        left_out = {"not_read": len(rows.unread)} | left_out
+    return BoxFile(
+        str(path),
+        digest,
+        rows.key,
+        boxes,
+        len(rows.box) + len(rows.unread),
+        tuple(rows.image_names),
+        rows.ids,
+        left_out,
+        signs,
+        fault=rows.unread[0] if rows.unread else "",
+    )
 
 
 def boxes_by_image(
@@ -139,12 +158,15 @@ def _parquet_rows(path: Path) -> BoxRows:
         wanted = f"the columns {', '.join(CORNERS)} and one of {', '.join(IMAGE_KEYS)}"
         raise _refusal(path, wanted, ", ".join(table.column_names), ADVICE)
     key, count = keys[0], table.num_rows
-    images = 0
+    names: list[str] = []
     if key == "image_name":
         named = _column(path, table, key, pa.string())
         if named.null_count:
             raise _refusal(path, f"column {key} in every row", f"{named.null_count} nulls", ADVICE)
-        image, images = _by_order([str(name) for name in named.to_pylist()])
+        of_rows = [str(name) for name in named.to_pylist()]
+        names = _ordered(of_rows)
+        place_of = {name: place for place, name in enumerate(names)}
+        image = np.array([place_of[name] for name in of_rows], np.int64)
     else:
         image = _filled(path, table, key, pa.int64())
     box = np.column_stack([_filled(path, table, name, pa.float64()) for name in CORNERS])
@@ -163,7 +185,7 @@ def _parquet_rows(path: Path) -> BoxRows:
         class_names,
         _kinds(path, table, "color", COLORS),
         _kinds(path, table, "shape", SHAPES),
-        images,
+        names,
     )
 
 
@@ -213,12 +235,7 @@ def _kinds(path: Path, table: pa.Table, name: str, known: Sequence[str]) -> NDAr
 def _coco_rows(path: Path, data: bytes) -> BoxRows:
     """Rows of COCO: a list of results, or a data set with `images`, `annotations` and `categories`."""
     try:
-        content: Any = parse_json(data)
-        if isinstance(content, list):
-            return _coco_table(content, "frame", {}, {}, 0)
-        key, frames, images = _coco_images(content["images"])
-        names = {int(one["id"]): str(one["name"]) for one in content.get("categories", [])}
-        return _coco_table(content["annotations"], key, frames, names, images)
+        return _coco_table(parse_json(decoded(data)))
     except CONTENT_FAULTS as error:
         found = f"{type(error).__name__}: {error}"
         raise _refusal(
@@ -229,56 +246,79 @@ def _coco_rows(path: Path, data: bytes) -> BoxRows:
         ) from error
 
 
-def _coco_images(images: Sequence[Mapping[str, Any]]) -> tuple[str, dict[Any, int], int]:
-    """What names the images of a data set, their numbers by id, and how many have names only."""
+def _coco_table(content: Any) -> BoxRows:
+    results = isinstance(content, list)
+    images = {} if results else _coco_images(content["images"])
+    rows: list[tuple[_Image, Box, float, int]] = []
+    ids: dict[int, Any] = {}
+    unread: list[str] = []
+    for place, one in enumerate(content if results else content["annotations"]):
+        try:
+            image = _result_image(one) if results else images[one["image_id"]]
+            if results and not isinstance(one["image_id"], str):
+                if ids.setdefault(_whole(one["image_id"]), image[1]) != image[1]:
+                    raise ValueError(f"image_id {one['image_id']} is of two files")
+            score, number = float(one.get("score", 1)), _whole(one.get("category_id", 0))
+            rows.append((image, coco_box(one), score, number))
+        except CONTENT_FAULTS as error:
+            words = f"no image {error}" if isinstance(error, KeyError) else str(error)
+            unread.append(f"{'result' if results else 'annotation'} {place}: {words}")
+    if unread and not rows:
+        raise ValueError(unread[0])
+    keys = sorted({key for (key, _), *_ in rows}) or ["image_id"]
+    if len(keys) > 1:
+        raise ValueError(f"some results name their image by {keys[0]}, others by {keys[1]}")
+    values = [value for (_, value), *_ in rows]
+    names: list[str] = []
+    if keys == ["image_name"]:
+        names = _ordered([name for _, name in images.values()] or values)
+        place_of = {name: place for place, name in enumerate(names)}
+        values = [place_of[name] for name in values]
+        ids = {number: place_of[name] for number, name in ids.items() if name in place_of}
+    return BoxRows(
+        keys[0],
+        np.array(values, np.int64),
+        np.array([box for _, box, *_ in rows], np.float64).reshape(-1, 4),
+        np.array([score for *_, score, _ in rows], np.float64),
+        np.array([number for *_, number in rows], np.int64),
+        {} if results else coco_classes(content),
+        unnamed(len(rows)),
+        unnamed(len(rows)),
+        names,
+        ids,
+        unread,
+    )
+
+
+def _coco_images(images: Sequence[Entry]) -> dict[Any, _Image]:
+    """What names the images of a data set, by id."""
     if not images:
         raise ValueError("no images")
     for key in IMAGE_KEYS[:3]:
         if all(key in one for one in images):
-            return key, {one["id"]: int(one[key]) for one in images}, 0
-    names = [str(one["file_name"]) for one in images]
-    if len(set(names)) != len(names):
+            return {one["id"]: (key, _whole(one[key])) for one in images}
+    names = {str(one["file_name"]) for one in images}
+    if len(names) != len(images):
         raise ValueError("file_name is not unique")
-    order, count = _by_order(names)
-    return "image_name", {one["id"]: int(k) for one, k in zip(images, order, strict=True)}, count
+    return {one["id"]: ("image_name", str(one["file_name"])) for one in images}
 
 
-def _coco_table(
-    entries: Sequence[Mapping[str, Any]],
-    key: str,
-    frames: Mapping[Any, int],
-    names: Mapping[int, str],
-    images: int,
-) -> BoxRows:
-    count = len(entries)
-    box = np.array([one["bbox"] for one in entries], np.float64).reshape(count, 4)
-    ids = [one["image_id"] for one in entries]
-    return BoxRows(
-        key,
-        np.array([_frame_of(one, frames) for one in ids], np.int64),
-        np.concatenate([box[:, :2], box[:, :2] + box[:, 2:]], axis=1),
-        np.array([one.get("score", 1.0) for one in entries], np.float64).reshape(count),
-        np.array([one.get("category_id", 0) for one in entries], np.int64).reshape(count),
-        names,
-        unnamed(count),
-        unnamed(count),
-        images,
-    )
+def _result_image(result: Entry) -> _Image:
+    """What names the image of a result: its file; where `image_id` is a text, it is the name of the file."""
+    name = result.get("file_name") or result["image_id"]
+    return ("image_name", name) if isinstance(name, str) else ("image_id", _whole(name))
 
 
-def _frame_of(image_id: Any, frames: Mapping[Any, int]) -> int:
-    if not frames:
-        return int(image_id)
-    if image_id not in frames:
-        raise ValueError(f"an annotation of image {image_id}, which is not among the images")
-    return frames[image_id]
+def _whole(value: Any) -> int:
+    number = int(value)
+    if number != value or abs(number) >= 1 << 63:
+        raise ValueError(f"{value!r:.40} is no whole number")
+    return number
 
 
-def _by_order(names: Sequence[str]) -> tuple[NDArray[np.int64], int]:
-    """The place of each name in the natural order of all, and how many different ones there are."""
-    ordered = sorted(set(names), key=lambda name: natural_key(Path(name)))
-    place = {name: k for k, name in enumerate(ordered)}
-    return np.array([place[name] for name in names], np.int64), len(ordered)
+def _ordered(names: Iterable[str]) -> list[str]:
+    """Each name once, in natural order."""
+    return sorted(set(names), key=lambda name: natural_key(Path(name)))
 
 
 def _refusal(path: Path, wanted: str, found: str, advice: str) -> InputError:

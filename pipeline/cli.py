@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -50,13 +49,13 @@ from wayside.pipeline.cli_running import (
 )
 from wayside.pipeline.process import (
     flush_standard_streams,
+    in_words,
     interrupt_on_signals,
     open_standard_streams,
     report_error,
     silence_standard_streams,
 )
 from wayside.pipeline.visible_text import fitted, visible, visible_lines
-from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import (
     INTERRUPTED,
     InterruptionError,
@@ -74,10 +73,6 @@ app = Application(
     epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.\n\n"
     + EXIT_STATUSES,
 )
-
-
-_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR)
-"""What a system call says of a path that can name no file, wherever it comes up."""
 
 
 class Listed(StrEnum):
@@ -363,14 +358,7 @@ def main() -> None:
     except WaysideError as error:
         status = report_error(error, debug=debug)
     except OSError as error:
-        if error.errno in _NO_NAMES:
-            words: WaysideError = _no_such_path(error)
-        elif error.errno in UNWRITABLE:
-            target = Path(error.filename or "output")
-            words = not_written(target, error, "to write here", "write elsewhere")
-        else:
-            raise
-        status = report_error(words, debug=debug)
+        status = report_error(in_words(error), debug=debug)
     except Exception as error:
         show = getattr(error, "show", None)
         if not callable(show):
@@ -380,9 +368,3 @@ def main() -> None:
     silence_standard_streams()
     viewer.leave_stuck_viewer(status)
     sys.exit(status)
-
-
-def _no_such_path(error: OSError) -> UsageError:
-    found = str(error.filename)
-    shown = found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
-    return UsageError(f"wanted a path, found: {error.strerror}: {shown}; correct the name")

@@ -106,8 +106,7 @@ def _convert(
         visible(f"{out}: {len(kinds)} labels ({counts}), {len(labels.complete)} complete images")
     )
     if labels.left_out:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in labels.left_out.items())
-        typer.echo(visible(f"wayside: left out: {reasons}; see docs/labels.md"), err=True)
+        typer.echo(visible(f"wayside: left out: {labels.reasons}; see docs/labels.md"), err=True)
         if set(labels.left_out) - {"other_class"}:  # which the class map asks for
             raise typer.Exit(PARTS_LOST)
 

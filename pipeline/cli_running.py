@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from wayside.pipeline.process import report_error
+from wayside.pipeline.process import in_words, report_error
 from wayside.schemas.errors import (
     PARTS_LOST,
     InputError,
@@ -95,8 +95,9 @@ def process_all(
             status = run_one(source, folder)
         except InterruptionError:
             raise
-        except WaysideError as error:
-            status = report_error(error, debug="--debug" in sys.argv[1:])
+        except (WaysideError, OSError) as error:
+            told = in_words(error) if isinstance(error, OSError) else error
+            status = report_error(told, debug="--debug" in sys.argv[1:])
             ends.append((status, f"not done, exit status {status}"))
         else:
             words = f"done, result in {folder}"
@@ -121,9 +122,9 @@ def _standing_log(path: Path) -> Path | None:
 
     try:
         log = joined_log(path)
-    except InputError:
+        return path if log is None else log if log.exists() else None
+    except (InputError, OSError):
         return None  # told when it is its turn
-    return path if log is None else log if log.exists() else None
 
 
 def process(

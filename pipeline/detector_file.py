@@ -26,6 +26,8 @@ SIZE_INPUT = "orig_target_sizes"
 """Second input of the networks that give pixels of the image: its width and height."""
 FREE_SIZE = (640, 640)
 """On which a network of free input size is tried."""
+MOST_PIXELS = 1 << 26
+"""Of an input: eight times those of a camera of 8 megapixels."""
 ADVICE = "see docs/detectors.md for the formats that are understood"
 
 
@@ -103,6 +105,13 @@ def _inputs(path: Path, header: OnnxHeader) -> tuple[OnnxInput, str]:
 
 def _input_size(path: Path, image: OnnxInput) -> tuple[int, int] | None:
     height, width = image.shape[2:]
+    if height * width > MOST_PIXELS:
+        raise _refusal(
+            path,
+            f"an input of at most {MOST_PIXELS} pixels",
+            f"{width} x {height}",
+            "export it for the size of your images",
+        )
     if bool(height) != bool(width):
         raise _refusal(
             path,

@@ -282,7 +282,8 @@ def _read_truth(file: Path) -> dict[str, Any]:
     except ValueError as error:
         if file.suffix.lower() == ".csv":
             raise InputError(
-                f"{file}: wanted a review: columns separated by commas, `review` among them; see docs/corrections.md"
+                f"{file}: wanted a review: a table with a column `review` and no row longer than its first; "
+                "see docs/corrections.md"
             ) from error
         raise InputError(f"truth file {file} is not JSON: {error}") from error
     keys = facts.keys() if isinstance(facts, dict) else set()

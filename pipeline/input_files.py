@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
 import stat
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -61,8 +62,38 @@ def read_input(path: Path) -> bytes:
 
 
 def read_input_text(path: Path) -> str:
-    """The text of a regular file in UTF-8; raises as `read_input`, and UnicodeDecodeError."""
-    return read_input(path).decode("utf-8")
+    """The text of a regular file; raises as `read_input` and `decoded`."""
+    return decoded(read_input(path))
+
+
+def decoded(data: bytes) -> str:
+    """The text of bytes in UTF-8, in UTF-16 with a byte order mark, or in the code page of Western Windows.
+
+    Raises
+    ------
+    ValueError
+        They are no text.
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        text = data.decode("utf-16")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252")
+    if "\0" in text:
+        raise ValueError("no text: it holds a NUL")
+    return text
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """What is no folder in a folder and those below it; raises OSError where one of these cannot be listed."""
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    for root, _, names in os.walk(folder, onerror=refuse):
+        yield from (Path(root, name) for name in names)
 
 
 def read_parquet(

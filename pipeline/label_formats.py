@@ -1,4 +1,4 @@
-"""Labels in the formats of others (COCO, YOLO, Pascal VOC), and in those of wayside's rendered and real drives.
+"""Labels in formats of others (COCO, Pascal VOC; YOLO: `yolo_labels`), and of wayside's rendered and real drives.
 
 Classes are named by the data sets themselves. A class map (`class_map`) says which are signs and what these look like;
 without one every class is a sign, except those that are named as a kind of label is (`back`, `not_sign`, `unsure`).
@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from wayside.pipeline.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.image_order import natural_key
-from wayside.pipeline.input_files import open_input, read_input, read_input_text
-from wayside.pipeline.json_text import parse_json
-from wayside.pipeline.reading.image_headers import read_image_header
-from wayside.pipeline.yaml_text import parse_yaml
+from wayside.pipeline.input_files import files_below, read_input, read_input_text
+from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError
@@ -35,10 +35,7 @@ from wayside.schemas.labels import (
     Polygon,
 )
 
-Entry = Mapping[str, Any]
 Classes = Mapping[str, SignClass]
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif")
-_HEADER_BYTES = 1 << 20
 _TO_EDGES = 0.5
 """What an edge has more than in coordinates in which the middles of pixels lie at integers."""
 
@@ -53,6 +50,21 @@ class Collected:
         self._unread: set[LabelledImage] = set()
         self._names: set[str] = set()
         self._left_out: Counter[str] = Counter()
+        self._first: dict[str, str] = {}
+        self._place = ""
+
+    @contextmanager
+    def entry(
+        self, place: str, image: LabelledImage | None = None, reason: str = "no_box"
+    ) -> Iterator[None]:
+        """Leave an entry that is no label out, and say where it stands."""
+        outer, self._place = self._place, place
+        try:
+            yield
+        except CONTENT_FAULTS as error:
+            words = f"no {error}" if isinstance(error, KeyError) else str(error)
+            self.leave_out(reason, image, f": {words[:160]}")
+        self._place = outer
 
     def named(
         self,
@@ -102,9 +114,11 @@ class Collected:
         if image not in self._unread:
             self._complete.append(image)
 
-    def leave_out(self, reason: str, image: LabelledImage | None = None) -> None:
+    def leave_out(self, reason: str, image: LabelledImage | None = None, words: str = "") -> None:
         """Count a label or an image that cannot be used; an image with such a label is not complete."""
         self._left_out[reason] += 1
+        if self._place:
+            self._first.setdefault(reason, f"the first: {self._place}{words}")
         if image is not None:
             self._unread.add(image)
 
@@ -115,7 +129,7 @@ class Collected:
                 f"models.classes: wanted classes of {self._source} ({', '.join(sorted(self._names)[:20])}), "
                 f"found {', '.join(map(repr, self._classes))}; correct the class map"
             )
-        return Labels(tuple(self._labels), tuple(self._complete), dict(self._left_out))
+        return Labels(tuple(self._labels), tuple(self._complete), dict(self._left_out), self._first)
 
 
 def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
@@ -124,65 +138,26 @@ def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
     Regions of a crowd are neither right nor wrong.
     """
     found = Collected(classes, source)
-    names = {one["id"]: str(one["name"]) for one in content.get("categories", ())}
-    images = {one["id"]: _coco_image(one) for one in content["images"]}
-    for one in content["annotations"]:
-        image = images.get(one["image_id"])
+    names = coco_classes(content)
+    images: dict[Any, LabelledImage] = {}
+    for place, one in enumerate(content["images"]):
+        with found.entry(f"image {place}", reason="image_not_readable"):
+            images[one["id"]] = _coco_image(one)
+    for place, one in enumerate(content["annotations"]):
+        image = images.get(one.get("image_id"))
         if image is None:
             found.leave_out("no_such_image")
             continue
-        if "bbox" not in one:
-            found.leave_out("no_box", image)
-            continue
-        x, y, width, height = (float(value) for value in one["bbox"])
-        number = one.get("category_id")
-        found.named(
-            image,
-            names.get(number, str(number)),
-            (x, y, x + width, y + height),
-            polygon=_coco_polygon(one.get("segmentation")),
-            crowd=bool(one.get("iscrowd")),
-        )
+        with found.entry(f"annotation {place}", image):
+            number = one.get("category_id")
+            found.named(
+                image,
+                names.get(number, str(number)),
+                coco_box(one),
+                polygon=_coco_polygon(one.get("segmentation")),
+                crowd=bool(one.get("iscrowd")),
+            )
     for image in images.values():
-        found.is_complete(image)
-    return found.done()
-
-
-def read_yolo(folder: Path, classes: Classes | None) -> Labels:
-    """Labels of a folder of YOLO: one text file an image, `class x y width height` or `class x1 y1 x2 y2 ...`.
-
-    Numbers are fractions of the image, whose size is read from the image itself: beside the text, or in `images` where
-    that lies in `labels`. Names of the classes are those of a `data.yaml` or `classes.txt`, else their numbers. An
-    image without text is not labelled.
-    """
-    found = Collected(classes, folder.name)
-    names = _yolo_names(folder)
-    files = {
-        path.relative_to(folder): path
-        for path in folder.rglob("*")
-        if path.suffix.lower() in IMAGE_SUFFIXES
-    }
-    for inside in sorted(files, key=natural_key):
-        text = _yolo_text(folder, inside)
-        if text is None:
-            found.leave_out("image_without_text")
-            continue
-        with open_input(files[inside]) as stream:
-            header = read_image_header(stream.read(_HEADER_BYTES))
-        if header is None:
-            found.leave_out("image_not_readable")
-            continue
-        image = LabelledImage(image_name=inside.name, size=(header.width, header.height))
-        for row, line in enumerate(read_input_text(text).splitlines(), 1):
-            if not line.strip():
-                continue
-            number, *values = line.split()
-            try:
-                box, polygon = _yolo_box([float(value) for value in values], header[1:])
-                name = names.get(int(number), number)
-            except ValueError as error:
-                raise ValueError(f"{text}, line {row}: {error}") from error
-            found.named(image, name, box, polygon=polygon)
         found.is_complete(image)
     return found.done()
 
@@ -193,27 +168,35 @@ def read_voc(folder: Path, classes: Classes | None) -> Labels:
     What is `difficult` does not count for recall.
     """
     found = Collected(classes, folder.name)
-    for path in sorted(folder.rglob("*.xml"), key=natural_key):
-        try:
-            root = ElementTree.fromstring(read_input(path))
-        except ElementTree.ParseError as error:
-            raise ValueError(f"{path}: {error}") from error
-        if root.tag != "annotation":
-            found.leave_out("other_xml")
+    for path in sorted(files_below(folder), key=natural_key):
+        if path.suffix.lower() != ".xml":
             continue
-        name = Path(root.findtext("filename") or f"{path.stem}.jpg").name
-        size = (int(root.findtext(f"size/{side}") or 0) for side in ("width", "height"))
-        width, height = size
-        image = LabelledImage(image_name=name, size=(width, height) if width and height else None)
-        for one in root.iter("object"):
-            ends = [one.findtext(f"bndbox/{end}") for end in ("xmin", "ymin", "xmax", "ymax")]
-            x0, y0, x1, y1 = (float(end) if end else math.nan for end in ends)
-            hard = (one.findtext("difficult") or "0").strip() == "1"
-            found.named(
-                image, one.findtext("name") or "", (x0 - 1, y0 - 1, x1, y1), wanted=not hard
-            )
-        found.is_complete(image)
+        with found.entry(path.name, reason="image_not_readable"):
+            _read_annotation(path, found)
     return found.done()
+
+
+def _read_annotation(path: Path, found: Collected) -> None:
+    """The labels of one file of Pascal VOC; raises ValueError where it is none that can be read."""
+    try:
+        root = ElementTree.fromstring(read_input(path))
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from error
+    if root.tag != "annotation":
+        found.leave_out("other_xml")
+        return
+    name = Path(root.findtext("filename") or f"{path.stem}.jpg").name
+    size = (int(root.findtext(f"size/{side}") or 0) for side in ("width", "height"))
+    width, height = size
+    image = LabelledImage(image_name=name, size=(width, height) if width and height else None)
+    for one in root.iter("object"):
+        name = one.findtext("name") or ""
+        hard = (one.findtext("difficult") or "0").strip() == "1"
+        ends = [one.findtext(f"bndbox/{end}") for end in ("xmin", "ymin", "xmax", "ymax")]
+        with found.entry(f"{path.name}, object {name}", image):
+            x0, y0, x1, y1 = (float(end) if end else math.nan for end in ends)
+            found.named(image, name, (x0 - 1, y0 - 1, x1, y1), wanted=not hard)
+    found.is_complete(image)
 
 
 def read_truth(truth: Entry, source: str) -> Labels:
@@ -312,7 +295,7 @@ def read_marks(marks: Entry) -> Labels:
 
 def read_json(path: Path, classes: Classes | None) -> Labels:
     """Labels of a JSON file of any of these formats, told apart by what it holds; ValueError where it is none."""
-    content = parse_json(read_input(path))
+    content = parse_json(read_input_text(path))
     if isinstance(content, list) and content and "signs" in content[0]:
         return read_scenes(content, path.name)
     if isinstance(content, dict):
@@ -338,45 +321,10 @@ def _coco_image(one: Entry) -> LabelledImage:
 
 def _coco_polygon(segmentation: Any) -> Polygon:
     """The outline where it is one polygon; none where it is several, or a mask."""
-    if not isinstance(segmentation, list) or len(segmentation) != 1:
+    if not isinstance(segmentation, list) or len(segmentation) != 1 or len(segmentation[0]) % 2:
         return ()
     values = [float(value) for value in segmentation[0]]
     return tuple(zip(values[::2], values[1::2], strict=True))
-
-
-def _yolo_names(folder: Path) -> dict[int, str]:
-    for parent in (folder, folder.parent):
-        for path in (parent / "data.yaml", parent / "classes.txt"):
-            if path.is_file():
-                text = read_input_text(path)
-                names = text.splitlines() if path.suffix == ".txt" else parse_yaml(text)["names"]
-                return {
-                    int(number): str(name)
-                    for number, name in (
-                        names.items() if isinstance(names, dict) else enumerate(names)
-                    )
-                }
-    return {}
-
-
-def _yolo_text(folder: Path, image: Path) -> Path | None:
-    """The text file of an image."""
-    parts = ["labels" if part == "images" else part for part in image.parts]
-    beside = {folder / image, folder.joinpath(*parts), folder / "labels" / image}
-    texts = (path.with_suffix(".txt") for path in sorted(beside))
-    return next((text for text in texts if text.is_file()), None)
-
-
-def _yolo_box(values: Sequence[float], size: tuple[int, int]) -> tuple[Box, Polygon]:
-    width, height = size
-    if len(values) == 4:
-        x, y, w, h = values[0] * width, values[1] * height, values[2] * width, values[3] * height
-        return (x - w / 2, y - h / 2, x + w / 2, y + h / 2), ()
-    if len(values) < 6 or len(values) % 2:
-        raise ValueError(f"wanted 4 numbers of a box or pairs of a polygon, found {len(values)}")
-    points = tuple((x * width, y * height) for x, y in zip(values[::2], values[1::2], strict=True))
-    across, down = zip(*points, strict=True)
-    return (min(across), min(down), max(across), max(down)), points
 
 
 def _to_edges(box: Sequence[float]) -> Box:

@@ -9,13 +9,15 @@ from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
 from wayside.pipeline.class_map import read_class_map
+from wayside.pipeline.input_files import files_below
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.label_file import read_label_file
-from wayside.pipeline.label_formats import read_json, read_voc, read_yolo
+from wayside.pipeline.label_formats import read_json, read_voc
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.result import RUN_FILE
 from wayside.pipeline.reviewing.labels import review_labels
 from wayside.pipeline.reviewing.review import is_review, required_review
+from wayside.pipeline.yolo_labels import read_yolo
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.labels import Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
@@ -64,24 +66,26 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
     classes = None if class_map is None else read_class_map(class_map)
     try:
         if path.is_dir():
-            read = read_voc if any(path.rglob("*.xml")) else read_yolo
+            read = (
+                read_voc
+                if any(file.suffix.lower() == ".xml" for file in files_below(path))
+                else read_yolo
+            )
             labels = read(path, classes)
         elif path.suffix.lower() == ".json":
             labels = read_json(path, classes)
         else:
             labels = read_label_file(path)
     except (OSError, ParseError, *CONTENT_FAULTS) as error:
-        found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
+        found = f"{kind}{error}"
         raise InputError(
             f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "
             "see docs/labels.md"
         ) from error
     if not labels.labels and not labels.complete:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in labels.left_out.items())
-        raise InputError(
-            f"{path}: wanted labels, found none{f' that can be used ({reasons})' if reasons else ''}; "
-            "see docs/labels.md"
-        )
+        reasons = f" that can be used: {labels.reasons}" if labels.left_out else ""
+        raise InputError(f"{path}: wanted labels, found none{reasons}; see docs/labels.md")
     return labels
 
 
@@ -94,6 +98,7 @@ def joined(parts: Sequence[Labels]) -> Labels:
         tuple(label for part in parts for label in part.labels),
         tuple(image for part in parts for image in part.complete),
         dict(left_out),
+        {reason: words for part in reversed(parts) for reason, words in part.first.items()},
     )
 
 

@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
+import codecs
+import errno
 import io
 import os
 import signal
 import sys
 import traceback
 from contextlib import suppress
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 from wayside.pipeline.visible_text import visible_lines
-from wayside.schemas.errors import WaysideError
+from wayside.pipeline.writing import UNWRITABLE, not_written
+from wayside.schemas.errors import InputError, UsageError, WaysideError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 _ENDING_SIGNALS = ("SIGTERM", "SIGHUP")
+_NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR)
+"""What a system call says of a path that can name no file."""
 _STREAMS = ("stdout", "stderr")
+_PLAIN = "wayside.plain"
+_PLAIN_TEXTS = {
+    **{
+        "\u00b1": "+-",
+        "\u00b0": " deg",
+        "\u00d7": "x",
+        "\u00b7": "-",
+        "\u2026": "...",
+        "\u2212": "-",
+    },
+    **{"\u2190": "<-", "\u2191": "^", "\u2192": "->", "\u2013": "-", "\u2014": "-", "\u00a0": " "},
+    **{"\u2018": "'", "\u2019": "'", "\u201c": '"', "\u201d": '"'},
+}
+"""What stands for a character that the encoding of a stream does not have; a question mark for any other."""
 
 
 def interrupt_on_signals() -> None:
@@ -33,7 +53,11 @@ def interrupt_on_signals() -> None:
 
 
 def open_standard_streams() -> None:
-    """Let what nobody reads go: a pipe that its reader has closed is no fault of the work, nor is a closed stream."""
+    """Let what nobody reads go: a pipe that its reader has closed is no fault of the work, nor is a closed stream.
+
+    A character that the encoding of a stream does not have is written in plain ones.
+    """
+    codecs.register_error(_PLAIN, _in_plain_characters)
     for name in _STREAMS:
         stream = getattr(sys, name)
         if stream is None:  # closed by the caller
@@ -44,12 +68,26 @@ def open_standard_streams() -> None:
         except (OSError, ValueError, AttributeError):  # replaced by something that is no file
             continue
         raw = io.BufferedWriter(_Pipe(number, "wb", closefd=False))
-        encoding, errors = stream.encoding, stream.errors
         at_once = getattr(stream, "write_through", False)  # PYTHONUNBUFFERED
         lines = name == "stderr" or stream.isatty() or at_once
-        setattr(
-            sys, name, io.TextIOWrapper(raw, encoding=encoding, errors=errors, line_buffering=lines)
-        )
+        text = _Text(raw, stream.encoding, _PLAIN, line_buffering=lines)
+        setattr(sys, name, text)
+
+
+def in_words(error: OSError) -> WaysideError:
+    """What a system call says, wherever it comes up; the error itself where it says nothing of a file."""
+    if error.errno in UNWRITABLE:
+        target = Path(error.filename or "output")
+        return not_written(target, error, "to write here", "write elsewhere")
+    if error.filename is None:
+        raise error
+    found = str(error.filename)
+    shown = found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
+    if error.errno in _NO_NAMES:
+        return UsageError(f"wanted a path, found: {error.strerror}: {shown}; correct the name")
+    return InputError(
+        f"{shown} cannot be read: {error.strerror}; check the permissions of it and of the folders it lies in"
+    )
 
 
 def report_error(error: WaysideError, *, debug: bool) -> int:
@@ -86,8 +124,25 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+def _in_plain_characters(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    unknown = error.object[error.start : error.end]
+    return "".join(_PLAIN_TEXTS.get(character, "?") for character in unknown), error.end
+
+
 def _nowhere() -> io.TextIOWrapper:
     return open(os.devnull, "w", encoding="utf-8")
+
+
+class _Text(io.TextIOWrapper):
+    """Keeps the encoding it has: Click writes UTF-8 to streams in ASCII, which it takes for an oversight."""
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """Another name of ASCII than the one that Click looks for."""
+        known = super().encoding
+        return "us-plain" if codecs.lookup(known).name == "ascii" else known
 
 
 class _Pipe(io.FileIO):

@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
-from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired_by_order
+from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.earlier_result import check_earlier
 from wayside.pipeline.flow import Flow, FrameCounts, Observer
@@ -261,6 +261,9 @@ def _process(
     if rate is not None:
         frames = paced(frames, rate)
     first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
+    source = models.external
+    if isinstance(source, BoxFile) and first is not None:
+        report.notes += paired(source, first, report.images_held)
     memory = image_memory(settings)
     writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
     observer = open_observer(report)
@@ -268,11 +271,8 @@ def _process(
     duplicates: list[str] = []
     if journal is not None and journal.note:
         report.notes.append(journal.note)
-    source = models.external
     accounting = None if source is None else BoxAccounting(source)
     read = frames if first is None else chain((first,), frames)
-    if isinstance(source, BoxFile) and source.images:
-        read = paired_by_order(read, source)
     try:
         flow = Flow(
             settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ SUREST = 0.999
 """Largest score of a box, and 1 minus the smallest: no detector is sure beyond all evidence."""
 
 IMAGE_KEYS = ("frame", "log_time_ns", "header_time_ns", "image_name")
-"""How a file of boxes names its images: number or times as in `frames.parquet`, or names in the order of the images."""
+"""How a file of boxes names its images: number or times as in `frames.parquet`, or names of files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +90,11 @@ class ExternalBoxes:
 class BoxFile:
     """Boxes made elsewhere, by image.
 
-    path, sha256: the file; key: one of `IMAGE_KEYS`, what the numbers of `boxes` are (with `image_name`: the image's
-    place in the order of the names, which is that of the frames); images: how many images the names are of, 0 where
-    they are not named; rows: boxes in the file; left_out: rows that are not among `boxes`, by reason; signs: classes
-    that are signs by number, None: all.
+    path, sha256: the file; key: what the numbers of `boxes` are: one of `IMAGE_KEYS` (with `image_name`: the place
+    among `names`), or `image_id`; rows: boxes in the file; names: of the images, in natural order, empty where they are
+    not named; ids: number in `boxes` by the `image_id` of a result, which is taken for the frame; left_out: rows that
+    are not among `boxes`, by reason; signs: classes that are signs by number, None: all; fault: of the first row that
+    cannot be read.
     """
 
     path: str
@@ -100,21 +102,48 @@ class BoxFile:
     key: str
     boxes: Mapping[int, ExternalBoxes] = field(repr=False)
     rows: int
-    images: int = 0
+    names: tuple[str, ...] = ()
+    ids: Mapping[int, int] = field(default_factory=dict, repr=False)
     left_out: Mapping[str, int] = field(default_factory=dict)
     signs: Mapping[int, SignClass] | None = None
+    fault: str = ""
+    _places: dict[str, int | None] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Note the place of each name, and of what stays of it without folders and suffix where no other has that."""
+        for place, name in enumerate(self.names):
+            for part in set(_parts(name)):
+                self._places[part] = None if part in self._places else place
 
     def number_of(self, frame: Frame) -> int | None:
-        """The number that names this frame in `boxes`; None where it has none."""
+        """The number that names this frame in `boxes`; None where it has none.
+
+        Names are those of the files of the log where it knows them; else `image_id` tells, or the order of the names.
+        """
+        if self.by_id(frame):
+            return self.ids.get(frame.index)
+        if self.names and frame.name:
+            return next((self._places[p] for p in _parts(frame.name) if p in self._places), None)
         if self.key == "log_time_ns":
             return frame.log_time_ns
         return frame.header_time_ns if self.key == "header_time_ns" else frame.index
+
+    def by_id(self, frame: Frame) -> bool:
+        """Whether it is `image_id` that tells which boxes are of this frame."""
+        return bool(self.ids) and not (self.names and frame.name)
 
     def of(self, frame: Frame) -> ExternalBoxes:
         """The boxes of a frame as the file has them."""
         number = self.number_of(frame)
         found = None if number is None else self.boxes.get(number)
         return ExternalBoxes.empty() if found is None else found
+
+
+def _parts(name: str) -> list[str]:
+    """A path, what stays of it without folders, and both without suffix; the longest first."""
+    folders = name.replace("\\", "/").lower().split("/")
+    whole = ["/".join(folders[start:]) for start in range(len(folders))]
+    return whole + [str(PurePosixPath(one).with_suffix("")) for one in whole if one]
 
 
 def score_log_odds(score: NDArray[np.floating]) -> NDArray[np.float32]:

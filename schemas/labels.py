@@ -42,7 +42,14 @@ class LabelledImage:
     size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an image that nothing names."""
+        """Refuse an image that nothing names, and numbers beyond those of the file."""
+        known = (
+            (self.frame or 0, 31),
+            (self.log_time_ns or 0, 63),
+            *((s, 20) for s in self.size or ()),
+        )
+        if any(abs(number) >= 1 << bits for number, bits in known) or min(self.size or (1,)) < 1:
+            raise ValueError(f"no image has these numbers: {[number for number, _ in known]}")
         if self.frame is None and self.log_time_ns is None and not self.image_name:
             raise ValueError("an image of a label is named by its frame, its log time or its file")
 
@@ -109,12 +116,22 @@ class Label:
 class Labels:
     """Labels, and the images in which every sign is labelled: only there is what has no label no sign.
 
-    left_out: how many entries of what was read are not among the labels, by reason.
+    left_out: how many entries of what was read are not among the labels, by reason; first: where the first of a reason
+    stands and what is wrong with it, where that is known.
     """
 
     labels: tuple[Label, ...] = ()
     complete: tuple[LabelledImage, ...] = ()
     left_out: dict[str, int] = field(default_factory=dict)
+    first: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def reasons(self) -> str:
+        """What is left out, in words."""
+        return ", ".join(
+            f"{count} {reason}" + (f" ({self.first[reason]})" if reason in self.first else "")
+            for reason, count in self.left_out.items()
+        )
 
 
 _TEXT, _FLAG, _WHOLE, _LONG, _REAL = pa.string(), pa.bool_(), pa.int32(), pa.int64(), pa.float64()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -11,7 +12,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from wayside.pipeline.earlier_result import stream_fingerprint
-from wayside.pipeline.input_files import read_input_text
+from wayside.pipeline.input_files import files_below, read_input_text
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import InputError, UsageError
 
@@ -110,9 +111,9 @@ def _expanded(text: str) -> list[str]:
     if _is_url(text):
         return _stored(text)
     path = Path(text)
-    if path.is_dir():
-        found = (p for p in path.rglob("*") if p.suffix.lower() == _SUFFIX and p.is_file())
-    elif not path.exists() and any(c in text for c in _PATTERN):
+    if os.path.isdir(path):  # no error where it lies in a folder that cannot be searched
+        found = (p for p in files_below(path) if p.suffix.lower() == _SUFFIX and p.is_file())
+    elif not os.path.exists(path) and any(c in text for c in _PATTERN):
         found = (Path(name) for name in glob.glob(text, recursive=True) if Path(name).is_file())
     else:
         return [str(path.absolute())]
@@ -121,7 +122,7 @@ def _expanded(text: str) -> list[str]:
 
 def _listed(file: Path) -> list[str]:
     try:
-        lines = [line.strip() for line in read_input_text(file).splitlines()]
+        lines = [_unquoted(line.strip()) for line in read_input_text(file).splitlines()]
     except (OSError, ValueError) as error:
         raise UsageError(f"@{file}: wanted a list of logs, one a line, found: {error}") from error
     entries = [line for line in lines if line and not line.startswith("#")]
@@ -129,6 +130,11 @@ def _listed(file: Path) -> list[str]:
     if nested is not None:
         raise UsageError(f"@{file}: wanted logs, found another list in it: {nested}")
     return _some(f"@{file}", [uri for line in entries for uri in _expanded(line)])
+
+
+def _unquoted(text: str) -> str:
+    """A path without the quotes that file managers put around it."""
+    return text[1:-1].strip() if text[:1] in ("'", '"') and text[:1] == text[1:][-1:] else text
 
 
 def _stored(url: str) -> list[str]:

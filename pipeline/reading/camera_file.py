@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from wayside.pipeline.input_files import open_input
+from wayside.pipeline.input_files import decoded, open_input
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.reading.contents import ContentError, make_camera
 from wayside.pipeline.visible_text import visible
@@ -53,7 +53,7 @@ def read_camera_file(path: Path) -> Camera:
     """
     try:
         with open_input(path) as stream:
-            text = stream.read(LARGEST_FILE + 1).decode("utf-8")
+            text = decoded(stream.read(LARGEST_FILE + 1))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text"
         raise InputError(

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.csv_text import unguarded
-from wayside.pipeline.input_files import open_input, read_input, read_input_text
+from wayside.pipeline.csv_text import read_csv
+from wayside.pipeline.input_files import decoded, open_input, read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
@@ -29,6 +28,8 @@ COLUMNS = (
     *("result", "sign_id", "review", "color", "shape", "x", "y"),
     *("note", "reviewer"),
 )
+EXPORTED = {"reviewed_color": "color", "reviewed_shape": "shape", "review_note": "note"}
+"""Columns of an exported table, and those of a review that they are."""
 FILES = ("review.json", "review.csv")
 """Where a review lies in the folder of its result."""
 
@@ -102,11 +103,11 @@ def required_review(out: Path, given: Path | None) -> Review:
 def is_review(path: Path) -> bool:
     """Whether a file is a review, by what it holds."""
     try:
+        if path.suffix.lower() == ".csv":
+            return "review" in read_csv(path)[0]
         with open_input(path) as stream:
-            if path.suffix.lower() == ".csv":
-                return b"review" in stream.readline().replace(b'"', b"").strip().split(b",")
-            return b'"reviews"' in stream.read(4096)
-    except OSError:
+            return '"reviews"' in decoded(stream.read(4096))
+    except (OSError, ValueError, csv.Error):
         return False
 
 
@@ -165,12 +166,21 @@ def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
-    text = read_input(path).decode("utf-8-sig")
-    rows = csv.DictReader(io.StringIO(text, newline=""))
-    if "review" not in (rows.fieldnames or ()):
-        raise ValueError(f"no column review among {', '.join(rows.fieldnames or ())}")
+    """Rows of a review, or of an exported table in which reviews are filled in; a row that says nothing is none."""
+    names, rows = read_csv(path, "xy")
+    if "review" not in names:
+        raise ValueError(f"no column review among {', '.join(names)}")
+    exported = not EXPORTED.keys().isdisjoint(names)  # its color and shape are those measured
+    taken = {name: name for name in COLUMNS if not exported or name not in EXPORTED.values()}
+    taken |= EXPORTED if exported else {}
     for row in rows:
-        yield {name: unguarded(value) for name, value in row.items() if value}
+        said = {own: row[name] for name, own in taken.items() if name in row}
+        if exported and said.get("review") == EDITED and said.keys().isdisjoint(("color", "shape")):
+            raise ValueError(
+                f"{said.get('sign_id')} is edited, but its reviewed_color and reviewed_shape are empty"
+            )
+        if not said.keys().isdisjoint(("review", "color", "shape", "note")):
+            yield said
 
 
 def _reviewed(entry: Mapping[str, Any]) -> Reviewed:

@@ -37,13 +37,13 @@ class OnnxNetwork:
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Outputs by name, integers of 8 bits as they are, other numbers as float32.
 
-        Raises ValueError where the inputs are none that the network takes.
+        Raises ValueError where the inputs are none that the network takes, or the outputs no numbers.
         """
         try:
             values = self._session.run(list(self._outputs), dict(inputs))
-        except Exception as error:
+            return {
+                name: np.asarray(value, np.uint8 if value.dtype == np.uint8 else np.float32)
+                for name, value in zip(self._outputs, values, strict=True)
+            }
+        except Exception as error:  # outputs that are no arrays of numbers, too
             raise ValueError(str(error)) from error
-        return {
-            name: np.asarray(value, np.uint8 if value.dtype == np.uint8 else np.float32)
-            for name, value in zip(self._outputs, values, strict=True)
-        }

@@ -20,7 +20,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from wayside.pipeline import flow
+from wayside.pipeline import cli, flow
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -178,3 +178,58 @@ def test_a_path_that_names_no_file_or_folder_is_refused_at_once(command, tmp_pat
     assert done.returncode in (2, 3)
     assert "wayside: " in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("ascii", b"+-along m"), ("cp1252", b"\xb1along m"), ("utf-8", None)]
+)
+def test_output_is_written_with_the_characters_that_the_terminal_has(tmp_path, encoding, shown):
+    done = subprocess.run(
+        [WAYSIDE, "run", DEMO, "--until", "0.7s", "-o", tmp_path / "Bögen"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (shown or "±along m".encode()) in done.stdout
+    assert "Bögen".encode(encoding, "replace") in done.stdout
+    done = subprocess.run(
+        [WAYSIDE, "export", tmp_path / "Bögen", "-o", tmp_path / "Bögen.csv"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
+        timeout=300,
+        check=False,
+    )
+    assert "Bögen.csv".encode(encoding, "replace") in done.stdout
+
+
+def test_an_error_is_written_with_the_characters_that_the_terminal_has(tmp_path):
+    done = subprocess.run(
+        [WAYSIDE, "info", tmp_path / "Bögen.mcap"],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 3
+    assert b"B?gen.mcap" in done.stderr
+
+
+@pytest.mark.parametrize("logs", [["a.mcap"], ["a.mcap", "b.mcap"]])
+def test_3_a_log_in_a_folder_that_cannot_be_searched_is_told(monkeypatch, tmp_path, capsys, logs):
+    stat = os.stat
+
+    def closed(path, *rest, **more):
+        if "closed" in str(path):
+            raise PermissionError(13, "Permission denied", str(path))
+        return stat(path, *rest, **more)
+
+    monkeypatch.setattr(os, "stat", closed)
+    monkeypatch.setattr(
+        sys, "argv", ["wayside", "run", *(f"closed/{log}" for log in logs), "-o", str(tmp_path)]
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 3
+    assert capsys.readouterr().err.count("cannot be read: Permission denied") == len(logs)

@@ -101,7 +101,7 @@ def test_coco_with_the_same_boxes_is_the_same(true_boxes, parquet, inventory, tm
         return load_boxes(load_settings("default", None, [], {"models.detections": str(name)})[0])
 
     one, other = loaded(parquet), loaded(path)
-    assert other.images == frames
+    assert len(other.names) == frames
     for frame in inventory.frames["frame"].to_pylist():
         boxes = [found.boxes[frame].box if frame in found.boxes else [] for found in (one, other)]
         inside = boxes[0] if frame != 4 else [box for box in boxes[0] if box[0] < 1600]

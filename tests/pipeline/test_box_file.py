@@ -10,13 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.pipeline.box_accounting import BoxAccounting, paired_by_order
+from wayside.pipeline.box_accounting import BoxAccounting, paired
 from wayside.pipeline.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
 from wayside.pipeline.settings_file import load_settings
-from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detections import COLORS, SHAPES, Candidates, Regions
 from wayside.schemas.detectors import score_log_odds, unnamed
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import THINNED, USED, Frame
+from wayside.schemas.frame import USED, Frame
+from wayside.schemas.landmarks import TrackedFrame
 
 
 def load(path, **options):
@@ -75,17 +76,15 @@ def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
     path = parquet(tmp_path, image_name=names, **corners(*[(1, 2, 3, 4)] * 3))
     found = load(path)
     assert {number: len(one) for number, one in found.boxes.items()} == {0: 1, 1: 2}
-    assert found.images == 2
+    assert len(found.names) == 2
 
 
-@pytest.mark.parametrize(("count", "words"), [(1, "found 1"), (3, "found more")])
-def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, count, words):
+@pytest.mark.parametrize("count", [1, 3])
+def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, count):
     path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[(1, 2, 3, 4)] * 2))
-    frames = [Frame(k, k, None, THINNED, "jpeg", b"", None) for k in range(count)]
-    with pytest.raises(InputError, match=words):
-        list(paired_by_order(iter(frames), load(path)))
-    exact = [Frame(k, k, None, THINNED, "jpeg", b"", None) for k in range(2)]
-    assert list(paired_by_order(iter(exact), load(path))) == exact
+    with pytest.raises(InputError, match=f"found {count}: the log does not name its images"):
+        found_in(load(path), frames_of(count))
+    assert found_in(load(path), frames_of(2)) == [1, 1]
 
 
 def test_rows_that_cannot_be_used_are_counted_by_reason(tmp_path):
@@ -169,7 +168,7 @@ def test_results_of_coco_name_the_frame_and_have_width_and_height(tmp_path):
     entry = {"image_id": 4, "category_id": 9, "bbox": [10, 20, 5, 6], "score": 0.5}
     found = load(coco(tmp_path, [entry]))
     assert found.boxes[4].box.tolist() == [[10, 20, 15, 26]]
-    assert (found.key, found.images) == ("frame", 0)
+    assert (found.key, found.names) == ("image_id", ())
 
 
 def data_set(**of_second):
@@ -188,7 +187,7 @@ def data_set(**of_second):
 
 def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):
     found = load(coco(tmp_path, data_set()))
-    assert (found.key, found.images, sorted(found.boxes)) == ("image_name", 2, [0, 1])
+    assert (found.key, len(found.names), sorted(found.boxes)) == ("image_name", 2, [0, 1])
     np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.array([0.7])))
     classes = tmp_path / "classes.toml"
     classes.write_text("[classes]\nstop = {}\n")
@@ -201,7 +200,7 @@ def test_images_of_a_coco_data_set_may_say_their_frame(tmp_path):
     content = data_set(frame=33)
     content["images"][0]["frame"] = 31
     found = load(coco(tmp_path, content))
-    assert (found.key, found.images, sorted(found.boxes)) == ("frame", 0, [31, 33])
+    assert (found.key, found.names, sorted(found.boxes)) == ("frame", (), [31, 33])
 
 
 @pytest.mark.parametrize(
@@ -219,6 +218,90 @@ def test_images_of_a_coco_data_set_may_say_their_frame(tmp_path):
 def test_what_is_no_coco_is_refused(tmp_path, content):
     with pytest.raises(InputError, match="wanted COCO JSON"):
         load(coco(tmp_path, content))
+
+
+def frames_of(count, names=()):
+    named = [*names, *[""] * (count - len(names))]
+    return [Frame(k, k, None, USED, "jpeg", b"", None, name=named[k]) for k in range(count)]
+
+
+def found_in(found, frames):
+    """How many boxes each frame has."""
+    accounting = BoxAccounting(found)
+    paired(found, frames[0], len(frames))
+    for frame in frames:
+        rows = Candidates.of(Regions.empty())
+        none = np.zeros(0, np.int32), np.zeros(0, np.float32)
+        accounting.take(TrackedFrame(frame, None, rows, *none, 0))
+    return [len(found.of(frame)) for frame in frames]
+
+
+def results(*images):
+    box = {"bbox": [1, 2, 3, 4], "score": 0.9}
+    return [box | (image if isinstance(image, dict) else {"image_id": image}) for image in images]
+
+
+def test_results_are_found_by_the_names_of_their_files_where_the_log_knows_them(tmp_path):
+    rows = [{"image_id": k, "file_name": f"shots/IMG_{k}.JPG"} for k in (1, 2, 2, 4)]
+    found = load(coco(tmp_path, results(*rows)))
+    assert found_in(found, frames_of(4, ["IMG_1.JPG", "IMG_2.JPG", "IMG_3.JPG", "IMG_4.JPG"])) == [
+        *(1, 2, 0, 1)
+    ]
+
+
+def test_an_image_id_that_is_a_text_is_the_name_of_a_file(tmp_path):
+    found = load(coco(tmp_path, results("0002", "0001", "0002")))
+    assert found_in(found, frames_of(2, ["0001.jpg", "0002.jpg"])) == [1, 2]
+    assert found_in(found, frames_of(2)) == [1, 2]  # in order, where the log knows no names
+
+
+@pytest.mark.parametrize(
+    "images", [[1, 2, 3, 4], [4], [0, 1, 900], [-1, 0], [{"image_id": 4, "file_name": "a.jpg"}]]
+)
+def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
+    found = load(coco(tmp_path, results(*images)))
+    with pytest.raises(
+        InputError, match="is no frame of the log: its 4 images are the frames 0 to 3"
+    ):
+        found_in(found, frames_of(4))
+
+
+def test_frames_from_1_to_n_are_refused_and_others_that_are_none_are_counted(tmp_path):
+    box = corners(*[(1, 2, 3, 4)] * 3)
+    with pytest.raises(InputError, match=r"frame 3 in .* is no frame"):
+        found_in(load(parquet(tmp_path, frame=[1, 2, 3], **box)), frames_of(3))
+    assert found_in(load(parquet(tmp_path, frame=[0, 2, 3], **box)), frames_of(3)) == [1, 0, 1]
+
+
+def test_image_ids_that_begin_at_1_and_may_be_frames_are_taken_with_a_note(tmp_path):
+    first = frames_of(3)[0]
+    assert paired(load(coco(tmp_path, results(0, 2))), first, 3) == []
+    (note,) = paired(load(coco(tmp_path, results(1, 2))), first, 3)
+    assert "begins at 1" in note
+
+
+def test_names_that_contradict_each_other_are_refused(tmp_path):
+    mixed = results({"image_id": 1, "file_name": "a.jpg"}, 2)
+    with pytest.raises(InputError, match="others by image_name"):
+        load(coco(tmp_path, mixed))
+    found = load(coco(tmp_path, results("a", "b")))
+    with pytest.raises(InputError, match="two images of the log have the name a"):
+        found_in(found, frames_of(2, ["x/a.jpg", "y/a.jpg"]))
+    none = BoxAccounting(load(coco(tmp_path, results("elsewhere"))))
+    with pytest.raises(InputError, match="it has elsewhere"):
+        none.report()
+
+
+@pytest.mark.parametrize(
+    "change", [{"bbox": []}, {"bbox": None}, {"score": "x"}, {"image_id": 1.5}]
+)
+def test_a_result_that_cannot_be_read_is_left_out_and_named(tmp_path, change):
+    rows = results(0, 1, 1)
+    rows[1] |= change
+    found = load(coco(tmp_path, rows))
+    assert (found.rows, found.left_out) == (3, {"not_read": 1})
+    assert found.fault.startswith("result 1: ")
+    assert found_in(found, frames_of(2)) == [1, 1]
 
 
 def test_a_file_without_any_box_of_the_log_is_refused(tmp_path):

@@ -126,3 +126,9 @@ def test_a_format_can_be_said():
 def test_options_that_exclude_each_other_are_refused(options, words):
     with pytest.raises(UsageError, match=words):
         load_settings("default", None, [], options)
+
+
+@pytest.mark.parametrize("side", [10**9, 2**62])
+def test_an_input_of_absurd_size_is_refused(monkeypatch, side):
+    with_header(monkeypatch, inputs=(OnnxInput("images", FLOAT32, (1, 3, side, side)),))
+    assert f"found {side} x {side}" in refused(YOLO)

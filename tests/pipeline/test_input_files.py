@@ -10,7 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline import input_files
-from wayside.pipeline.input_files import open_input, read_input, read_parquet
+from wayside.pipeline.input_files import (
+    files_below,
+    open_input,
+    read_input,
+    read_input_text,
+    read_parquet,
+)
 from wayside.pipeline.parquet_footer import stated_columns
 
 
@@ -132,3 +138,32 @@ def test_columns_are_stated_as_arrow_states_them(tmp_path):
             for name, count, size in stated
         ]
     assert len(groups) == 3
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_text_is_read_in_the_encodings_that_programs_write(tmp_path, encoding):
+    (tmp_path / "list.txt").write_bytes("Bögen ±1\n".encode(encoding))
+    assert read_input_text(tmp_path / "list.txt") == "Bögen ±1\n"
+
+
+@pytest.mark.parametrize("data", [b"a\0b", b"\x81\xff", b"\xff\xfe\x00"])
+def test_bytes_that_are_no_text_are_refused(tmp_path, data):
+    (tmp_path / "list.txt").write_bytes(data)
+    with pytest.raises(ValueError, match=r"no text|decode"):
+        read_input_text(tmp_path / "list.txt")
+
+
+def test_a_folder_that_cannot_be_listed_is_not_passed_over(tmp_path, monkeypatch):
+    (tmp_path / "closed").mkdir()
+    (tmp_path / "a.txt").touch()
+    assert list(files_below(tmp_path)) == [tmp_path / "a.txt"]
+    listed = os.scandir
+
+    def scandir(path):
+        if str(path).endswith("closed"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return listed(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    with pytest.raises(PermissionError, match="closed"):
+        list(files_below(tmp_path))

@@ -210,6 +210,48 @@ def test_an_image_with_an_object_whose_box_cannot_be_used_is_not_complete(tmp_pa
     assert read.left_out == {"no_box": 1, "no_area": 1, "no_such_image": 1}
 
 
+@pytest.mark.parametrize(
+    "bbox", [[], None, [1, 2, 3], "1 2 3 4", [0, 0, 1e308, 9], [0, 0, 9, 10**30]]
+)
+def test_one_box_of_coco_that_is_none_is_left_out_and_named(tmp_path, bbox):
+    content = json.loads(write_coco(tmp_path).read_text())
+    content["annotations"][1]["bbox"] = bbox
+    (tmp_path / "coco.json").write_text(json.dumps(content))
+    read = read_labels(tmp_path / "coco.json")
+    assert [label.note for label in read.labels] == ["stop", "board"]
+    assert read.left_out == {"no_box": 1}
+    assert "annotation 1" in read.reasons
+
+
+@pytest.mark.parametrize("change", [{"width": 10**30}, {"height": 0}, {"frame": 2**40}])
+def test_an_image_of_coco_of_absurd_numbers_is_left_out_with_its_boxes(tmp_path, change):
+    content = json.loads(write_coco(tmp_path).read_text())
+    content["images"].append(content["images"][0] | {"id": 8, "file_name": "b.png"} | change)
+    content["annotations"].append({"image_id": 8, "bbox": [1, 2, 3, 4]})
+    (tmp_path / "coco.json").write_text(json.dumps(content))
+    read = read_labels(tmp_path / "coco.json")
+    write_labels(read, tmp_path / "labels.parquet")
+    assert len(read.labels) == len(THINGS)
+    assert read.left_out == {"image_not_readable": 1, "no_such_image": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "left_out"),
+    [
+        ("<annotation><object>", "image_not_readable"),
+        ("<annotation><size><width>1e3</width></size></annotation>", "image_not_readable"),
+        ("<annotation><object><bndbox><xmin>left</xmin></bndbox></object></annotation>", "no_box"),
+    ],
+)
+def test_one_file_of_voc_that_cannot_be_read_is_left_out_and_named(tmp_path, text, left_out):
+    (write_voc(tmp_path) / "b.xml").write_text(text)
+    read = read_labels(tmp_path)
+    assert len(read.labels) == len(THINGS)
+    assert read.left_out == {left_out: 1}
+    assert "b.xml" in read.reasons
+    assert [image.image_name for image in read.complete] == ["a 1.png"]
+
+
 def test_polygons_of_coco_and_yolo_are_kept(tmp_path):
     corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
     points = ((20, 10), (40, 10), (30, 30))

@@ -113,6 +113,31 @@ def test_a_review_written_by_hand_needs_only_signs_and_verdicts(out, tmp_path):
     assert [one.review for one in read_review(path, out).rows.values()] == ["accepted"]
 
 
+def test_an_exported_table_with_reviews_filled_in_is_a_review(out, tmp_path):
+    table = tmp_path / "signs.csv"
+    command("export", out, "-o", table)
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    rows[0] |= {"review": "accepted"}
+    rows[2] |= {"review": "edited", "reviewed_color": "green"}
+
+    def saved():
+        with table.open("w", newline="", encoding="utf-16") as stream:
+            writer = csv.DictWriter(stream, list(rows[0]), delimiter=";")
+            writer.writeheader()
+            writer.writerows(rows)
+        return table
+
+    assert is_review(saved())
+    read = read_review(table, out)
+    assert {name: (one.review, one.color) for name, one in read.rows.items()} == {
+        "d-0001": ("accepted", None),
+        "d-0003": ("edited", "green"),
+    }
+    rows[2] |= {"reviewed_color": "", "color": "green"}  # the colour that was measured
+    with pytest.raises(InputError, match="d-0003 is edited, but its reviewed_color"):
+        read_review(saved(), out)
+
+
 def test_csv_and_json_say_the_same(out, review, tmp_path):
     read = read_review(review, out)
     assert read == read_review(as_json(tmp_path / "review.json"), out)

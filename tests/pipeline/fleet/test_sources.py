@@ -35,6 +35,15 @@ def test_folders_patterns_and_lists_give_each_log_once_in_order(archive):
     assert len(given) == len(set(given)) == len(wanted) + 2
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_lists_are_read_as_editors_and_file_managers_write_them(archive, encoding):
+    (archive / "Bögen.mcap").touch()
+    lines = ['"2026"', "", "  'c.mcap' ", "Bögen.mcap"]
+    (archive / "list.txt").write_bytes("\r\n".join(lines).encode(encoding))
+    listed = ("2026/a.mcap", "2026/deep/b.MCAP", "c.mcap", "Bögen.mcap")
+    assert expand_sources(["@list.txt"]) == [str(archive / name) for name in listed]
+
+
 @pytest.mark.parametrize("text", ["2026/*.bag", "empty", "@none.txt", "@nested.txt"])
 def test_what_gives_no_log_is_told(archive, text):
     (archive / "empty").mkdir()

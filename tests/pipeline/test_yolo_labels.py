@@ -1,0 +1,102 @@
+"""What programs write behind a box in lines of YOLO, told from polygons."""
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.pipeline.labels import read_labels
+from wayside.schemas.errors import InputError
+
+WIDTH, HEIGHT = 400, 300
+BOXES = [(0.68, 0.52, 0.012, 0.021), (0.4, 0.51, 0.03, 0.025), (0.2, 0.3, 0.05, 0.08)]
+
+
+def corners(x, y, w, h):
+    left, top, right, low = x - w / 2, y - h / 2, x + w / 2, y + h / 2
+    return [left, top, right, top, right, low, left, low]
+
+
+def data_set(folder, lines, name="a"):
+    cv2.imwrite(str(folder / f"{name}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    texts = (" ".join(map(str, line)) for line in lines)
+    (folder / f"{name}.txt").write_text("\n".join(texts) + "\n")
+
+
+def boxes_of(folder):
+    return np.array([label.box for label in read_labels(folder).labels])
+
+
+def pixels(boxes):
+    sides = np.array([WIDTH, HEIGHT] * 2)
+    return np.array([np.array(corners(*box))[[0, 1, 4, 5]] * sides for box in boxes])
+
+
+BEHIND = {
+    "confidence": lambda n, box: [*box, 0.91],
+    "track": lambda n, box: [*box, n + 3],
+    "confidence and track": lambda n, box: [*box, 0.91, n + 3],
+    "confidence and track 1": lambda n, box: [*box, 0.91, 1],
+    "key points": lambda n, box: [*box, *corners(*box)],
+    "seen key points": lambda n, box: [*box, box[0], box[1], 2, 0, 0, 0],
+    "key points, confidence and track": lambda n, box: [*box, box[0], box[1], 0.5, 0.9, n],
+}
+POLYGONS = {
+    "polygon": lambda n, box: corners(*box),
+    "triangle": lambda n, box: corners(*box)[:6],
+    "polygon and confidence": lambda n, box: [*corners(*box), 0.8],
+    "polygon, confidence and track": lambda n, box: [*corners(*box), 0.8, n + 1],
+}
+
+
+@pytest.mark.parametrize("what", [*BEHIND, *POLYGONS])
+def test_boxes_are_the_same_whatever_stands_behind_them(tmp_path, what):
+    line = (BEHIND | POLYGONS)[what]
+    data_set(tmp_path, [[0, *line(n, box)] for n, box in enumerate(BOXES)])
+    read = read_labels(tmp_path)
+    np.testing.assert_allclose([one.box for one in read.labels], pixels(BOXES), atol=1e-6)
+    assert [bool(one.polygon) for one in read.labels] == [what in POLYGONS] * len(BOXES)
+    assert not read.left_out
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        [0, "nan", 0.5, 0.1, 0.1],
+        [0, 0.5, 0.5, 0.1],
+        ["stop", 0.5, 0.5, 0.1, 0.1],
+        [0.5, 0.5, 0.5, 0.1, 0.1],
+        [0, 200, 150, 30, 30],
+        [0, 0.5, 0.5, 0.1, 0.1, 7.5],
+        [0, 0.5, 0.5, 1e308, 0.1],
+    ],
+)
+def test_a_line_that_is_no_box_is_left_out_and_named(tmp_path, bad):
+    data_set(tmp_path, [[0, *BOXES[0]], bad, [0, *BOXES[1]]])
+    data_set(tmp_path, [[0, *BOXES[2]]], "b")
+    read = read_labels(tmp_path)
+    assert len(read.labels) == 3
+    assert read.left_out == {"no_box": 1}
+    assert "a.txt, line 2" in read.reasons
+    assert [image.image_name for image in read.complete] == ["b.png"]  # as a's sign is not known
+
+
+def test_lines_that_can_be_either_are_what_others_of_the_set_must_be(tmp_path):
+    either, polygon = corners(0.3, 0.35, 0.2, 0.2), corners(0.8, 0.8, 0.3, 0.3)
+    data_set(tmp_path, [[0, *either]])
+    with pytest.raises(InputError, match="line 1: it can be a box or a polygon"):
+        read_labels(tmp_path)
+    data_set(tmp_path, [[0, *either], [0, *polygon]])
+    wanted = pixels([(0.3, 0.35, 0.2, 0.2), (0.8, 0.8, 0.3, 0.3)])
+    np.testing.assert_allclose(boxes_of(tmp_path), wanted, atol=1e-6)
+
+
+def test_an_image_of_absurd_size_is_left_out(tmp_path):
+    data_set(tmp_path, [[0, *BOXES[0]]])
+    data_set(tmp_path, [[0, *BOXES[1]]], "b")
+    png = bytearray((tmp_path / "b.png").read_bytes())
+    png[16:24] = b"\x7f\xff\xff\xff" * 2  # width and height
+    (tmp_path / "b.png").write_bytes(png)
+    read = read_labels(tmp_path)
+    assert len(read.labels) == 1
+    assert read.left_out == {"image_not_readable": 1}
+    assert "b.png" in read.reasons
