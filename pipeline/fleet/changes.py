@@ -11,6 +11,7 @@ from pathlib import Path
 import mercantile
 import numpy as np
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wayside.pipeline.fleet.absence import Absence, Coverage, Side, coverage_of, mark_hidden
@@ -156,6 +157,7 @@ class _Comparison:
         self._inventory = inventory
         self._side: dict[str, Side] = {}
         self._time_ns: dict[str, int] = {}
+        self._offset: dict[str, NDArray[np.float64]] = {}
         self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
         self._parts = merged_parts(inventory, PANELS.name)
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
@@ -289,7 +291,9 @@ class _Comparison:
             view = self._view(drive)
             if view is None:
                 continue
-            offset = np.mean(offsets.get(drive, [[0.0, 0.0, 0.0]]), axis=0)
+            if drive in offsets:
+                self._offset[drive] = np.mean(offsets[drive], axis=0)
+            offset = self._offset.get(drive, np.zeros(3))  # of a cell before, where it saw none
             rows, shown = view.views(placed, origin, offset, self.settings)
             for name, one, coverage in zip(
                 names, found, coverage_of(shown, rows, self.settings), strict=True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from itertools import chain, count
@@ -82,6 +82,8 @@ class Manifest:
         `results` at the time when the merged tables were made; empty: they are not made, or about to be replaced.
     merged_by
         Digest of the settings that they were merged by.
+    vectors
+        By which all panels of a drive stood off those of another (`MergeReport`).
     """
 
     logs: Mapping[str, Entry] = field(default_factory=dict)
@@ -90,6 +92,7 @@ class Manifest:
     where: str = ""
     merged: str = ""
     merged_by: str = ""
+    vectors: Sequence[str] = ()
 
     def with_entries(self, entries: Iterable[Entry]) -> Manifest:
         """The same with these entries in the place of those of their names."""
@@ -127,7 +130,8 @@ def read_manifest(inventory: Path) -> Manifest:
         if any(e.state not in STATES or name != e.name for name, e in logs.items()):
             raise ValueError("a log of an unknown state or another name")
         told = {k: content[k] for k in ("started", "updated", "where", "merged")}
-        return Manifest(logs, **told, merged_by=content.get("merged_by", ""))
+        later = {k: content[k] for k in ("merged_by", "vectors") if k in content}
+        return Manifest(logs, **told, **later)
     except FileNotFoundError as error:
         raise InputError(
             f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
@@ -147,6 +151,7 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
         "where": manifest.where,
         "merged": manifest.merged,
         "merged_by": manifest.merged_by,
+        "vectors": list(manifest.vectors),
         "logs": {name: asdict(entry) for name, entry in sorted(manifest.logs.items())},
     }
     text = json.dumps(content, indent=1) + "\n"

@@ -98,6 +98,7 @@ def format_status(inventory: Path) -> str:
     if lost:
         lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
     lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
+    lines += _listed("drives off by a vector", list(manifest.vectors))
     at_work = [entry for entry in entries if entry.state == RUNNING] if running else []
     lines += _listed(
         "running", [f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt" for e in at_work]

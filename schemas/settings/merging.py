@@ -59,6 +59,10 @@ class MergeSettings:
         45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
         origin="between the scatter of a facing and panels back to back or at a corner",
     )  # fmt: skip
+    vector_by_chance: float = setting(
+        1e-3, "", "all panels of a drive are taken to stand off by one vector where chance makes it with a smaller "
+        "probability", low=1e-12, high=0.5, origin="four supports that agree, where few others are near; not three",
+    )  # fmt: skip
     tail_freedom: float = setting(
         5.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,
         high=1000, origin="kurtosis 8: that of normal errors of which one in a hundred is four times as large",

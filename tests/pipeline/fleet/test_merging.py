@@ -172,6 +172,43 @@ def test_the_order_of_the_results_changes_no_byte(surveyed: Surveyed, tmp_path: 
             assert file.read_bytes() == (surveyed.folder / file.relative_to(tmp_path)).read_bytes()
 
 
+def test_a_survey_of_another_base_station_doubles_and_moves_no_panel(
+    simulation: ModuleType, tmp_path: Path
+) -> None:
+    base = np.array([-4.0, 3.0, 45.0])
+    rng = np.random.default_rng(6)
+    road = simulation.make_road(0, 3000.0, 60.0, rng)
+    exact = simulation.Quality(0.02, recall=1.0, misread=0.0, outliers=0.0, false=0.0)
+    drives = tmp_path / "drives"
+    for year, name in enumerate(("first", "again", "other")):
+        start = simulation.START_NS + min(year, 1) * simulation.YEAR_NS + year * simulation.DAY_NS
+        simulation.write_drive(drives / name, road, start, True, exact, rng)
+    for table in (SIGNS, FRAMES):
+        rows = pq.read_table(drives / "other" / table.file).to_pylist()
+        for row in rows:
+            at = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]]])
+            moved = road.origin.geodetic(road.origin.topocentric(at) + base)[0]
+            row |= dict(zip(("lon_deg", "lat_deg", "alt_m"), moved.tolist(), strict=True))
+        pq.write_table(pa.Table.from_pylist(rows, table.schema), drives / "other" / table.file)
+    results = sorted(drives.iterdir())
+    report = merge_inventory(results, tmp_path)
+    assert len(report.vectors) == 1
+    told = [float(number) for number in re.findall(r"[-+][0-9.]+", report.vectors[0])]
+    assert told == pytest.approx(base, abs=0.1)
+    assert report.vectors[0].startswith("other: all its panels stand off those of first by")
+    assert report.vectors[0] in str(report)
+    rows = ds.dataset(tmp_path / "sightings").to_table().to_pylist()
+    offset = [
+        [r[f"offset_{a}_m"] for a in ("east", "north", "up")] for r in rows if r["drive"] == "other"
+    ]
+    assert np.mean(offset, axis=0) == pytest.approx(base, abs=0.15)
+    changed = find_changes(tmp_path, parse_survey("2024"), parse_survey("2025")).counts
+    assert set(changed) == {"unchanged", "not_looked_at"}
+    before = {file: file.read_bytes() for file in tmp_path.glob("*/cell=*/*")}
+    merge_inventory(results[::-1], tmp_path)
+    assert before == {file: file.read_bytes() for file in tmp_path.glob("*/cell=*/*")}
+
+
 def test_settings_decide_what_is_merged_and_are_recorded_in_every_part(
     surveyed: Surveyed, tmp_path: Path
 ) -> None:
