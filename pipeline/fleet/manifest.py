@@ -11,10 +11,9 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.fleet.sources import source_name
+from wayside.pipeline.fleet.sources import folder_name, is_folder_name, source_name
 from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
-from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 
@@ -129,6 +128,8 @@ def read_manifest(inventory: Path) -> Manifest:
         }
         if any(e.state not in STATES or name != e.name for name, e in logs.items()):
             raise ValueError("a log of an unknown state or another name")
+        if strays := [name for name in logs if not is_folder_name(name)]:
+            raise ValueError(f"the log {strays[0]!r} has no name of a folder in the inventory")
         told = {k: content[k] for k in ("started", "updated", "where", "merged")}
         later = {k: content[k] for k in ("merged_by", "vectors") if k in content}
         return Manifest(logs, **told, **later)
@@ -161,10 +162,11 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
 def free_name(uri: str, taken: Collection[str]) -> str:
     """A name for a new log: its stem, else with that of its folder before it, else with a number behind it.
 
+    What no file system, terminal or shell takes for anything but a name is kept; a digest ends what is too long.
+
     taken: names that are in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
     """
-    stem, parent = (visible(text).replace("/", "_").lstrip(".") for text in source_name(uri))
-    stem = stem or "log"
+    stem, parent = source_name(uri)
     first = [stem, f"{parent}_{stem}"] if parent else [stem]
-    names = chain(first, (f"{stem}_{number}" for number in count(2)))
+    names = map(folder_name, chain(first, (f"{stem}_{number}" for number in count(2))))
     return next(name for name in names if name.casefold() not in taken)

@@ -19,15 +19,18 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 
+from wayside.pipeline import output_folder
 from wayside.pipeline.cli import app
+from wayside.pipeline.exporting.export import export
 from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.changes_page import write_page
-from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of
+from wayside.pipeline.fleet.status import format_status, locked_inventory
 from wayside.pipeline.fleet.surveys import parse_survey
+from wayside.pipeline.reviewing.review import NO_REVIEW
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import ChangeSettings, MergeSettings
@@ -279,16 +282,57 @@ def test_a_folder_of_the_users_is_not_replaced(surveyed: Surveyed, tmp_path: Pat
     assert (tmp_path / "panels" / "notes.txt").read_text() == "mine"
 
 
-def test_a_merging_killed_between_its_renamings_is_finished_by_the_next(tmp_path: Path) -> None:
-    for name, text in (("panels", "old"), ("supports", "old")):
-        (tmp_path / name / "cell=0").mkdir(parents=True)
-        (tmp_path / name / "cell=0" / "part-0.parquet").write_text(text)
-    done = tmp_path / ".wayside-merge-done"
-    (done / "supports" / "cell=0").mkdir(parents=True)  # `panels` is moved already
-    (done / "supports" / "cell=0" / "part-0.parquet").write_text("new")
-    finish_merging(tmp_path)
-    assert (tmp_path / "supports" / "cell=0" / "part-0.parquet").read_text() == "new"
-    assert not done.exists()
+def read_changes(inventory: Path) -> None:
+    find_changes(inventory, parse_survey("2024"), parse_survey("2025"))
+
+
+def read_export(inventory: Path) -> None:
+    assert export(inventory, NO_REVIEW, inventory / "panels.csv", "csv").rows > 0
+
+
+def read_status(inventory: Path) -> None:
+    assert "panels: merged" in format_status(inventory)
+
+
+def read_answer(inventory: Path) -> None:
+    query = pytest.importorskip("wayside.pipeline.fleet.query", exc_type=UsageError)
+    assert query.first_rows(inventory, "FROM panels", 1)[1]
+
+
+READERS = [read_changes, read_export, read_status, read_answer]
+
+
+@pytest.fixture
+def half_moved(surveyed: Surveyed, tmp_path: Path) -> Path:
+    """An inventory whose merging was killed when `panels` was not in its place yet."""
+    folder = tmp_path / "inventory"
+    shutil.copytree(surveyed.folder, folder)
+    names = [path.name for path in (folder / "drives").iterdir()]
+    manifest = Manifest({name: Entry(name, name, name, 1, name, DONE) for name in names})
+    write_manifest(folder, replace(manifest, merged=manifest.results()))
+    (folder / ".wayside-merge-done").mkdir()
+    (folder / "panels").rename(folder / ".wayside-merge-done" / "panels")
+    return folder
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_whoever_opens_an_inventory_completes_a_merging_that_was_killed(
+    half_moved: Path, read: Callable[[Path], None]
+) -> None:
+    read(half_moved)
+    assert (half_moved / "panels").is_dir()
+    assert not (half_moved / ".wayside-merge-done").exists()
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_nobody_completes_it_while_another_process_holds_the_lock(
+    half_moved: Path, read: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output_folder, "_PATIENCE_S", 0.1)
+    with locked_inventory(half_moved), pytest.raises(InputError, match="replaces it now"):
+        read(half_moved)
+    assert (half_moved / ".wayside-merge-done" / "panels").is_dir()
+    read(half_moved)
 
 
 def test_most_changes_between_two_surveys_are_found_for_what_they_are(surveyed: Surveyed) -> None:
