@@ -35,14 +35,12 @@ from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory import (
     Agreement,
     Differences,
-    DriveVector,
     agreement_of,
     measure_differences,
     merge_sightings,
     reference_vectors,
 )
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _MOST_LISTED = 20
 _ROWS = 1 << 32
@@ -148,7 +146,7 @@ class _Merging:
                 self._by_cell[x, y].append(number)
         zoom = settings.cell_zoom
         self._order = sorted(self._by_cell, key=lambda cell: cell_name(cell[0], cell[1], zoom))
-        self._vectors: dict[int, DriveVector] = {}
+        self._vector_m = np.zeros((len(folders), 3))
 
     def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:
         """Merge cell by cell into a folder."""
@@ -176,7 +174,7 @@ class _Merging:
         waiting: defaultdict[tuple[int, int], list[Differences]] = defaultdict(list)
         found: dict[tuple[int, int], Agreement] = {}
         for place, cell in enumerate(self._order):
-            block = self._block(cell, self.settings.reach_m)
+            block = self._block(cell, 2 * max(self.settings.vector_reach_m))
             seen = block.sightings
             for number, time in zip(seen.drive.tolist(), seen.time_ns.tolist(), strict=True):
                 first_ns[number] = min(first_ns[number], time)
@@ -189,20 +187,19 @@ class _Merging:
                 agreement = agreement_of(Differences.joined(waiting.pop(pair)), self.settings)
                 if agreement is not None:
                     found[pair] = agreement
-        self._vectors = reference_vectors(found, first_ns)
         names = [folder.name for folder in self._folders]
-        for number, one in sorted(self._vectors.items()):
-            self.report.vectors.append(
-                f"{names[number]}: all its panels stand off those of {names[one.reference]} by "
-                f"{_in_words(one.vector_m, one.sigma_m)}, as {one.supports} supports agree; this is taken out"
+        told = self.report.vectors
+        for number, (reference, one) in sorted(reference_vectors(found, first_ns).items()):
+            self._vector_m[number] = one.vector_m
+            told.append(
+                f"{names[number]}: all its panels stand off those of {names[reference]} by {one}; this is taken out"
             )
-        for (a, b), unclear in sorted(found.items()):
-            if not unclear.clear:
-                self.report.vectors.append(
-                    f"{names[b]}: its panels may stand off those of {names[a]} by "
-                    f"{_in_words(unclear.vector_m, unclear.sigma_m)}, but rows of equal panels fit another vector as "
-                    "well; nothing is taken out"
-                )
+        told += [
+            f"{names[b]}: its panels may stand off those of {names[a]} by {one}, but these are rows of equal panels, "
+            "which fit other vectors as well; nothing is taken out"
+            for (a, b), one in sorted(found.items())
+            if not one.clear
+        ]
 
     def _read_drive(self, number: int) -> DriveSigns:
         folder = self._folders[number]
@@ -213,7 +210,7 @@ class _Merging:
         zoom, origin = self.settings.cell_zoom, cell_origin(*cell, self.settings.cell_zoom)
         around = {(cell[0] + dx, cell[1] + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)}
         numbers = sorted({n for one in around for n in self._by_cell.get(one, ())})
-        drives, rows, parts, places, vectors = [], [], [], [], []
+        drives, rows, parts, places = [], [], [], []
         for number in numbers:
             drive = self._read(number)
             inside = np.flatnonzero(within(drive.geodetic, *cell, zoom, margin_m))
@@ -223,12 +220,9 @@ class _Merging:
                 part = drive.sightings.select(inside)
                 parts.append(replace(part, drive=np.full(len(inside), number)))
                 places.append(origin.topocentric(drive.geodetic[inside]))
-                known = self._vectors.get(number)
-                vectors.append(
-                    np.zeros((len(inside), 3)) + (0 if known is None else known.vector_m)
-                )
-        vector = np.concatenate(vectors)
-        placed = replace(Sightings.joined(parts), position=np.concatenate(places) - vector)
+        sightings = Sightings.joined(parts)
+        vector = self._vector_m[sightings.drive]
+        placed = replace(sightings, position=np.concatenate(places) - vector)
         tiles = np.concatenate([d.cell[r] for d, r in zip(drives, rows, strict=True)])
         return Block(origin, tuple(drives), tuple(rows), placed, tiles, vector)
 
@@ -252,8 +246,3 @@ class _Merging:
             if rows.any():
                 self._taken[x, y] += key[rows].tolist()
         return own
-
-
-def _in_words(vector_m: Floats, sigma_m: Floats) -> str:
-    east, north, up = (f"{v:+.2f} ± {s:.2f} m" for v, s in zip(vector_m, sigma_m, strict=True))
-    return f"{east} east, {north} north, {up} up"

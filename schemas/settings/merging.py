@@ -59,9 +59,13 @@ class MergeSettings:
         45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
         origin="between the scatter of a facing and panels back to back or at a corner",
     )  # fmt: skip
+    vector_reach_m: tuple[float, ...] = setting(
+        (15.0, 30.0), "m", "a vector that all panels of a drive stand off by is looked for up to these lengths, level, "
+        "one after the other", low=0.1, origin="datums of one region and base stations differ by metres",
+    )  # fmt: skip
     vector_by_chance: float = setting(
-        1e-3, "", "all panels of a drive are taken to stand off by one vector where chance makes it with a smaller "
-        "probability", low=1e-12, high=0.5, origin="four supports that agree, where few others are near; not three",
+        1e-3, "", "it counts where chance makes so many supports agree with a smaller probability", low=1e-12, high=0.5,
+        origin="five supports, where few others are near",
     )  # fmt: skip
     tail_freedom: float = setting(
         5.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,

@@ -6,7 +6,6 @@ from wayside.stages.inventory.occlusion import PlaceImage, measure_occlusion
 from wayside.stages.inventory.vectors import (
     Agreement,
     Differences,
-    DriveVector,
     agreement_of,
     measure_differences,
     reference_vectors,
@@ -17,7 +16,6 @@ __all__ = [
     "YEAR_NS",
     "Agreement",
     "Differences",
-    "DriveVector",
     "PanelPlaces",
     "PanelViews",
     "PlaceImage",

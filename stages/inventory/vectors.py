@@ -1,21 +1,22 @@
 """The vector by which all panels of one drive stand off those of another: another datum, another base station.
 
 No receiver states such an error, so what it states does not bound the vector. A vector counts where more supports agree
-on it, to within the errors of their own panels, than chance and every other vector can make.
+on it, to within the errors of their own panels, than chance makes. Only panels without a like nearby have a say: in a
+row of equal ones many vectors fit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, poisson
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
-from wayside.stages.inventory.association import face_log_ratio, facing_pairs
+from wayside.schemas.sightings import Rows, Sightings
+from wayside.stages.inventory.association import face_log_ratio, facing_pairs, responsibilities
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,40 +26,21 @@ _TRIED = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Differences:
+class Differences(Rows):
     """Pairs of sightings that may be of one panel; m rows.
 
-    drive (m, 2): the lower first; row (m, 2): in the drives' tables; support (m,): assembly of the first; apart_m
-    (m, 3): second less first, east, north, up; own, stated (m, 3): variances of that, of the panels relative to the
-    cameras nearby and of the errors common to neighbouring panels.
+    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `vector_reach_m`
+    within which no other pair of these drives holds one of the two, 0: none; apart_m (m, 3): second less first, east,
+    north, up; own, stated (m, 3): variances of that, of the panels relative to the cameras nearby and of the errors
+    common to neighbouring panels.
     """
 
     drive: Ints
-    row: Ints
     support: Ints
+    alone_m: Floats
     apart_m: Floats
     own: Floats
     stated: Floats
-
-    def select(self, rows: Ints | Flags) -> Differences:
-        """Some of the rows."""
-        return Differences(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-    @staticmethod
-    def joined(parts: Sequence[Differences]) -> Differences:
-        """The rows of several, one after the other; at least one."""
-        columns = ([getattr(part, f.name) for part in parts] for f in fields(Differences))
-        return Differences(*(np.concatenate(column) for column in columns))
-
-
-@dataclass(frozen=True, slots=True)
-class DriveVector:
-    """How a drive stands off another one, the reference: east, north, up (3,), by how many supports."""
-
-    reference: int
-    vector_m: Floats
-    sigma_m: Floats
-    supports: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +48,7 @@ class Agreement:
     """What the panels of two drives agree on.
 
     vector_m, sigma_m (3,): the second drive less the first, east, north, up; zero where the errors that both state
-    explain it. supports: how many agree. clear: False where rows of equal panels fit another vector as well.
+    explain it. supports: how many agree. clear: False where only equal panels beside each other do.
     """
 
     vector_m: Floats
@@ -74,91 +56,100 @@ class Agreement:
     supports: int
     clear: bool = True
 
-    @property
-    def is_zero(self) -> bool:
-        """Whether the stated errors explain all."""
-        return not self.vector_m.any()
+    def __str__(self) -> str:
+        """The vector for a person."""
+        axes = zip(self.vector_m, self.sigma_m, ("east", "north", "up"), strict=True)
+        words = ", ".join(f"{v:+.2f} ± {s:.2f} m {axis}" for v, s, axis in axes)
+        return f"{words}, as {self.supports} supports agree"
 
 
 def measure_differences(
     sightings: Sightings, counted: Flags, settings: MergeSettings
 ) -> Differences:
-    """Pairs of rows with one face that look the same way, up to `reach_m` apart; counted (n,) of the first."""
-    pairs = facing_pairs(sightings, sightings.position, settings.reach_m, settings)
-    pairs = pairs[counted[pairs[:, 0]]]
-    pairs = pairs[face_log_ratio(sightings, pairs[:, 0], pairs[:, 1], settings) > 0]
-    i, j = pairs.T
+    """Pairs of rows with one face that look the same way, within `vector_reach_m`; counted (n,) of the first."""
+    longest = max(settings.vector_reach_m)
+    i, j = facing_pairs(sightings, sightings.position, longest, settings).T
+    same = face_log_ratio(sightings, i, j, settings) > 0
+    i, j = i[same], j[same]
+    apart = sightings.position[j] - sightings.position[i]
+    alone = np.zeros(len(i))
+    for reach in settings.vector_reach_m:
+        near = np.flatnonzero(np.hypot(*apart.T[:2]) <= reach)
+        share = responsibilities(sightings, i[near], j[near], np.zeros(len(near)))
+        alone[near[share == 1]] = reach
     own = sightings.covariance[:, [0, 1, 2], [0, 1, 2]]
     stated = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
     return Differences(
-        sightings.drive[pairs],
-        sightings.row[pairs],
+        np.column_stack([sightings.drive[i], sightings.drive[j]]),
         sightings.assembly[i],
-        sightings.position[j] - sightings.position[i],
+        alone,
+        apart,
         own[i] + own[j],
         stated[i] + stated[j],
-    )
+    ).select(counted[i])
 
 
 def agreement_of(pairs: Differences, settings: MergeSettings) -> Agreement | None:
     """What two drives agree on, from all pairs of these two; None where chance may make it.
 
     First to within the errors of the panels alone, as common errors hardly change along a short drive; else to within
-    all stated errors.
+    all stated errors. First within a short reach, where most panels have no like; else within a longer one.
     """
-    total = pairs.own + pairs.stated
-    found = (_agreement(pairs, spread, total, settings) for spread in (pairs.own, total))
-    return next((one for one in found if one is not None), None)
+    length = np.hypot(*pairs.apart_m.T[:2])
+    for reach in settings.vector_reach_m:
+        alone = pairs.select((length <= reach) & (pairs.alone_m >= reach))
+        found = _agreement(alone, reach, settings)
+        if found is not None:
+            return found
+    found = _agreement(pairs, max(settings.vector_reach_m), settings)
+    if found is None or not found.vector_m.any():
+        return None
+    return replace(found, clear=False)
 
 
-def _agreement(
-    pairs: Differences, spread: Floats, total: Floats, settings: MergeSettings
+def _agreement(pairs: Differences, reach_m: float, settings: MergeSettings) -> Agreement | None:
+    """What most supports agree on, to within the errors of their panels or all stated errors."""
+    spreads = (pairs.own, pairs.own + pairs.stated) if len(pairs.apart_m) else ()
+    tried = (_consensus(pairs, spread, reach_m, settings) for spread in spreads)
+    return next((found for found in tried if found is not None), None)
+
+
+def _consensus(
+    pairs: Differences, spread: Floats, reach_m: float, settings: MergeSettings
 ) -> Agreement | None:
     """What most supports agree on to within variances (m, 3).
 
-    Supports are counted, as panels on one support move together. Chance puts differences anywhere along `reach_m`. As
+    Supports are counted, as panels on one support move together. Chance puts differences anywhere along the reach. As
     chance count the supports that agree without any vector, too, so that a few panels that were moved are no vector.
-    Supports that a rival vector pairs with other panels say nothing.
     """
     gate, nearest2 = float(chi2.ppf(settings.probability, 3)), settings.near_sigmas**2
-    count = len(pairs.apart_m)
+    apart, total, count = pairs.apart_m, pairs.own + pairs.stated, len(spread)
     tried = np.arange(0, count, max(1, count // _TRIED))
-    away = pairs.apart_m - pairs.apart_m[tried, None]
-    agree = (np.square(away) / (spread + spread[tried, None])).sum(axis=2) < gate
+    agree = _distance2(apart - apart[tried, None], spread + spread[tried, None]) < gate
     support = np.unique(pairs.support, return_inverse=True)[1].ravel()
     shown = np.eye(support.max() + 1)[support]
     best = agree[np.argmax((agree @ shown > 0).sum(axis=1))]
-    vector = _mean(pairs.apart_m, spread, best)
-    best = _distance2(pairs.apart_m - vector, spread) < gate
-    matched = _one_to_one(pairs, _distance2(pairs.apart_m - vector, total), gate)
-    if not (best.any() and matched.any()):
-        return None
-    vector, stated = _mean(pairs.apart_m, total, matched), pairs.stated[matched].mean(axis=0)
+    near = _distance2(apart - _mean(apart, spread, best), total) < gate
+    vector, stated = _mean(apart, total, near | best), pairs.stated[near | best].mean(axis=0)
     is_zero = bool(_distance2(vector, stated) < nearest2)
     unmoved = 0
     if not is_zero:
-        others = np.where(np.isin(support, support[matched])[:, None], 0, shown)
-        within = _distance2(pairs.apart_m[tried], total[tried]) < nearest2
+        others = np.where(np.isin(support, support[near])[:, None], 0, shown)
+        within = _distance2(apart[tried], total[tried]) < nearest2
         unmoved = int((agree[within] @ others > 0).sum(axis=1).max(initial=0))
-    contested = (agree & ~matched) @ _owners(pairs, matched, support) > 0
     supports = len(np.unique(support[best]))
-    by_chance = count * float(np.sqrt(gate * spread[best][:, :2].mean())) / settings.reach_m
-
-    def is_sure(agreeing: int) -> bool:
-        chance = count * poisson.sf(agreeing - 2, by_chance + unmoved)
-        return bool(chance < settings.vector_by_chance)
-
-    clear = is_sure(supports - int(contested.sum(axis=1).max(initial=0)))
-    if not clear and (is_zero or not is_sure(supports)):
+    width_m = float(np.sqrt(gate * spread[best][:, :2].mean()))
+    by_chance = count * width_m / reach_m + unmoved
+    if count * poisson.sf(supports - 2, by_chance) > settings.vector_by_chance:
         return None
     sigma = np.sqrt(stated + 1 / (1 / pairs.own[best]).sum(axis=0))
-    return Agreement(vector * (not is_zero), sigma, supports, clear)
+    return Agreement(vector * (not is_zero), sigma, supports)
 
 
 def reference_vectors(
     found: Mapping[tuple[int, int], Agreement], first_ns: Mapping[int, int]
-) -> dict[int, DriveVector]:
-    """Vector of each drive that stands off the reference: of connected drives the most that agree, or the earliest.
+) -> dict[int, tuple[int, Agreement]]:
+    """The reference of each drive that stands off, and how: of those connected the most that agree, or the earliest.
 
     Parameters
     ----------
@@ -168,78 +159,36 @@ def reference_vectors(
         By drive, when it saw its first panel.
     """
     clear = {pair: one for pair, one in found.items() if one.clear}
-    of = {drive: _Alike([drive], 1, first_ns[drive], drive) for pair in clear for drive in pair}
-    result: dict[int, DriveVector] = {}
-    zero = np.zeros(3)
-    for pair in sorted(clear, key=lambda p: (not clear[p].is_zero, -clear[p].supports, p)):
-        one, (a, b) = clear[pair], pair
-        if of[a] is of[b]:
-            continue
-        sign = 1.0
-        if of[b].rank() > of[a].rank():
-            a, b, sign = b, a, -1.0
-        kept, joined = of[a], of[b]
-        step = sign * one.vector_m
-        for side, drive in ((1.0, a), (-1.0, b)):
-            step = step + side * (result[drive].vector_m if drive in result else zero)
-        for drive in joined.drives:
-            of[drive] = kept
-            if not one.is_zero:
-                before = result.get(drive)
-                vector = step if before is None else step + before.vector_m
-                result[drive] = DriveVector(kept.reference, vector, one.sigma_m, one.supports)
-        kept.drives += joined.drives
-        if one.is_zero:
-            kept.count += joined.count
-            kept.first_ns, kept.reference = min(
-                (side.first_ns, side.reference) for side in (kept, joined)
-            )
-    return result
-
-
-@dataclass(slots=True)
-class _Alike:
-    """Drives that are joined, and how many agree without a vector; the earliest of these is the reference."""
-
-    drives: list[int]
-    count: int
-    first_ns: int
-    reference: int
-
-    def rank(self) -> tuple[int, int, int]:
-        """Greater for what stays where it is."""
-        return self.count, -self.first_ns, -self.reference
+    order = sorted(clear, key=lambda pair: (-clear[pair].supports, pair))
+    alike = {drive: {drive} for pair in order for drive in pair}
+    for a, b in order:
+        if not clear[a, b].vector_m.any() and alike[a] is not alike[b]:
+            alike[a] |= alike[b]
+            alike |= dict.fromkeys(alike[b], alike[a])
+    placed: dict[int, tuple[int, Agreement]] = {}
+    none = Agreement(np.zeros(3), np.zeros(3), 0)
+    for drive in sorted(alike, key=lambda drive: (-len(alike[drive]), first_ns[drive], drive)):
+        if drive not in placed:
+            placed |= dict.fromkeys(alike[drive], (drive, none))
+        joining: tuple[int, int] | None = (drive, drive)
+        while joining is not None:
+            joining = next((p for p in order if (p[0] in placed) != (p[1] in placed)), None)
+            if joining is not None:
+                one, (known, other) = clear[joining], joining
+                sign = 1.0
+                if other in placed:
+                    known, other, sign = other, known, -1.0
+                reference, before = placed[known]
+                vector = before.vector_m + sign * one.vector_m
+                placed |= dict.fromkeys(alike[other], (reference, replace(one, vector_m=vector)))
+    return {drive: told for drive, told in placed.items() if told[1].vector_m.any()}
 
 
 def _mean(values: Floats, variance: Floats, rows: Flags) -> Floats:
     """Mean (3,) of some rows of values (m, 3) by the inverse of their variances."""
-    weight = 1 / variance[rows]
-    return np.asarray((weight * values[rows]).sum(axis=0) / weight.sum(axis=0), np.float64)
+    return np.asarray(np.average(values[rows], axis=0, weights=1 / variance[rows]), np.float64)
 
 
 def _distance2(apart: Floats, variance: Floats) -> Floats:
     """Squared Mahalanobis distances (...,) of differences (..., 3)."""
     return np.asarray((np.square(apart) / variance).sum(axis=-1), np.float64)
-
-
-def _one_to_one(pairs: Differences, distance2: Floats, gate: float) -> Flags:
-    """Which pairs (m,) are each other's nearest, by squared distances (m,) below the gate."""
-    nearest = distance2 < gate
-    for side in (0, 1):
-        order = np.lexsort((distance2, pairs.row[:, side]))
-        first = np.unique(pairs.row[order, side], return_index=True)[1]
-        nearest &= np.isin(np.arange(len(distance2)), order[first])
-    return nearest
-
-
-def _owners(pairs: Differences, matched: Flags, support: Ints) -> Floats:
-    """Which supports (m, s) lose a matched panel if a pair holds instead."""
-    owners = np.zeros((len(matched), support.max() + 1))
-    at = np.flatnonzero(matched)
-    for side in (0, 1):
-        rows = pairs.row[:, side]
-        order = at[np.argsort(rows[at])]
-        place = np.minimum(np.searchsorted(rows[order], rows), len(order) - 1)
-        taken = np.flatnonzero(rows[order[place]] == rows)
-        owners[taken, support[order[place[taken]]]] = 1
-    return owners
