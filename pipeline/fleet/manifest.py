@@ -82,7 +82,7 @@ class Manifest:
     merged_by
         Digest of the settings that they were merged by.
     vectors
-        By which all panels of a drive stood off those of another (`MergeReport`).
+        By which all panels of a drive differed from those of another (`MergeReport`).
     """
 
     logs: Mapping[str, Entry] = field(default_factory=dict)

@@ -54,7 +54,7 @@ class MergeReport:
     """What was merged: counts of rows, and of what could not be.
 
     local_drives: drives without fixes, kept as they are; left_out: their signs, and signs of other drives without a
-    place on WGS 84; vectors: by which all panels of a drive stood off those of another, in words, a line each.
+    place on WGS 84; vectors: by which all panels of a drive differed from those of another, in words, a line each.
     """
 
     drives: int = 0
@@ -168,7 +168,7 @@ class _Merging:
         return self.report
 
     def _find_vectors(self) -> None:
-        """Measure by which vectors drives stand off each other, over all cells, before anything is merged."""
+        """Measure by which vectors drives differ, over all cells, before anything is merged."""
         last = {n: place for place, cell in enumerate(self._order) for n in self._by_cell[cell]}
         first_ns = dict.fromkeys(last, np.iinfo(np.int64).max)
         waiting: defaultdict[tuple[int, int], list[Differences]] = defaultdict(list)
@@ -192,10 +192,10 @@ class _Merging:
         for number, (reference, one) in sorted(reference_vectors(found, first_ns).items()):
             self._vector_m[number] = one.vector_m
             told.append(
-                f"{names[number]}: all its panels stand off those of {names[reference]} by {one}; this is taken out"
+                f"{names[number]}: all its panels differ from those of {names[reference]} by {one}; this is taken out"
             )
         told += [
-            f"{names[b]}: its panels may stand off those of {names[a]} by {one}, but these are rows of equal panels, "
+            f"{names[b]}: its panels may differ from those of {names[a]} by {one}, but these are rows of equal panels, "
             "which fit other vectors as well; nothing is taken out"
             for (a, b), one in sorted(found.items())
             if not one.clear

@@ -43,10 +43,6 @@ class MergeSettings:
         "the common errors' standard deviation", expert=True, low=0, high=10,
         origin="wide first: signs without a like beside them decide",
     )  # fmt: skip
-    least_share: float = setting(
-        1e-3, "", "pairs that are of one panel with a smaller probability are left out of an iteration", low=0, high=1,
-        expert=True, origin="they move an offset by a thousandth of what a sure one does",
-    )  # fmt: skip
     reach_m: float = setting(
         30.0, "m", "sightings farther apart are never compared", low=0.1,
         origin="four standard deviations between two drives with fixes of 5 m",
@@ -60,8 +56,8 @@ class MergeSettings:
         origin="between the scatter of a facing and panels back to back or at a corner",
     )  # fmt: skip
     vector_reach_m: tuple[float, ...] = setting(
-        (15.0, 30.0), "m", "a vector that all panels of a drive stand off by is looked for up to these lengths, level, "
-        "one after the other", low=0.1, origin="datums of one region and base stations differ by metres",
+        (15.0, 30.0), "m", "a vector by which all panels of two drives differ is looked for up to these lengths, "
+        "level, one after the other", low=0.1, origin="datums of one region and base stations differ by metres",
     )  # fmt: skip
     vector_by_chance: float = setting(
         1e-3, "", "it counts where chance makes so many supports agree with a smaller probability", low=1e-12, high=0.5,

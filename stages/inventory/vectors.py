@@ -1,4 +1,4 @@
-"""The vector by which all panels of one drive stand off those of another: another datum, another base station.
+"""The vector by which all panels of one drive differ from those of another: another datum, another base station.
 
 No receiver states such an error, so what it states does not bound the vector. A vector counts where more supports agree
 on it, to within the errors of their own panels, than chance makes. Only panels without a like nearby have a say: in a
@@ -59,7 +59,7 @@ class Agreement:
     def __str__(self) -> str:
         """The vector for a person."""
         axes = zip(self.vector_m, self.sigma_m, ("east", "north", "up"), strict=True)
-        words = ", ".join(f"{v:+.2f} ± {s:.2f} m {axis}" for v, s, axis in axes)
+        words = ", ".join(f"{round(v, 2) + 0.0:+.2f} ± {s:.2f} m {axis}" for v, s, axis in axes)
         return f"{words}, as {self.supports} supports agree"
 
 
@@ -149,7 +149,7 @@ def _consensus(
 def reference_vectors(
     found: Mapping[tuple[int, int], Agreement], first_ns: Mapping[int, int]
 ) -> dict[int, tuple[int, Agreement]]:
-    """The reference of each drive that stands off, and how: of those connected the most that agree, or the earliest.
+    """The reference of each drive that differs, and how: of those connected the most that agree, or the earliest.
 
     Parameters
     ----------

@@ -198,7 +198,7 @@ def test_a_survey_of_another_base_station_doubles_and_moves_no_panel(
     assert len(report.vectors) == 1
     told = [float(number) for number in re.findall(r"[-+][0-9.]+", report.vectors[0])]
     assert told == pytest.approx(base, abs=0.1)
-    assert report.vectors[0].startswith("other: all its panels stand off those of first by")
+    assert report.vectors[0].startswith("other: all its panels differ from those of first by")
     assert report.vectors[0] in str(report)
     rows = ds.dataset(tmp_path / "sightings").to_table().to_pylist()
     offset = [

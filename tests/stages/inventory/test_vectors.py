@@ -1,4 +1,4 @@
-"""The vector by which the panels of one drive stand off those of another."""
+"""The vector by which the panels of one drive differ from those of another."""
 
 from __future__ import annotations
 
