@@ -131,8 +131,8 @@ def read_manifest(inventory: Path) -> Manifest:
         if strays := [name for name in logs if not is_folder_name(name)]:
             raise ValueError(f"the log {strays[0]!r} has no name of a folder in the inventory")
         told = {k: content[k] for k in ("started", "updated", "where", "merged")}
-        later = {k: content[k] for k in ("merged_by", "vectors") if k in content}
-        return Manifest(logs, **told, **later)
+        vectors = [str(line) for line in content.get("vectors", ())]
+        return Manifest(logs, **told, merged_by=content.get("merged_by", ""), vectors=vectors)
     except FileNotFoundError as error:
         raise InputError(
             f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"

@@ -126,18 +126,16 @@ def _consensus(
     apart, total, count = pairs.apart_m, pairs.own + pairs.stated, len(spread)
     tried = np.arange(0, count, max(1, count // _TRIED))
     agree = _distance2(apart - apart[tried, None], spread + spread[tried, None]) < gate
-    support = np.unique(pairs.support, return_inverse=True)[1].ravel()
-    shown = np.eye(support.max() + 1)[support]
-    best = agree[np.argmax((agree @ shown > 0).sum(axis=1))]
+    best = agree[np.argmax(_count_supports(agree, pairs.support))]
     near = _distance2(apart - _mean(apart, spread, best), total) < gate
     vector, stated = _mean(apart, total, near | best), pairs.stated[near | best].mean(axis=0)
     is_zero = bool(_distance2(vector, stated) < nearest2)
     unmoved = 0
     if not is_zero:
-        others = np.where(np.isin(support, support[near])[:, None], 0, shown)
         within = _distance2(apart[tried], total[tried]) < nearest2
-        unmoved = int((agree[within] @ others > 0).sum(axis=1).max(initial=0))
-    supports = len(np.unique(support[best]))
+        others = agree[within] & ~np.isin(pairs.support, pairs.support[near])
+        unmoved = int(_count_supports(others, pairs.support).max(initial=0))
+    supports = int(_count_supports(best[None], pairs.support)[0])
     width_m = float(np.sqrt(gate * spread[best][:, :2].mean()))
     by_chance = count * width_m / reach_m + unmoved
     if count * poisson.sf(supports - 2, by_chance) > settings.vector_by_chance:
@@ -182,6 +180,13 @@ def reference_vectors(
                 vector = before.vector_m + sign * one.vector_m
                 placed |= dict.fromkeys(alike[other], (reference, replace(one, vector_m=vector)))
     return {drive: told for drive, told in placed.items() if told[1].vector_m.any()}
+
+
+def _count_supports(rows: Flags, support: Ints) -> Ints:
+    """Number of different supports (t,) among the pairs that each of rows (t, m) holds; support (m,)."""
+    order = np.argsort(support, kind="stable")
+    first = np.unique(support[order], return_index=True)[1]
+    return np.asarray(np.logical_or.reduceat(rows[:, order], first, axis=1).sum(axis=1), np.int64)
 
 
 def _mean(values: Floats, variance: Floats, rows: Flags) -> Floats:
