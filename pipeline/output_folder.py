@@ -13,7 +13,7 @@ import os
 import shutil
 import stat
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -153,16 +153,21 @@ def finish_replacement(folder: Path) -> None:
     InputError
         It cannot be done: another process is at it for too long, or the folder cannot be written.
     """
+    finish_under_lock(folder, DONE, LOCK, _move_into_place)
+
+
+def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path], None]) -> None:
+    """Move what a writer left in `done` of a folder into place, under its lock; raises as `finish_replacement`."""
     late = time.monotonic() + _PATIENCE_S
-    while _is_folder(folder / DONE):
+    while _is_folder(folder / done):
         try:
-            opened = take_lock(folder / LOCK)
+            opened = take_lock(folder / lock)
             if opened is not None:
                 try:
-                    _move_into_place(folder)
+                    move(folder)
                 finally:
                     with suppress(OSError):
-                        (folder / LOCK).unlink()
+                        (folder / lock).unlink()
                     os.close(opened)
         except OSError as error:
             raise InputError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from wayside.pipeline.importing import natural_key
+from wayside.pipeline.image_order import natural_key
 from wayside.pipeline.input_files import files_below, open_input, read_input_text
 from wayside.pipeline.label_formats import Classes, Collected
 from wayside.pipeline.reading.image_headers import read_image_header

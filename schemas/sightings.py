@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +13,24 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+class Rows:
+    """Columns of one length, the fields of a dataclass."""
+
+    __slots__ = ()
+
+    def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Self:
+        """Some of the rows."""
+        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))  # type: ignore[arg-type]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of several, one after the other; at least one."""
+        names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
 @dataclass(frozen=True, slots=True)
-class Sightings:
+class Sightings(Rows):
     """Rows of the `signs.parquet` of several drives, near each other; n rows in order of drive, then station.
 
     Metres and radians; nan and -1: unknown. drive (n,): number of the drive; row (n,): in its table; time_ns (n,);
@@ -38,17 +56,6 @@ class Sightings:
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.drive)
-
-    def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Sightings:
-        """Some of the rows."""
-        return Sightings(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-    @staticmethod
-    def joined(parts: list[Sightings]) -> Sightings:
-        """The rows of several, one after the other; at least one."""
-        return Sightings(
-            *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Sightings))
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from wayside.pipeline.exporting.flat_table import (
     flat_table,
     kept_columns,
 )
-from wayside.pipeline.fleet.folders import finish_merging, merged_parts, read_part
+from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
 from wayside.pipeline.result import RUN_FILE, read_run
 from wayside.pipeline.reviewing.review import Review
 from wayside.schemas.errors import InputError
@@ -109,7 +109,7 @@ def inventory_rows(inventory: Path, name: str) -> Source:
         Nothing is merged yet, or a part is damaged.
     """
     table = INVENTORY_TABLES[name]
-    finish_merging(inventory)
+    open_inventory(inventory, by_fleet=False)
     parts = merged_parts(inventory, name)
     if not parts:
         raise InputError(

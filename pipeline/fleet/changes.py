@@ -11,6 +11,7 @@ from pathlib import Path
 import mercantile
 import numpy as np
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wayside.pipeline.fleet.absence import Absence, Coverage, Side, coverage_of, mark_hidden
@@ -24,9 +25,9 @@ from wayside.pipeline.fleet.changes_rows import (
     same_face,
     successor,
 )
-from wayside.pipeline.fleet.folders import finish_merging, merged_parts, read_part
+from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
-from wayside.pipeline.fleet.manifest import DRIVES, MANIFEST, read_manifest
+from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import DriveView, read_view
@@ -120,16 +121,15 @@ def find_changes(
     OutputError
         The file cannot be written, or something else stands there.
     """
-    finish_merging(inventory)
+    manifest = open_inventory(inventory, by_fleet=False)
     if not (inventory / PANELS.name).is_dir():
         raise InputError(
             f"{inventory}: wanted an inventory, found no folder {PANELS.name} in it; `wayside fleet` merges drives"
         )
     if before.from_ns < after.until_ns and after.from_ns < before.until_ns:
         raise UsageError(f"wanted two surveys, found that {before.words} and {after.words} overlap")
-    comparison = _Comparison(
-        inventory, {"before": before, "after": after}, settings or ChangeSettings()
-    )
+    surveys: dict[Side, Survey] = {"before": before, "after": after}
+    comparison = _Comparison(inventory, manifest, surveys, settings or ChangeSettings())
     target = inventory / CHANGES.file
     if target.exists() and not overwrite and not _is_own(target):
         raise refuse(target, "a file that is no comparison of surveys")
@@ -149,19 +149,24 @@ class _Comparison:
     """The drives of both surveys, and what is gone or new until all cells are read."""
 
     def __init__(
-        self, inventory: Path, surveys: dict[Side, Survey], settings: ChangeSettings
+        self,
+        inventory: Path,
+        manifest: Manifest,
+        surveys: dict[Side, Survey],
+        settings: ChangeSettings,
     ) -> None:
         self.settings = settings
         self.report = ChangeReport()
         self._inventory = inventory
         self._side: dict[str, Side] = {}
         self._time_ns: dict[str, int] = {}
+        self._offset: dict[str, NDArray[np.float64]] = {}
         self._near: defaultdict[tuple[int, int], list[str]] = defaultdict(list)
         self._parts = merged_parts(inventory, PANELS.name)
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
         self._zoom = self.merge.cell_zoom
         self._view = lru_cache(self.merge.drives_in_memory)(self._read_view)
-        for folder in _merged_results(inventory):
+        for folder in _merged_results(inventory, manifest):
             self._index(folder, surveys)
         self.report.drives = {side: sum(s == side for s in self._side.values()) for side in _SIDES}
         for side, survey in surveys.items():
@@ -289,7 +294,9 @@ class _Comparison:
             view = self._view(drive)
             if view is None:
                 continue
-            offset = np.mean(offsets.get(drive, [[0.0, 0.0, 0.0]]), axis=0)
+            if drive in offsets:
+                self._offset[drive] = np.mean(offsets[drive], axis=0)
+            offset = self._offset.get(drive, np.zeros(3))  # of a cell before, where it saw none
             rows, shown = view.views(placed, origin, offset, self.settings)
             for name, one, coverage in zip(
                 names, found, coverage_of(shown, rows, self.settings), strict=True
@@ -326,14 +333,13 @@ class _Comparison:
         return gone + [row for k, row in enumerate(new) if k not in taken]
 
 
-def _merged_results(inventory: Path) -> list[Path]:
+def _merged_results(inventory: Path, manifest: Manifest) -> list[Path]:
     """Folders of the results that the merged tables were made of; raises InputError where they are of others.
 
     A drive that is not merged would count as one that looked everywhere and saw nothing.
     """
-    if not (inventory / MANIFEST).exists():  # merged without a fleet
+    if not manifest.logs:  # merged without a fleet
         return sorted(path.parent for path in (inventory / DRIVES).glob(f"*/{RUN_FILE}"))
-    manifest = read_manifest(inventory)
     if manifest.merged != manifest.results():
         raise InputError(
             f"{inventory}: wanted tables merged of all results that are done, found other results since: a fleet is "

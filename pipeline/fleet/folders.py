@@ -1,7 +1,7 @@
 """Folders of the merged tables of an inventory: they replace those of before together, whenever the process ends.
 
 They are written into a scratch folder, whose renaming is the moment from which the new ones count; what remains is to
-move them into place, which whoever opens the inventory next goes on with.
+move them into place, which whoever opens the inventory next goes on with (`open_inventory`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,15 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
 from wayside.pipeline.input_files import read_parquet
+from wayside.pipeline.output_folder import finish_under_lock
 from wayside.pipeline.writing import not_written, refuse, sync
 from wayside.schemas.errors import InputError
 
+LOCK = ".wayside-fleet-lock"
+CELL = "cell="
+"""What the names of the folders of a table begin with; a quadkey follows."""
 _PART, _DONE = ".wayside-merge-part", ".wayside-merge-done"
 
 
@@ -32,7 +37,7 @@ def replaced_folders(inventory: Path, names: tuple[str, ...]) -> Iterator[Path]:
     part = inventory / _PART
     try:
         inventory.mkdir(parents=True, exist_ok=True)
-        finish_merging(inventory)
+        _move_into_place(inventory)
         for name in names:
             _require_own(inventory / name)
         shutil.rmtree(part, ignore_errors=True)
@@ -43,21 +48,36 @@ def replaced_folders(inventory: Path, names: tuple[str, ...]) -> Iterator[Path]:
             sync(folder)
         part.rename(inventory / _DONE)
         sync(inventory)
-        finish_merging(inventory)
+        _move_into_place(inventory)
     except OSError as error:
         raise not_written(inventory, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def finish_merging(inventory: Path) -> None:
-    """Move what a merging wrote to its place if it was ended in between; nearly always there is nothing to do.
+def open_inventory(inventory: Path, *, by_fleet: bool = True) -> Manifest:
+    """Make an inventory whole, if a merging was killed when it moved its tables to their place, to read it.
+
+    Parameters
+    ----------
+    inventory
+        The folder.
+    by_fleet
+        Whether only a fleet's will do; else one that was merged without has an empty manifest.
 
     Raises
     ------
-    OSError
-        It cannot be moved.
+    InputError
+        It is no inventory, its manifest is damaged, or the tables cannot be moved.
     """
+    finish_under_lock(inventory, _DONE, LOCK, _move_into_place)
+    if by_fleet or (inventory / MANIFEST).exists():
+        return read_manifest(inventory)
+    return Manifest()
+
+
+def _move_into_place(inventory: Path) -> None:
+    """Move what a merging wrote to its place; raises OSError where it cannot be moved."""
     done = inventory / _DONE
     if not done.is_dir():
         return
@@ -77,7 +97,7 @@ def _require_own(folder: Path) -> None:
     own = folder.is_dir() and not folder.is_symlink()
     if own:
         own = all(
-            path.name == "part-0.parquet" or (path.is_dir() and path.name.startswith("cell="))
+            path.name == "part-0.parquet" or (path.is_dir() and path.name.startswith(CELL))
             for path in folder.rglob("*")
         )
     if not own:
@@ -86,7 +106,7 @@ def _require_own(folder: Path) -> None:
 
 def merged_parts(inventory: Path, name: str) -> list[Path]:
     """The files of a merged table, one a cell, in order."""
-    return sorted((inventory / name).glob("cell=*/part-0.parquet"))
+    return sorted((inventory / name).glob(f"{CELL}*/part-0.parquet"))
 
 
 def read_part(part: Path, columns: Sequence[str]) -> pa.Table:

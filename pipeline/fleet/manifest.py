@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.fleet.sources import source_name
+from wayside.pipeline.fleet.sources import folder_name, is_folder_name, source_name
 from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
-from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 
@@ -82,6 +81,8 @@ class Manifest:
         `results` at the time when the merged tables were made; empty: they are not made, or about to be replaced.
     merged_by
         Digest of the settings that they were merged by.
+    vectors
+        By which all panels of a drive differed from those of another (`MergeReport`).
     """
 
     logs: Mapping[str, Entry] = field(default_factory=dict)
@@ -90,6 +91,7 @@ class Manifest:
     where: str = ""
     merged: str = ""
     merged_by: str = ""
+    vectors: Sequence[str] = ()
 
     def with_entries(self, entries: Iterable[Entry]) -> Manifest:
         """The same with these entries in the place of those of their names."""
@@ -126,8 +128,11 @@ def read_manifest(inventory: Path) -> Manifest:
         }
         if any(e.state not in STATES or name != e.name for name, e in logs.items()):
             raise ValueError("a log of an unknown state or another name")
+        if strays := [name for name in logs if not is_folder_name(name)]:
+            raise ValueError(f"the log {strays[0]!r} has no name of a folder in the inventory")
         told = {k: content[k] for k in ("started", "updated", "where", "merged")}
-        return Manifest(logs, **told, merged_by=content.get("merged_by", ""))
+        vectors = [str(line) for line in content.get("vectors", ())]
+        return Manifest(logs, **told, merged_by=content.get("merged_by", ""), vectors=vectors)
     except FileNotFoundError as error:
         raise InputError(
             f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
@@ -147,6 +152,7 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
         "where": manifest.where,
         "merged": manifest.merged,
         "merged_by": manifest.merged_by,
+        "vectors": list(manifest.vectors),
         "logs": {name: asdict(entry) for name, entry in sorted(manifest.logs.items())},
     }
     text = json.dumps(content, indent=1) + "\n"
@@ -156,10 +162,11 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
 def free_name(uri: str, taken: Collection[str]) -> str:
     """A name for a new log: its stem, else with that of its folder before it, else with a number behind it.
 
+    What no file system, terminal or shell takes for anything but a name is kept; a digest ends what is too long.
+
     taken: names that are in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
     """
-    stem, parent = (visible(text).replace("/", "_").lstrip(".") for text in source_name(uri))
-    stem = stem or "log"
+    stem, parent = source_name(uri)
     first = [stem, f"{parent}_{stem}"] if parent else [stem]
-    names = chain(first, (f"{stem}_{number}" for number in count(2)))
+    names = map(folder_name, chain(first, (f"{stem}_{number}" for number in count(2))))
     return next(name for name in names if name.casefold() not in taken)

@@ -32,9 +32,17 @@ from wayside.schemas.errors import UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
-from wayside.stages.inventory import merge_sightings
+from wayside.stages.inventory import (
+    Agreement,
+    Differences,
+    agreement_of,
+    measure_differences,
+    merge_sightings,
+    reference_vectors,
+)
 
 Ints = NDArray[np.int64]
+_MOST_LISTED = 20
 _ROWS = 1 << 32
 """More than a drive has signs."""
 MERGED = (PANELS.name, SUPPORTS.name, SIGHTINGS.name)
@@ -46,7 +54,7 @@ class MergeReport:
     """What was merged: counts of rows, and of what could not be.
 
     local_drives: drives without fixes, kept as they are; left_out: their signs, and signs of other drives without a
-    place on WGS 84.
+    place on WGS 84; vectors: by which all panels of a drive differed from those of another, in words, a line each.
     """
 
     drives: int = 0
@@ -56,6 +64,7 @@ class MergeReport:
     cells: int = 0
     local_drives: list[str] = field(default_factory=list)
     left_out: int = 0
+    vectors: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
         """One line for a person, more where drives or signs could not be merged."""
@@ -71,7 +80,9 @@ class MergeReport:
             words += f"\n{count} drives have no satellite fixes and are kept as they are, unmerged: {some}"
         if self.left_out:
             words += f"\n{self.left_out} signs have no place on WGS 84 and are in no merged table"
-        return words
+        more = len(self.vectors) - _MOST_LISTED
+        told = self.vectors[:_MOST_LISTED] + [f"... and {more} more such drives"] * (more > 0)
+        return "\n".join([words, *told])
 
 
 def merge_inventory(
@@ -133,14 +144,18 @@ class _Merging:
                 self.report.local_drives.append(folder.name)
             for x, y in np.unique(tiles, axis=0).tolist():
                 self._by_cell[x, y].append(number)
+        zoom = settings.cell_zoom
+        self._order = sorted(self._by_cell, key=lambda cell: cell_name(cell[0], cell[1], zoom))
+        self._vector_m = np.zeros((len(folders), 3))
 
     def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:
         """Merge cell by cell into a folder."""
-        zoom = self.settings.cell_zoom
-        order = sorted(self._by_cell, key=lambda cell: cell_name(cell[0], cell[1], zoom))
-        for done, cell in enumerate(order):
-            watch(done, len(order))
-            block, merged = self._merge(cell)
+        self._find_vectors()
+        zoom, total = self.settings.cell_zoom, len(self._order)
+        for done, cell in enumerate(self._order):
+            watch(done, total)
+            block = self._block(cell, self.settings.margin_m)
+            merged = merge_sightings(block.sightings, self.settings)
             own = self._own_supports(block, merged, cell)
             self._taken.pop(cell, None)
             if own.any():
@@ -149,33 +164,67 @@ class _Merging:
                 self.report.supports += counts.supports
                 self.report.sightings += counts.sightings
                 self.report.cells += 1
-        watch(len(order), len(order))
+        watch(total, total)
         return self.report
+
+    def _find_vectors(self) -> None:
+        """Measure by which vectors drives differ, over all cells, before anything is merged."""
+        last = {n: place for place, cell in enumerate(self._order) for n in self._by_cell[cell]}
+        first_ns = dict.fromkeys(last, np.iinfo(np.int64).max)
+        waiting: defaultdict[tuple[int, int], list[Differences]] = defaultdict(list)
+        found: dict[tuple[int, int], Agreement] = {}
+        for place, cell in enumerate(self._order):
+            block = self._block(cell, 2 * max(self.settings.vector_reach_m))
+            seen = block.sightings
+            for number, time in zip(seen.drive.tolist(), seen.time_ns.tolist(), strict=True):
+                first_ns[number] = min(first_ns[number], time)
+            here = (block.cell == cell).all(axis=1)
+            differ = measure_differences(seen, here, self.settings)
+            pairs, of = np.unique(differ.drive, axis=0, return_inverse=True)
+            for k, (a, b) in enumerate(pairs.tolist()):
+                waiting[a, b].append(differ.select(of.ravel() == k))
+            for pair in [pair for pair in waiting if last[pair[0]] <= place]:
+                agreement = agreement_of(Differences.joined(waiting.pop(pair)), self.settings)
+                if agreement is not None:
+                    found[pair] = agreement
+        names = [folder.name for folder in self._folders]
+        told = self.report.vectors
+        for number, (reference, one) in sorted(reference_vectors(found, first_ns).items()):
+            self._vector_m[number] = one.vector_m
+            told.append(
+                f"{names[number]}: all its panels differ from those of {names[reference]} by {one}; this is taken out"
+            )
+        told += [
+            f"{names[b]}: its panels may differ from those of {names[a]} by {one}, but these are rows of equal panels, "
+            "which fit other vectors as well; nothing is taken out"
+            for (a, b), one in sorted(found.items())
+            if not one.clear
+        ]
 
     def _read_drive(self, number: int) -> DriveSigns:
         folder = self._folders[number]
         return read_signs(folder, read_frames(folder), self.settings)
 
-    def _merge(self, cell: tuple[int, int]) -> tuple[Block, MergedPanels]:
-        """All sightings in a cell and its margin, and what they are of."""
+    def _block(self, cell: tuple[int, int], margin_m: float) -> Block:
+        """All sightings in a cell and a margin around it."""
         zoom, origin = self.settings.cell_zoom, cell_origin(*cell, self.settings.cell_zoom)
         around = {(cell[0] + dx, cell[1] + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)}
         numbers = sorted({n for one in around for n in self._by_cell.get(one, ())})
-        drives, rows, parts, where = [], [], [], []
+        drives, rows, parts, places = [], [], [], []
         for number in numbers:
             drive = self._read(number)
-            inside = np.flatnonzero(within(drive.geodetic, *cell, zoom, self.settings.margin_m))
+            inside = np.flatnonzero(within(drive.geodetic, *cell, zoom, margin_m))
             if len(inside):
                 drives.append(drive)
                 rows.append(inside)
                 part = drive.sightings.select(inside)
                 parts.append(replace(part, drive=np.full(len(inside), number)))
-                where.append(drive.geodetic[inside])
+                places.append(origin.topocentric(drive.geodetic[inside]))
         sightings = Sightings.joined(parts)
-        placed = replace(sightings, position=origin.topocentric(np.concatenate(where)))
-        cells = np.concatenate([d.cell[r] for d, r in zip(drives, rows, strict=True)])
-        block = Block(origin, tuple(drives), tuple(rows), placed, cells)
-        return block, merge_sightings(placed, self.settings)
+        vector = self._vector_m[sightings.drive]
+        placed = replace(sightings, position=np.concatenate(places) - vector)
+        tiles = np.concatenate([d.cell[r] for d, r in zip(drives, rows, strict=True)])
+        return Block(origin, tuple(drives), tuple(rows), placed, tiles, vector)
 
     def _own_supports(
         self, block: Block, merged: MergedPanels, cell: tuple[int, int]

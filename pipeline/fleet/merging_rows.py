@@ -40,7 +40,7 @@ class Block:
     """Sightings of a cell and its margin, with the drives they are of.
 
     origin: of their positions; rows: of each drive's table, one array for each of `drives`, in the order of the
-    sightings; cell (n, 2): tile of each.
+    sightings; cell (n, 2): tile of each; vector_m (n, 3): of the whole drive, taken out of the positions.
     """
 
     origin: LocalOrigin
@@ -48,6 +48,7 @@ class Block:
     rows: tuple[Ints, ...]
     sightings: Sightings
     cell: Ints
+    vector_m: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +168,7 @@ def _sightings(
 ) -> dict[str, Any]:
     seen, offset = block.sightings.select(rows), merged.offset_m[rows]
     corrected = seen.position - offset
+    offset = offset + block.vector_m[rows]
     away = np.linalg.norm(corrected - merged.position[merged.panel[rows]], axis=1)
     return {
         "panel_id": panel_id,

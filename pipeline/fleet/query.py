@@ -14,8 +14,10 @@ from typing import Any, BinaryIO
 import pyarrow as pa
 
 from wayside.pipeline.csv_text import FORMULA, guarded
-from wayside.pipeline.fleet.manifest import DRIVES, Manifest, read_manifest
+from wayside.pipeline.fleet.folders import CELL, merged_parts, open_inventory
+from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.inventory_tables import CHANGES
 from wayside.schemas.tables import TABLES
 
 try:
@@ -79,7 +81,7 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
 @contextmanager
 def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
     """A connection with the views that a statement asks for, and the bare statement."""
-    manifest = read_manifest(inventory)
+    manifest = open_inventory(inventory)
     offline: Any = {
         "autoinstall_known_extensions": False,
         "autoload_known_extensions": False,
@@ -129,22 +131,34 @@ def _create_view(
         rows = [asdict(entry) for _, entry in sorted(manifest.logs.items())]
         connection.register(view, pa.Table.from_pylist(rows))
         return True
+    folder = "parse_path(filename, 'forward_slash')[-2]"
     if view in DRIVE_VIEWS:
         files = [inventory / DRIVES / entry.name / DRIVE_VIEWS[view] for entry in manifest.done()]
-        columns = "parse_path(filename)[-2] AS drive, * EXCLUDE filename"
-        options = "filename = true"
+        columns = f"{folder} AS drive, * EXCLUDE filename"
+    elif view == CHANGES.name:
+        files = [file for file in [inventory / CHANGES.file] if file.exists()]
+        columns = "* EXCLUDE filename"
     else:
-        files = sorted((inventory / view).rglob("*.parquet"))
-        files = files or [file for file in [inventory / f"{view}.parquet"] if file.exists()]
-        columns, options = "*", "hive_partitioning = true, hive_types_autocast = false"
+        files = merged_parts(inventory, view)
+        columns = f"* EXCLUDE filename, {folder}[{len(CELL) + 1}:] AS cell"
     if not files:
         return False
-    listed = ", ".join(_quoted(file) for file in files)
+    listed = ", ".join(_quoted(_literal(file)) for file in files)
     connection.execute(
-        f"CREATE VIEW {view} AS SELECT {columns} "
-        f"FROM read_parquet([{listed}], union_by_name = true, {options})"
+        f"CREATE VIEW {view} AS SELECT {columns} FROM read_parquet([{listed}], union_by_name = true, "
+        "filename = true, hive_partitioning = false)"
     )
     return True
+
+
+def _literal(file: Path) -> str:
+    """A path as DuckDB opens it, which takes `*`, `?` and `[` for a pattern, and then a backslash for a slash, too."""
+    text = str(file)
+    if "\\" in text and re.search(r"[*?[]", text):
+        raise InputError(
+            f"{file}: DuckDB cannot open a path with both a backslash and one of * ? [; rename one of its folders"
+        )
+    return re.sub(r"[*?[]", r"[\g<0>]", text)
 
 
 def _columns(connection: duckdb.DuckDBPyConnection, question: str) -> list[tuple[str, str]]:

@@ -11,6 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from wayside.pipeline.fleet.dask_engine import DaskEngine
 from wayside.pipeline.fleet.engine import Engine, ProcessEngine
@@ -220,9 +221,9 @@ class _Book:
         logs = {entry.name: entry for entry in self.given()}
         self._watch(replace(self.manifest, logs=logs))
 
-    def save(self, **changes: str) -> None:
+    def save(self, **changes: Any) -> None:
         """Write the manifest, with changes of its fields; raises OutputError."""
-        self.manifest = replace(self.manifest, updated=time.time(), **changes)  # type: ignore[arg-type]
+        self.manifest = replace(self.manifest, updated=time.time(), **changes)
         write_manifest(self._inventory, self.manifest)
         self._unsaved = False
 
@@ -301,5 +302,5 @@ def _merge(
         return None
     book.save(merged="")
     report = merge_inventory(folders, inventory, settings, watch)
-    book.save(merged=merged, merged_by=by)
+    book.save(merged=merged, merged_by=by, vectors=report.vectors)
     return str(report)

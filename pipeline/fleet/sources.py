@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -13,11 +15,14 @@ from urllib.parse import unquote, urlsplit
 
 from wayside.pipeline.earlier_result import stream_fingerprint
 from wayside.pipeline.input_files import files_below, read_input_text
+from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import UNWRITABLE, not_written
 from wayside.schemas.errors import InputError, UsageError
 
 _SUFFIX = ".mcap"
 _PATTERN = "*?["
+_MOST_BYTES = 250
+"""Of the name of a log: names of files, with `.mcap` or `.txt` behind it, have at most 255."""
 
 
 class UnreachableError(InputError):
@@ -47,6 +52,24 @@ def source_name(uri: str) -> tuple[str, str]:
     first = uri.partition("::")[0]  # fsspec chains: the file in front, its container behind
     path = PurePosixPath(unquote(urlsplit(first).path)) if _is_url(uri) else Path(uri)
     return path.stem or "log", path.parent.name
+
+
+def folder_name(text: str) -> str:
+    """A text as the name of a folder: what a file system or shell reads as anything else is replaced.
+
+    A digest of the whole ends a name that would be too long, so that no two have one.
+    """
+    name = re.sub(r'[/\\*?"<>|]', "_", visible(text)).lstrip(".") or "log"
+    if is_folder_name(name):
+        return name
+    end = f"-{hashlib.sha256(text.encode('utf-8', 'surrogatepass')).hexdigest()[:12]}"
+    return name.encode()[: _MOST_BYTES - len(end)].decode("utf-8", "ignore") + end
+
+
+def is_folder_name(name: str) -> bool:
+    """Whether a text is the name of one folder, as this and earlier versions make them, and leads nowhere else."""
+    single = Path(name).name == name and visible(name) == name and name[:1] not in ("", ".")
+    return single and len(name.encode()) <= _MOST_BYTES
 
 
 def fingerprint_source(uri: str) -> tuple[str, int]:
@@ -91,7 +114,7 @@ def fetched(uri: str) -> Iterator[Path]:
         yield Path(uri)
         return
     with TemporaryDirectory(prefix="wayside-") as scratch:
-        path = Path(scratch) / f"{source_name(uri)[0]}{_SUFFIX}"
+        path = Path(scratch) / f"{folder_name(source_name(uri)[0])}{_SUFFIX}"
         try:
             system, inner = _file_system(uri)
             system.get_file(inner, str(path))

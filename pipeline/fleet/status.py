@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from wayside.pipeline.fleet.folders import LOCK, open_inventory
 from wayside.pipeline.fleet.manifest import (
     DONE,
     ENDED,
@@ -20,14 +21,12 @@ from wayside.pipeline.fleet.manifest import (
     RUNNING,
     STATES,
     Manifest,
-    read_manifest,
 )
 from wayside.pipeline.fleet.merging import MERGED
 from wayside.pipeline.output_folder import take_lock
 from wayside.pipeline.writing import not_written
 from wayside.schemas.errors import OutputError
 
-LOCK = ".wayside-fleet-lock"
 _MOST_LISTED = 20
 
 
@@ -86,7 +85,7 @@ def format_status(inventory: Path) -> str:
     running = is_under_way(inventory)
     if running and not (inventory / MANIFEST).exists():
         return f"{inventory}: a fleet has begun and looks at its logs"
-    manifest = read_manifest(inventory)
+    manifest = open_inventory(inventory)
     figures = figures_of(manifest, manifest.updated)
     told = f"a fleet is under way since {_clock(manifest.started)}: {manifest.where}"
     ended = f"no fleet is under way; the last one ended by {_clock(manifest.updated)}"
@@ -98,6 +97,7 @@ def format_status(inventory: Path) -> str:
     if lost:
         lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
     lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
+    lines += _listed("drives off by a vector", list(manifest.vectors))
     at_work = [entry for entry in entries if entry.state == RUNNING] if running else []
     lines += _listed(
         "running", [f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt" for e in at_work]

@@ -43,10 +43,6 @@ class MergeSettings:
         "the common errors' standard deviation", expert=True, low=0, high=10,
         origin="wide first: signs without a like beside them decide",
     )  # fmt: skip
-    least_share: float = setting(
-        1e-3, "", "pairs that are of one panel with a smaller probability are left out of an iteration", low=0, high=1,
-        expert=True, origin="they move an offset by a thousandth of what a sure one does",
-    )  # fmt: skip
     reach_m: float = setting(
         30.0, "m", "sightings farther apart are never compared", low=0.1,
         origin="four standard deviations between two drives with fixes of 5 m",
@@ -58,6 +54,14 @@ class MergeSettings:
     facing_deg: float = setting(
         45.0, "deg", "faces that look in directions farther apart are two panels", low=1, high=180,
         origin="between the scatter of a facing and panels back to back or at a corner",
+    )  # fmt: skip
+    vector_reach_m: tuple[float, ...] = setting(
+        (15.0, 30.0), "m", "a vector by which all panels of two drives differ is looked for up to these lengths, "
+        "level, one after the other", low=0.1, origin="datums of one region and base stations differ by metres",
+    )  # fmt: skip
+    vector_by_chance: float = setting(
+        1e-3, "", "it counts where chance makes so many supports agree with a smaller probability", low=1e-12, high=0.5,
+        origin="five supports, where few others are near",
     )  # fmt: skip
     tail_freedom: float = setting(
         5.0, "", "degrees of freedom of the Student distribution of a panel's measured position about its place", low=1,

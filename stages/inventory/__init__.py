@@ -3,16 +3,28 @@
 from wayside.stages.inventory.association import YEAR_NS, gone_probability
 from wayside.stages.inventory.grouping import merge_sightings
 from wayside.stages.inventory.occlusion import PlaceImage, measure_occlusion
+from wayside.stages.inventory.vectors import (
+    Agreement,
+    Differences,
+    agreement_of,
+    measure_differences,
+    reference_vectors,
+)
 from wayside.stages.inventory.visibility import PanelPlaces, PanelViews, match_moved, views_of
 
 __all__ = [
     "YEAR_NS",
+    "Agreement",
+    "Differences",
     "PanelPlaces",
     "PanelViews",
     "PlaceImage",
+    "agreement_of",
     "gone_probability",
     "match_moved",
+    "measure_differences",
     "measure_occlusion",
     "merge_sightings",
+    "reference_vectors",
     "views_of",
 ]

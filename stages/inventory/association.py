@@ -36,13 +36,25 @@ def candidate_pairs(
     own = np.sqrt(sightings.covariance[:, [0, 1], [0, 1]].max(axis=1, initial=0.0))
     around = settings.near_sigmas * np.hypot(spread, own)
     radius = min(settings.reach_m, float(np.hypot(1, 1) * around.max(initial=0.0)))
-    found = cKDTree(where[:, :2]).query_pairs(radius, output_type="ndarray")
-    pairs = np.sort(np.asarray(found, np.int64).reshape(-1, 2), axis=1)
+    pairs = facing_pairs(sightings, where, radius, settings)
     i, j = pairs.T
     near = np.linalg.norm(where[i, :2] - where[j, :2], axis=1) <= np.hypot(around[i], around[j])
+    return np.asarray(pairs[near])
+
+
+def facing_pairs(
+    sightings: Sightings, where: Floats, radius_m: float, settings: MergeSettings
+) -> Ints:
+    """Pairs (m, 2) of rows of different drives, the lower first, that face one way.
+
+    They lie at `where` (n, 3), within a radius of each other on the level.
+    """
+    found = cKDTree(where[:, :2]).query_pairs(radius_m, output_type="ndarray")
+    pairs = np.sort(np.asarray(found, np.int64).reshape(-1, 2), axis=1)
+    i, j = pairs.T
     turn = np.abs(np.angle(np.exp(1j * (sightings.bearing_rad[i] - sightings.bearing_rad[j]))))
     apart = turn > radians(settings.facing_deg)  # false where a bearing is unknown
-    pairs = pairs[near & (sightings.drive[i] != sightings.drive[j]) & ~apart]
+    pairs = pairs[(sightings.drive[i] != sightings.drive[j]) & ~apart]
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 

@@ -66,7 +66,7 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
         apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
         distance2 = mahalanobis2(apart, spread)
         right = responsibilities(sightings, i, j, ratio - 0.5 * distance2)
-        kept = (distance2 < gate) & (right > settings.least_share)
+        kept = distance2 < gate
         if not kept.any():
             return DriveOffsets(np.zeros_like(offset), pairs[kept])
         weight = right[kept] / np.square(1 + distance2[kept] / gate)

@@ -12,6 +12,7 @@ import pytest
 
 from wayside.pipeline.earlier_result import file_digest
 from wayside.pipeline.fleet import running, task
+from wayside.pipeline.fleet.merging import MergeReport
 from wayside.pipeline.fleet.running import FleetOptions, run_fleet
 from wayside.pipeline.fleet.sources import expand_sources
 from wayside.pipeline.journal import result_key
@@ -103,7 +104,7 @@ def fleet(tmp_path, monkeypatch):
         seen.merge_settings = settings
         for name in running.MERGED:
             (out / name).mkdir(exist_ok=True)
-        return f"{len(folders)} drives"
+        return MergeReport(len(folders))
 
     task._equipment.cache_clear()
     for module in (task, running):

@@ -19,15 +19,18 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 
+from wayside.pipeline import output_folder
 from wayside.pipeline.cli import app
+from wayside.pipeline.exporting.export import export
 from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.changes_page import write_page
-from wayside.pipeline.fleet.folders import finish_merging
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of
+from wayside.pipeline.fleet.status import format_status, locked_inventory
 from wayside.pipeline.fleet.surveys import parse_survey
+from wayside.pipeline.reviewing.review import NO_REVIEW
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import ChangeSettings, MergeSettings
@@ -172,6 +175,43 @@ def test_the_order_of_the_results_changes_no_byte(surveyed: Surveyed, tmp_path: 
             assert file.read_bytes() == (surveyed.folder / file.relative_to(tmp_path)).read_bytes()
 
 
+def test_a_survey_of_another_base_station_doubles_and_moves_no_panel(
+    simulation: ModuleType, tmp_path: Path
+) -> None:
+    base = np.array([-4.0, 3.0, 45.0])
+    rng = np.random.default_rng(6)
+    road = simulation.make_road(0, 3000.0, 60.0, rng)
+    exact = simulation.Quality(0.02, recall=1.0, misread=0.0, outliers=0.0, false=0.0)
+    drives = tmp_path / "drives"
+    for year, name in enumerate(("first", "again", "other")):
+        start = simulation.START_NS + min(year, 1) * simulation.YEAR_NS + year * simulation.DAY_NS
+        simulation.write_drive(drives / name, road, start, True, exact, rng)
+    for table in (SIGNS, FRAMES):
+        rows = pq.read_table(drives / "other" / table.file).to_pylist()
+        for row in rows:
+            at = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]]])
+            moved = road.origin.geodetic(road.origin.topocentric(at) + base)[0]
+            row |= dict(zip(("lon_deg", "lat_deg", "alt_m"), moved.tolist(), strict=True))
+        pq.write_table(pa.Table.from_pylist(rows, table.schema), drives / "other" / table.file)
+    results = sorted(drives.iterdir())
+    report = merge_inventory(results, tmp_path)
+    assert len(report.vectors) == 1
+    told = [float(number) for number in re.findall(r"[-+][0-9.]+", report.vectors[0])]
+    assert told == pytest.approx(base, abs=0.1)
+    assert report.vectors[0].startswith("other: all its panels differ from those of first by")
+    assert report.vectors[0] in str(report)
+    rows = ds.dataset(tmp_path / "sightings").to_table().to_pylist()
+    offset = [
+        [r[f"offset_{a}_m"] for a in ("east", "north", "up")] for r in rows if r["drive"] == "other"
+    ]
+    assert np.mean(offset, axis=0) == pytest.approx(base, abs=0.15)
+    changed = find_changes(tmp_path, parse_survey("2024"), parse_survey("2025")).counts
+    assert set(changed) == {"unchanged", "not_looked_at"}
+    before = {file: file.read_bytes() for file in tmp_path.glob("*/cell=*/*")}
+    merge_inventory(results[::-1], tmp_path)
+    assert before == {file: file.read_bytes() for file in tmp_path.glob("*/cell=*/*")}
+
+
 def test_settings_decide_what_is_merged_and_are_recorded_in_every_part(
     surveyed: Surveyed, tmp_path: Path
 ) -> None:
@@ -242,16 +282,57 @@ def test_a_folder_of_the_users_is_not_replaced(surveyed: Surveyed, tmp_path: Pat
     assert (tmp_path / "panels" / "notes.txt").read_text() == "mine"
 
 
-def test_a_merging_killed_between_its_renamings_is_finished_by_the_next(tmp_path: Path) -> None:
-    for name, text in (("panels", "old"), ("supports", "old")):
-        (tmp_path / name / "cell=0").mkdir(parents=True)
-        (tmp_path / name / "cell=0" / "part-0.parquet").write_text(text)
-    done = tmp_path / ".wayside-merge-done"
-    (done / "supports" / "cell=0").mkdir(parents=True)  # `panels` is moved already
-    (done / "supports" / "cell=0" / "part-0.parquet").write_text("new")
-    finish_merging(tmp_path)
-    assert (tmp_path / "supports" / "cell=0" / "part-0.parquet").read_text() == "new"
-    assert not done.exists()
+def read_changes(inventory: Path) -> None:
+    find_changes(inventory, parse_survey("2024"), parse_survey("2025"))
+
+
+def read_export(inventory: Path) -> None:
+    assert export(inventory, NO_REVIEW, inventory / "panels.csv", "csv").rows > 0
+
+
+def read_status(inventory: Path) -> None:
+    assert "panels: merged" in format_status(inventory)
+
+
+def read_answer(inventory: Path) -> None:
+    query = pytest.importorskip("wayside.pipeline.fleet.query", exc_type=UsageError)
+    assert query.first_rows(inventory, "FROM panels", 1)[1]
+
+
+READERS = [read_changes, read_export, read_status, read_answer]
+
+
+@pytest.fixture
+def half_moved(surveyed: Surveyed, tmp_path: Path) -> Path:
+    """An inventory whose merging was killed when `panels` was not in its place yet."""
+    folder = tmp_path / "inventory"
+    shutil.copytree(surveyed.folder, folder)
+    names = [path.name for path in (folder / "drives").iterdir()]
+    manifest = Manifest({name: Entry(name, name, name, 1, name, DONE) for name in names})
+    write_manifest(folder, replace(manifest, merged=manifest.results()))
+    (folder / ".wayside-merge-done").mkdir()
+    (folder / "panels").rename(folder / ".wayside-merge-done" / "panels")
+    return folder
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_whoever_opens_an_inventory_completes_a_merging_that_was_killed(
+    half_moved: Path, read: Callable[[Path], None]
+) -> None:
+    read(half_moved)
+    assert (half_moved / "panels").is_dir()
+    assert not (half_moved / ".wayside-merge-done").exists()
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_nobody_completes_it_while_another_process_holds_the_lock(
+    half_moved: Path, read: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output_folder, "_PATIENCE_S", 0.1)
+    with locked_inventory(half_moved), pytest.raises(InputError, match="replaces it now"):
+        read(half_moved)
+    assert (half_moved / ".wayside-merge-done" / "panels").is_dir()
+    read(half_moved)
 
 
 def test_most_changes_between_two_surveys_are_found_for_what_they_are(surveyed: Surveyed) -> None:

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -77,6 +78,29 @@ def test_the_questions_of_the_documentation_are_answered(inventory):
 def test_only_results_that_are_done_count_and_cells_keep_their_zeros(inventory):
     assert first_rows(inventory, "SELECT drive FROM signs ORDER BY 1;", 9)[1] == [["one"], ["two"]]
     assert first_rows(inventory, "SELECT cell FROM panels", 9)[1] == [["0231"]]
+
+
+@pytest.mark.parametrize("name", ["a[1]", "color=red", "b\\c", "s*", "q?", "[!a]", "it's", "**"])
+def test_the_path_of_an_inventory_is_neither_a_pattern_nor_a_column(inventory, tmp_path, name):
+    parent = tmp_path / "parent"
+    for other in {name, "a1", "sx", "b", "plain"}:
+        shutil.copytree(inventory / "drives", parent / other / "drives")
+        for table in ("panels", "sightings"):
+            shutil.copytree(inventory / table, parent / other / table)
+        shutil.copy(inventory / "fleet.json", parent / other)
+    plain, named = parent / "plain", parent / name
+    for view in ("panels", "sightings", "signs", "frames"):
+        question = f"FROM {view} ORDER BY ALL"
+        assert first_rows(named, question, 99) == first_rows(plain, question, 99)
+
+
+def test_a_path_that_the_database_cannot_open_is_told(inventory, tmp_path):
+    folder = tmp_path / "b\\c[1]"
+    for name in ("drives", "panels"):
+        shutil.copytree(inventory / name, folder / name)
+    shutil.copy(inventory / "fleet.json", folder)
+    with pytest.raises(InputError, match="backslash"):
+        first_rows(folder, "FROM panels", 1)
 
 
 @pytest.mark.parametrize("kind", ["csv", "json", "parquet"])

@@ -19,6 +19,28 @@ from wayside.schemas.errors import InputError, InterruptionError, OutputError
 DONE = ("done", 0)
 
 
+@pytest.mark.parametrize("name", ["../../outside", "/outside", "", "..", ".x", "a/b", "x" * 300])
+def test_a_manifest_whose_log_is_no_folder_of_the_inventory_is_refused(fleet, tmp_path, name):
+    seen = fleet({"a": "one"})
+    log = tmp_path / "logs" / "a.mcap"
+    entry = replace(read_manifest(seen.inventory).logs["a"], name=name, state="waiting")
+    write_manifest(seen.inventory, Manifest({name: entry}))
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="no name of a folder"):
+        fleet({}, given=[str(log)])
+    with pytest.raises(InputError, match="no name of a folder"):
+        format_status(seen.inventory)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_log_of_a_very_long_name_is_a_log_like_others(fleet, tmp_path):
+    seen = fleet({"a": "one"})
+    log = tmp_path / "logs" / ("x" * 252)
+    log.write_text("two")
+    fleet({}, given=[str(log)])
+    assert [state for state, _ in seen.states.values()] == ["done"]
+
+
 def test_every_log_is_done_although_a_worker_dies(fleet):
     seen = fleet({"a": "one", "b": "die then two", "c": "three"})
     assert seen.states == {"a": DONE, "b": DONE, "c": DONE}

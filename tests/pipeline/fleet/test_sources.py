@@ -79,3 +79,22 @@ def test_logs_of_one_name_are_told_apart_by_their_folders():
     assert free_name("/x/2026/A.mcap", {"a"}) == "2026_A"
     assert free_name("/x/2026/A.mcap", {"a", "2026_a"}) == "A_2"
     assert free_name("/x/2026/.hidden.mcap", ()) == "hidden"
+    for ordinary in ("drive", "2026-05-01T10:00:00", "a b (1)[2]", "fahrt_müller", "x" * 250):
+        assert free_name(f"/x/{ordinary}.mcap", ()) == ordinary
+
+
+@pytest.mark.parametrize(
+    "stem",
+    ["x" * 252, "é" * 130, "a\\..\\b", "a\nb", "\udcff", "..", "a*b?", "...", "\U0001f6d1" * 70],
+)
+def test_names_of_folders_are_short_plain_and_different(stem, tmp_path):
+    names = [free_name(f"/{parent}/{stem}", ()) for parent in ("a", "b")]
+    names.append(free_name(f"/{'p' * 200}/{stem}", {names[0].casefold()}))
+    names.append(free_name(f"/a/{stem}y", {name.casefold() for name in names}))
+    assert names[0] == names[1]
+    assert len(set(names)) == 3
+    for name in set(names):
+        (tmp_path / f"{name}.mcap").mkdir()
+        assert not set(name) & set("/\\\n*?")
+        assert not name.startswith(".")
+    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.mcap" for name in set(names)}

@@ -1,0 +1,199 @@
+"""The vector by which all panels of one drive differ from those of another: another datum, another base station.
+
+No receiver states such an error, so what it states does not bound the vector. A vector counts where more supports agree
+on it, to within the errors of their own panels, than chance makes. Only panels without a like nearby have a say: in a
+row of equal ones many vectors fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, poisson
+
+from wayside.schemas.settings.merging import MergeSettings
+from wayside.schemas.sightings import Rows, Sightings
+from wayside.stages.inventory.association import face_log_ratio, facing_pairs, responsibilities
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+_TRIED = 64
+"""Differences of two drives that are tried as their vector: one that many supports share is among them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Differences(Rows):
+    """Pairs of sightings that may be of one panel; m rows.
+
+    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `vector_reach_m`
+    within which no other pair of these drives holds one of the two, 0: none; apart_m (m, 3): second less first, east,
+    north, up; own, stated (m, 3): variances of that, of the panels relative to the cameras nearby and of the errors
+    common to neighbouring panels.
+    """
+
+    drive: Ints
+    support: Ints
+    alone_m: Floats
+    apart_m: Floats
+    own: Floats
+    stated: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """What the panels of two drives agree on.
+
+    vector_m, sigma_m (3,): the second drive less the first, east, north, up; zero where the errors that both state
+    explain it. supports: how many agree. clear: False where only equal panels beside each other do.
+    """
+
+    vector_m: Floats
+    sigma_m: Floats
+    supports: int
+    clear: bool = True
+
+    def __str__(self) -> str:
+        """The vector for a person."""
+        axes = zip(self.vector_m, self.sigma_m, ("east", "north", "up"), strict=True)
+        words = ", ".join(f"{round(v, 2) + 0.0:+.2f} ± {s:.2f} m {axis}" for v, s, axis in axes)
+        return f"{words}, as {self.supports} supports agree"
+
+
+def measure_differences(
+    sightings: Sightings, counted: Flags, settings: MergeSettings
+) -> Differences:
+    """Pairs of rows with one face that look the same way, within `vector_reach_m`; counted (n,) of the first."""
+    longest = max(settings.vector_reach_m)
+    i, j = facing_pairs(sightings, sightings.position, longest, settings).T
+    same = face_log_ratio(sightings, i, j, settings) > 0
+    i, j = i[same], j[same]
+    apart = sightings.position[j] - sightings.position[i]
+    alone = np.zeros(len(i))
+    for reach in settings.vector_reach_m:
+        near = np.flatnonzero(np.hypot(*apart.T[:2]) <= reach)
+        share = responsibilities(sightings, i[near], j[near], np.zeros(len(near)))
+        alone[near[share == 1]] = reach
+    own = sightings.covariance[:, [0, 1, 2], [0, 1, 2]]
+    stated = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
+    return Differences(
+        np.column_stack([sightings.drive[i], sightings.drive[j]]),
+        sightings.assembly[i],
+        alone,
+        apart,
+        own[i] + own[j],
+        stated[i] + stated[j],
+    ).select(counted[i])
+
+
+def agreement_of(pairs: Differences, settings: MergeSettings) -> Agreement | None:
+    """What two drives agree on, from all pairs of these two; None where chance may make it.
+
+    First to within the errors of the panels alone, as common errors hardly change along a short drive; else to within
+    all stated errors. First within a short reach, where most panels have no like; else within a longer one.
+    """
+    length = np.hypot(*pairs.apart_m.T[:2])
+    for reach in settings.vector_reach_m:
+        alone = pairs.select((length <= reach) & (pairs.alone_m >= reach))
+        found = _agreement(alone, reach, settings)
+        if found is not None:
+            return found
+    found = _agreement(pairs, max(settings.vector_reach_m), settings)
+    if found is None or not found.vector_m.any():
+        return None
+    return replace(found, clear=False)
+
+
+def _agreement(pairs: Differences, reach_m: float, settings: MergeSettings) -> Agreement | None:
+    """What most supports agree on, to within the errors of their panels or all stated errors."""
+    spreads = (pairs.own, pairs.own + pairs.stated) if len(pairs.apart_m) else ()
+    tried = (_consensus(pairs, spread, reach_m, settings) for spread in spreads)
+    return next((found for found in tried if found is not None), None)
+
+
+def _consensus(
+    pairs: Differences, spread: Floats, reach_m: float, settings: MergeSettings
+) -> Agreement | None:
+    """What most supports agree on to within variances (m, 3).
+
+    Supports are counted, as panels on one support move together. Chance puts differences anywhere along the reach. As
+    chance count the supports that agree without any vector, too, so that a few panels that were moved are no vector.
+    """
+    gate, nearest2 = float(chi2.ppf(settings.probability, 3)), settings.near_sigmas**2
+    apart, total, count = pairs.apart_m, pairs.own + pairs.stated, len(spread)
+    tried = np.arange(0, count, max(1, count // _TRIED))
+    agree = _distance2(apart - apart[tried, None], spread + spread[tried, None]) < gate
+    best = agree[np.argmax(_count_supports(agree, pairs.support))]
+    near = _distance2(apart - _mean(apart, spread, best), total) < gate
+    vector, stated = _mean(apart, total, near | best), pairs.stated[near | best].mean(axis=0)
+    is_zero = bool(_distance2(vector, stated) < nearest2)
+    unmoved = 0
+    if not is_zero:
+        within = _distance2(apart[tried], total[tried]) < nearest2
+        others = agree[within] & ~np.isin(pairs.support, pairs.support[near])
+        unmoved = int(_count_supports(others, pairs.support).max(initial=0))
+    supports = int(_count_supports(best[None], pairs.support)[0])
+    width_m = float(np.sqrt(gate * spread[best][:, :2].mean()))
+    by_chance = count * width_m / reach_m + unmoved
+    if count * poisson.sf(supports - 2, by_chance) > settings.vector_by_chance:
+        return None
+    sigma = np.sqrt(stated + 1 / (1 / pairs.own[best]).sum(axis=0))
+    return Agreement(vector * (not is_zero), sigma, supports)
+
+
+def reference_vectors(
+    found: Mapping[tuple[int, int], Agreement], first_ns: Mapping[int, int]
+) -> dict[int, tuple[int, Agreement]]:
+    """The reference of each drive that differs, and how: of those connected the most that agree, or the earliest.
+
+    Parameters
+    ----------
+    found
+        By two drives, the lower first.
+    first_ns
+        By drive, when it saw its first panel.
+    """
+    clear = {pair: one for pair, one in found.items() if one.clear}
+    order = sorted(clear, key=lambda pair: (-clear[pair].supports, pair))
+    alike = {drive: {drive} for pair in order for drive in pair}
+    for a, b in order:
+        if not clear[a, b].vector_m.any() and alike[a] is not alike[b]:
+            alike[a] |= alike[b]
+            alike |= dict.fromkeys(alike[b], alike[a])
+    placed: dict[int, tuple[int, Agreement]] = {}
+    none = Agreement(np.zeros(3), np.zeros(3), 0)
+    for drive in sorted(alike, key=lambda drive: (-len(alike[drive]), first_ns[drive], drive)):
+        if drive not in placed:
+            placed |= dict.fromkeys(alike[drive], (drive, none))
+        joining: tuple[int, int] | None = (drive, drive)
+        while joining is not None:
+            joining = next((p for p in order if (p[0] in placed) != (p[1] in placed)), None)
+            if joining is not None:
+                one, (known, other) = clear[joining], joining
+                sign = 1.0
+                if other in placed:
+                    known, other, sign = other, known, -1.0
+                reference, before = placed[known]
+                vector = before.vector_m + sign * one.vector_m
+                placed |= dict.fromkeys(alike[other], (reference, replace(one, vector_m=vector)))
+    return {drive: told for drive, told in placed.items() if told[1].vector_m.any()}
+
+
+def _count_supports(rows: Flags, support: Ints) -> Ints:
+    """Number of different supports (t,) among the pairs that each of rows (t, m) holds; support (m,)."""
+    order = np.argsort(support, kind="stable")
+    first = np.unique(support[order], return_index=True)[1]
+    return np.asarray(np.logical_or.reduceat(rows[:, order], first, axis=1).sum(axis=1), np.int64)
+
+
+def _mean(values: Floats, variance: Floats, rows: Flags) -> Floats:
+    """Mean (3,) of some rows of values (m, 3) by the inverse of their variances."""
+    return np.asarray(np.average(values[rows], axis=0, weights=1 / variance[rows]), np.float64)
+
+
+def _distance2(apart: Floats, variance: Floats) -> Floats:
+    """Squared Mahalanobis distances (...,) of differences (..., 3)."""
+    return np.asarray((np.square(apart) / variance).sum(axis=-1), np.float64)
