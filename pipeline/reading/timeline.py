@@ -29,6 +29,8 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Fix, Pose, PosePrior, turn_deg
 from wayside.stages.odometry import AXES, CameraPath
 
+_STANDS = 0.02
+"""Poses that stand still have no scale: the images contradict them."""
 _SCALE_REACH_M, _FEWEST_SCALES, _SCALE_FACTOR = 40.0, 3, 1.6
 """Lengths of so many metres by fixes tell a scale that no receiver is off by: that of feet, or an arbitrary one."""
 _STANDING = Pose(next(iter(AXES.values())), np.zeros(3))
@@ -125,7 +127,7 @@ def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
             ratios.append(float(np.linalg.norm(centres[1] - centres[0])) / by_fixes)
             start = end
     ratio = float(np.median(ratios)) if len(ratios) >= _FEWEST_SCALES else 1.0
-    if 1 / _SCALE_FACTOR < ratio < _SCALE_FACTOR:
+    if 1 / _SCALE_FACTOR < ratio < _SCALE_FACTOR or ratio < _STANDS:
         return True
     timeline.notes.append(
         f"the {stream.words} are left out: their lengths are {ratio:.2f} times those of the fixes; record them in "

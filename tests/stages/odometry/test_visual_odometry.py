@@ -30,7 +30,9 @@ from wayside.schemas.settings import (
     TieSettings,
 )
 from wayside.stages.odometry.drive_motion import estimate_motion
-from wayside.stages.odometry.features import extract_features
+from wayside.stages.odometry.features import extract_features, tie_corners
+from wayside.stages.odometry.motion_agreement import image_step
+from wayside.stages.odometry.tie_points import KeypointImage
 
 CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
 SPACING = 8.0
@@ -462,3 +464,26 @@ def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
     for item, i in zip(found, order, strict=True):
         true = poses[i].relative_to(poses[0]).centre
         assert item.motion.pose.centre == pytest.approx(true, abs=0.3)
+
+
+def keypoints(scene, pose):
+    grey = scene.image(pose)
+    return KeypointImage.of_corners(CAMERA, grey, *tie_corners(grey, FeatureSettings()))
+
+
+def test_images_tell_rotation_and_direction_of_travel_by_themselves():
+    poses = drive_poses(6, yaw_deg=2.0)
+    scene = Scene(poses)
+    images = [keypoints(scene, pose) for pose in poses]
+    settings = MotionSettings(), TieSettings()
+    steps = [image_step((i, i + 1), images[i], images[i + 1], *settings) for i in range(5)]
+    found = [step for step in steps if step is not None]
+    assert len(found) >= 3
+    for step in found:
+        i = step.first
+        true = poses[i + 1].relative_to(poses[i])
+        off = Rotation.from_matrix(step.rotation.T @ true.rotation).magnitude()
+        assert np.degrees(off) < 0.5
+        along = step.direction @ true.centre / np.linalg.norm(true.centre)
+        assert np.degrees(np.arccos(min(along, 1.0))) < 4
+    assert image_step((0, 0), images[0], images[0], *settings) is None

@@ -1,0 +1,129 @@
+"""The demo drive with its poses in other conventions, scales and places: used right, or left out and said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.writer import Writer
+from scipy.spatial.transform import Rotation
+
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import ReadSettings
+from wayside.stages.odometry import AXES
+
+DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def write(path, pose=None, fix=None, without=()):
+    """The demo drive with each pose (rotation, centre) and fix changed."""
+    with DEMO.open("rb") as source, path.open("wb") as stream, Writer(stream) as writer:
+        reader = make_reader(source, decoder_factories=[DecoderFactory()])
+        for _, channel, record, message in reader.iter_decoded_messages():
+            if channel.topic in without:
+                continue
+            if channel.topic == "/pose" and pose is not None:
+                q, p = message.pose.orientation, message.pose.position
+                rotation, centre = pose(
+                    Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), np.array([p.x, p.y, p.z])
+                )
+                q.x, q.y, q.z, q.w = Rotation.from_matrix(rotation).as_quat().tolist()
+                p.x, p.y, p.z = centre.tolist()
+            if channel.topic == "/gps" and fix is not None:
+                fix(message)
+            writer.write_message(channel.topic, message, record.log_time, record.publish_time)
+    return path
+
+
+def read(path, **settings):
+    report = ReadReport()
+    return list(read_frames(path, ReadSettings(**settings), report)), report
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return read(DEMO)[0]
+
+
+def assert_as(frames, sound):
+    for frame, other in zip(frames, sound, strict=True):
+        assert frame.pose.pose.centre == pytest.approx(other.pose.pose.centre, abs=1e-6)
+        assert frame.pose.pose.rotation == pytest.approx(other.pose.pose.rotation, abs=1e-6)
+
+
+CONVENTIONS = {
+    **{
+        axes: (lambda r, c, m=mount: (r @ m.T, c), f"of a vehicle ({axes})")
+        for axes, mount in AXES.items()
+    },
+    "north, east, down": (
+        lambda r, c: (DOWN @ r @ AXES["x forward, y right, z down"].T, DOWN @ c),
+        "of a vehicle (x forward, y right, z down)",
+    ),
+    "camera in a world with z down": (lambda r, c: (DOWN @ r, DOWN @ c), "has z down"),
+    "inverted": (lambda r, c: (r.T, -r.T @ c), "the world in the camera"),
+}
+
+
+@pytest.mark.parametrize("convention", sorted(CONVENTIONS))
+def test_poses_of_one_known_convention_are_used_so_and_it_is_noted(tmp_path, sound, convention):
+    change, words = CONVENTIONS[convention]
+    frames, report = read(write(tmp_path / "drive.mcap", change))
+    assert_as(frames, sound)
+    assert len(report.notes) == 1
+    assert words in report.notes[0]
+
+
+def test_the_world_of_the_first_camera_is_turned_upright(tmp_path, sound):
+    first = sound[0].pose.pose
+
+    def relative(r, c):
+        return first.rotation.T @ r, first.rotation.T @ (c - first.centre)
+
+    frames, report = read(write(tmp_path / "drive.mcap", relative))
+    assert "has y down, as a camera has" in report.notes[0]
+    rise = [f.pose.pose.centre[2] for f in frames]
+    assert np.ptp(rise) == pytest.approx(
+        np.ptp([f.pose.pose.centre[2] for f in sound]), abs=2.0
+    )  # the camera looks 0.4 deg up
+
+
+CONTRADICTIONS = {
+    "mirrored": lambda r, c: (r, c * [1.0, -1.0, 1.0]),
+    "standing": lambda r, c: (r, 0 * c),
+    "sideways": lambda r, c: (r @ Rotation.from_euler("x", 60, degrees=True).as_matrix(), c),
+}
+
+
+@pytest.mark.parametrize("contradiction", sorted(CONTRADICTIONS))
+def test_poses_that_the_images_contradict_are_left_out_with_the_figures(tmp_path, contradiction):
+    change = CONTRADICTIONS[contradiction]
+    frames, report = read(write(tmp_path / "drive.mcap", change))
+    assert all(f.used and f.pose is None and f.fix is not None for f in frames)
+    assert "the poses of /pose are left out: they contradict the images: 1" in report.notes[0]
+    alone = write(tmp_path / "alone.mcap", change, without=("/gps",))
+    with pytest.raises(InputError, match=r"contradict the images.*--spacing"):
+        read(alone)
+    frames, _ = read(alone, spacing_m=8.05)
+    assert all(f.used and f.pose is None for f in frames)
+
+
+def test_poses_in_feet_are_left_out_where_fixes_tell_their_scale(tmp_path):
+    frames, report = read(write(tmp_path / "drive.mcap", lambda r, c: (r, 3.2808 * c)))
+    assert all(f.pose is None and f.fix is not None for f in frames)
+    assert "their lengths are 3.2" in report.notes[0]
+
+
+def test_poses_that_stop_while_the_camera_goes_on_do_not_hide_its_motion(tmp_path):
+    seen = []
+
+    def stuck(r, c):
+        seen.append((r, c))
+        return seen[min(len(seen) - 1, 11)]
+
+    frames, report = read(write(tmp_path / "drive.mcap", stuck))
+    assert sum(f.used for f in frames) >= 18
+    assert any("left out" in note for note in report.notes)
