@@ -14,6 +14,7 @@ from wayside.pipeline.reading.contents import (
     ImageContent,
 )
 from wayside.pipeline.reading.h264 import H264
+from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.inspection import Inspection, inspect_log
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
@@ -36,6 +37,7 @@ from wayside.schemas.frame import (
     Frame,
 )
 from wayside.schemas.settings import ReadSettings
+from wayside.stages.imaging import used_bits
 
 MOST_WAITING, MOST_WAITING_BYTES = 64, 1 << 26
 _OFTEN_NS = 10**9
@@ -154,12 +156,14 @@ class _Reader:
         """The first calibration serves the images before it, too."""
         topic = self.plan.calibration
         first = None if topic is None else topic.first
-        if isinstance(first, CalibrationContent) and first.camera and not self._is_other(first):
-            self.calibrations.add(-(1 << 62), first.camera)
+        if isinstance(first, CalibrationContent) and not self._is_other(first):
+            if (camera := self.plan.camera_of(first)) is not None:
+                self.calibrations.add(-(1 << 62), camera)
 
     def _is_other(self, content: ImageContent | CalibrationContent) -> bool:
         """Whether an image or a calibration is of a camera that only shares the topic."""
-        return content.frame_id in self.others
+        others = self.plan.other_frames if isinstance(content, CalibrationContent) else self.others
+        return content.frame_id in others
 
     def _take(self, message: Message, number: int, *, is_image: bool) -> None:
         channel, entry = message.channel, int(self.inspection.first[number])
@@ -176,8 +180,8 @@ class _Reader:
             elif self.inspection.wrong[entry]:
                 pass
             elif isinstance(content, CalibrationContent):
-                if content.camera is not None and not self._is_other(content):
-                    self.calibrations.add(time_ns, content.camera)
+                if not self._is_other(content):
+                    self._take_calibration(content, time_ns)
             elif isinstance(content, FixContent):
                 self.fixes.add(time_ns, content.fix)
             elif self.poses is not None:
@@ -188,6 +192,16 @@ class _Reader:
                     self.poses.add(time_ns, moved)
             entry += 1
 
+    def _take_calibration(self, content: CalibrationContent, time_ns: int) -> None:
+        camera, topic = self.plan.camera_of(content), self.plan.calibration
+        if camera is not None:
+            self.calibrations.add(time_ns, camera)
+        elif topic is not None and (content.raw or content.rectified):
+            topic.failed += (
+                1  # it serves images of the other kind only, which the survey did not know
+            )
+            topic.fault = topic.fault or content.why or content.why_rectified
+
     def _wait(self, message: Message, number: int, image: ImageContent | None) -> None:
         report, inspection = self.report, self.inspection
         entry = int(inspection.first[number])
@@ -197,6 +211,8 @@ class _Reader:
             and len(image.data) * _MUCH_SMALLER < memoryview(message.data.obj).nbytes
         ):
             image = replace(image, data=memoryview(bytes(image.data)))
+        if image is not None and image.width and used_bits(frame_of(image)):
+            image = replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
         report.images += 1
         is_other = image is not None and self._is_other(image)
         self.others_seen += is_other

@@ -113,7 +113,7 @@ class _Inspector:
         result, log_ns = self.result, clock.time_ns[self.message]
         order = np.argsort(log_ns, kind="stable") if clock.by_time else np.arange(len(log_ns))
         offsets: dict[int, int] = {}
-        for number in self.names:
+        for number in self._read():
             rows = order[self.stream[order] == number]
             time_ns, wrong, offset = settle_headers(
                 log_ns[rows], self.header_ns[rows], self.window_ns
@@ -123,7 +123,7 @@ class _Inspector:
             off = rows[wrong & (self.header_ns[rows] > 0)]
             apart = self.header_ns[off] - self.log_ns[self.message[off]] - offset
             apart = apart[np.abs(apart) > self.window_ns]  # elsewhere both clocks were set alike
-            if len(apart) and self._is_read(number):
+            if len(apart):
                 self._tell_headers(number, len(rows), apart)
         camera = [offsets[n] for n in self._numbers(self.plan.camera)]
         own = camera[0] if camera else 0
@@ -137,13 +137,13 @@ class _Inspector:
             result.time_ns = result.capture_ns
         return np.asarray(log_ns - (result.time_ns - own))
 
-    def _is_read(self, number: int) -> bool:
+    def _read(self) -> list[int]:
+        """Streams that the plan reads."""
         plan = self.plan
         topics = (plan.camera, plan.calibration, plan.motion, plan.fixes)
-        name = self.names[number][:2]
-        return any(t is not None and (t.name, t.schema) == name for t in topics) or (
-            number in self._moving()
-        )
+        read = {(t.name, t.schema) for t in topics if t is not None}
+        moving = set(self._moving())
+        return [n for n, name in self.names.items() if name[:2] in read or n in moving]
 
     def _tell_headers(self, number: int, count: int, apart: Integers) -> None:
         furthest = int(apart[np.argmax(np.abs(apart))])
@@ -156,9 +156,8 @@ class _Inspector:
     def _order(self, clock: LogClock, lateness_ns: Integers) -> None:
         """Sort all messages by time where images, or what belongs to them, are not in the order of the file."""
         result = self.result
-        read = [n for n in self.names if self._is_read(n)]
         calibration = self._numbers(self.plan.calibration)
-        measured = np.isin(self.stream, [n for n in read if n not in calibration])
+        measured = np.isin(self.stream, [n for n in self._read() if n not in calibration])
         if not len(self.images) or not (
             clock.by_time
             or (np.diff(result.time_ns[self.images]) < 0).any()

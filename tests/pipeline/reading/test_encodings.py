@@ -3,33 +3,11 @@ import json
 import cv2
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.reading.encodings import cut_out_field, unpack_json
+from wayside.pipeline.reading.encodings import unpack_json
 from wayside.pipeline.reading.image_headers import format_word, read_image_header
-
-
-@given(st.binary(max_size=300), st.text(max_size=40), st.integers(0, 2**62))
-def test_cutting_out_a_protobuf_field_leaves_the_others_as_the_stock_reader_sees_them(
-    data, name, time
-):
-    message = CompressedImage(data=data, frame_id=name, format="jpeg")
-    message.timestamp.FromNanoseconds(time % (250 * 10**15))
-    rest, found = cut_out_field(memoryview(message.SerializeToString()), 2)
-    assert bytes(found) == data
-    message.ClearField("data")
-    assert CompressedImage.FromString(rest) == message
-
-
-@given(st.binary(max_size=60))
-def test_bytes_that_are_no_protobuf_raise_value_errors_only(content):
-    try:
-        rest, data = cut_out_field(memoryview(content), 2)
-    except ValueError:
-        return
-    assert len(rest) + len(data) <= len(content)
 
 
 @pytest.mark.parametrize(

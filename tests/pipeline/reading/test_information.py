@@ -54,11 +54,11 @@ def test_each_of_several_cameras_has_its_command(new_log):
 
 def test_a_calibration_of_another_size_is_told(new_log):
     log = new_log()
-    log.add("/camera/calibration", "calibration", 0, width=640, height=480)
+    log.add("/camera/calibration", "calibration", 0, width=64, height=48)
     log.add("/pose", "pose", 0, position=[0, 0, 0], rotation=[0, 0, 0, 1])
     log.add_image(0)
     text = format_information(describe_log(log.finish()))
-    assert "640 x 480" in text
+    assert "64 x 48" in text
     assert "--calibration camera.yaml" in text
 
 
