@@ -112,7 +112,7 @@ def _cameras(
             cameras[images] = make_camera(images, _brought(matrix, *readings[images]), *lens)
         except ContentError as error:
             faults[images] = str(error)
-    return tuple(cameras.values()) if shown in cameras else (), faults.get(shown, "")
+    return tuple(cameras.values()), faults.get(shown, "")
 
 
 def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
@@ -126,20 +126,24 @@ def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
         The principal point does not tell.
     """
     r, k = region, list(matrix)
+    sigma = _CENTRE_SIGMA * max(sensor[0], 1)
     found: list[tuple[float, list[float]]] = []
     for x, y in dict.fromkeys(((1, 1), (r.bin_x, r.bin_y))):
         for left, top in dict.fromkeys(((0, 0), (r.left, r.top))):
             full = [k[0] * x, k[1], k[2] * x + left, k[3], k[4] * y, k[5] * y + top, *k[6:]]
-            off = math.hypot(full[2] - sensor[0] / 2, full[5] - sensor[1] / 2)
-            found.append((off / (_CENTRE_SIGMA * sensor[0]) if sensor[0] else 0.0, full))
-    as_defined, nearest = found[0], min(found, key=lambda one: one[0])
-    gain = (as_defined[0] ** 2 - nearest[0] ** 2) / 2
-    if 1 < gain and not (gain > 4 and nearest[0] < 3):
-        raise ContentError(
-            f"its centre {k[2]:g}, {k[5]:g} does not tell whether its matrix is of the full sensor, or of what binning "
-            "and region of interest leave of it"
-        )
-    full = nearest[1] if gain > 1 else as_defined[1]
+            off = math.hypot(full[2] - sensor[0] / 2, full[5] - sensor[1] / 2) / sigma
+            found.append((off, full))
+    (off, full), *others = found
+    if others and k[0] > 0:
+        least, other = min(others, key=lambda one: one[0])
+        gain = (off**2 - least**2) / 2  # in likelihood, its logarithm
+        apart = math.hypot(full[2] - other[2], full[5] - other[5]) / sigma
+        if min(off, least) > 5 or (1 if apart < 2 else -1) < gain < 4:
+            raise ContentError(
+                f"its centre {k[2]:g}, {k[5]:g} does not tell whether its matrix is of the full sensor, or of what "
+                "binning and region of interest leave of it"
+            )
+        full = other if gain > 1 else full
     full[0], full[2] = full[0] / r.bin_x, (full[2] - r.left) / r.bin_x
     full[4], full[5] = full[4] / r.bin_y, (full[5] - r.top) / r.bin_y
     return tuple(full)

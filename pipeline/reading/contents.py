@@ -41,7 +41,7 @@ class ImageContent:
 class CalibrationContent:
     """Cameras of raw images, and of rectified ones: the first by the definition of the message, others of other sizes.
 
-    why, why_rectified: for what reason there is none.
+    why, why_rectified: for what reason there is no first.
     """
 
     time_ns: int | None
@@ -53,9 +53,9 @@ class CalibrationContent:
 
     def camera_for(self, size: tuple[int, int] | None, *, rectified: bool) -> Camera | None:
         """The camera of images of a size (None: unknown), or the first where none is; None where none can be used."""
-        cameras = self.rectified if rectified else self.raw
+        cameras, why = (self.rectified, self.why_rectified) if rectified else (self.raw, self.why)
         fitting = (camera for camera in cameras if (camera.width, camera.height) == size)
-        return next(fitting, cameras[0] if cameras else None)
+        return next(fitting, cameras[0] if cameras and not why else None)
 
 
 @dataclass(frozen=True, slots=True)

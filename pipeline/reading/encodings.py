@@ -29,6 +29,7 @@ _STANDARD_ALPHABET = str.maketrans("-_", "+/")
 _TEXTS = frozenset(
     ("frame_id", "parent_frame_id", "child_frame_id", "encoding", "format", "distortion_model")
 )
+_NUMBERS = frozenset(("x", "y", "z", "w", "latitude", "longitude", "altitude"))
 _UNSIGNED = ("width", "height", "step", "x_offset", "y_offset", "binning_x", "binning_y")
 _WHOLE_NUMBERS = dict.fromkeys((*_UNSIGNED, "nsec", "nanosec", "nanos"), 0) | {"sec": -(1 << 31)}
 """Whole numbers of at most 32 bits, each with the least it may be."""
@@ -126,5 +127,7 @@ def _attributes(fields: dict[str, Any]) -> SimpleNamespace:
             value.encode()  # raises where an escape made half a character
         elif (least := _WHOLE_NUMBERS.get(name)) is not None:
             if type(value) is not int or not least <= value < 1 << 32:
-                raise ValueError(f"its {name} is {str(value)[:40]!r}, which is no such number")
+                raise ValueError(f"its {name} is {str(value)[:40]!r}, no number that it can be")
+        elif name in _NUMBERS and type(value) not in (int, float):
+            raise ValueError(f"its {name} is {str(value)[:40]!r}, no number")
     return SimpleNamespace(**fields)

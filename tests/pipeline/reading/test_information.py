@@ -92,3 +92,13 @@ def test_a_file_that_is_no_log_is_refused(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"something else")
     with pytest.raises(InputError, match="wanted an MCAP log"):
         describe_log(tmp_path / "log.mcap")
+
+
+def test_of_very_many_topics_a_bounded_number_is_described(new_log):
+    log = new_log("json")
+    for index in range(300):
+        log.add_image(index, topic=f"/c{index}")
+    lines = format_information(describe_log(log.finish())).splitlines()
+    assert len(lines) < 150
+    assert "and 200 more topics" in lines
+    assert "and 294 more cameras" in lines
