@@ -206,35 +206,41 @@ def _choose_calibration(
 ) -> tuple[Topic | None, Camera | None, str]:
     if given is not None:
         return None, given, settings.calibration
-    faults: list[str] = []
+    rectified, size, faults = is_rectified(camera.name), camera.image_size, []
+    found = [
+        (topic, content, content.camera_for(size, rectified=rectified))
+        for topic in survey.of_kind(Kind.CALIBRATION)
+        if isinstance(content := topic.first, CalibrationContent)
+    ]
+    found.sort(key=lambda one: _closeness(camera, size, *one), reverse=True)
     usable: list[tuple[Topic, CalibrationContent, Camera]] = []
-    rectified = is_rectified(camera.name)
-    for topic in survey.of_kind(Kind.CALIBRATION):
-        content = topic.first
-        fault = topic.fault
-        if isinstance(content, CalibrationContent):
-            own = content.camera_for(camera.image_size, rectified=rectified)
-            if own is None:
-                fault = content.why_rectified if rectified else content.why
-            elif not (fault := _of_another(survey, camera, topic.name, content.frame_id, own)):
+    for topic, content, own in found[:_MOST_LISTED]:
+        fault = content.why_rectified if rectified else content.why
+        if own is not None:
+            fault = _of_another(survey, camera, topic.name, content.frame_id, own)
+            if not fault:
                 usable.append((topic, content, own))
                 continue
         faults.append(f"{topic.name}, but {fault}")
     if usable:
-        ranked = sorted(usable, key=lambda one: _closeness(camera, *one), reverse=True)
-        best, *others = (
-            one for one in ranked if _closeness(camera, *one) == _closeness(camera, *ranked[0])
-        )
-        rival = next((topic.name for topic, _, own in others if own != best[2]), "")
-        if not rival:
+        best = usable[0]
+        alike = [
+            topic.name
+            for topic, content, own in usable[1:]
+            if own != best[2]
+            and _closeness(camera, size, topic, content, own) == _closeness(camera, size, *best)
+        ]
+        if not alike:
             return best[0], None, best[0].name
-        faults.append(f"{best[0].name} and {rival}, which differ")
+        faults.append(f"{best[0].name} and {alike[0]}, which differ")
     elif survey.attached_camera is not None:
         name, attached = survey.attachment_name, survey.attached_camera
         fault = _of_another(survey, camera, name, "", attached)
         if not fault:
             return None, attached, f"attachment {name}"
         faults.append(f"attachment {name}, but {fault}")
+    unread = [t for t in survey.of_kind(Kind.CALIBRATION) if t.first is None][:_MOST_LISTED]
+    faults += [f"{topic.name}, but {topic.fault}" for topic in unread]
     raise InputError(
         f"{survey.path}: wanted the calibration of {camera.name}, found {'; '.join(faults) or 'none'}"
         f"{_lost(survey)}; give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)"
@@ -288,16 +294,19 @@ def _words(topic: str) -> set[str]:
 
 
 def _closeness(
-    camera: Topic, topic: Topic, content: CalibrationContent, own: Camera
+    camera: Topic,
+    size: tuple[int, int] | None,
+    topic: Topic,
+    content: CalibrationContent,
+    own: Camera | None,
 ) -> tuple[bool, bool, bool, int, int]:
     """How well a calibration goes with a camera: same size, same frame, both rectified or not, topics alike."""
-    same_frame = bool(content.frame_id) and _bare_frame(camera.camera_frame) == _bare_frame(
-        content.frame_id
-    )
+    same_size = own is not None and (own.width, own.height) == size
+    frame = _bare_frame(content.frame_id)
     a, b = camera.name.split("/"), topic.name.split("/")
     shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
     alike = is_rectified(camera.name) == is_rectified(topic.name)
-    return (own.width, own.height) == camera.image_size, same_frame, alike, shared, -len(b)
+    return same_size, frame == _bare_frame(camera.camera_frame) != "", alike, shared, -len(b)
 
 
 def _choose_motion(survey: LogSurvey, camera: Topic) -> tuple[str, Topic | None]:
