@@ -266,10 +266,15 @@ def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Ca
     known = bool(mine and its)
     if same_place or (known and any(_bare_frame(t.camera_frame) != mine for t in rivals)):
         return ""
-    words = _words(name)
-    shared = len(words & _words(camera.name))
+    here, there = (_words("/".join(_namespace(topic))) for topic in (camera.name, name))
+    if (
+        not known and len(here) == len(there) and set(here) & set(there)
+    ):  # as cam_left and cam_right
+        return "it is of another camera by its name"
+    words = set(_words(name))
+    shared = len(words & set(_words(camera.name)))
     for rival in rivals:
-        closer = len(words & _words(rival.name)) - shared
+        closer = len(words & set(_words(rival.name))) - shared
         if closer + (not known) > 0 and rival.image_size in (None, (own.width, own.height)):
             other = shortened(rival.name)
             if closer > 0:
@@ -289,8 +294,8 @@ def _namespace(topic: str) -> tuple[str, ...]:
     return tuple(parts[: -2 if parts[-1] in _TRANSPORTS else -1])
 
 
-def _words(topic: str) -> set[str]:
-    return set(re.split("[/_.]", topic.lower())) - {""}
+def _words(topic: str) -> list[str]:
+    return re.findall(r"[a-z]+|\d+", topic.lower())
 
 
 def _closeness(

@@ -46,6 +46,20 @@ def test_the_calibration_of_another_camera_is_refused_by_frame_or_name(new_log, 
     assert "not as it is: wanted the calibration of /left/image" in text
 
 
+@pytest.mark.parametrize(
+    ("image", "calibration"),
+    [("/cam_left/image", "/cam_right/camera_info"), ("/cam0/image_raw", "/cam1/camera_info")],
+)
+def test_a_calibration_beside_the_namespace_of_the_images_is_of_another_camera(
+    new_log, image, calibration
+):
+    log = new_log("cdr")
+    log.add(calibration, "calibration", 0, frame="")
+    log.add_image(0, topic=image, frame="")
+    with pytest.raises(InputError, match="of another camera by its name"):
+        first_camera(log.finish())
+
+
 def test_a_calibration_that_may_be_of_either_camera_is_refused(new_log):
     path = two_cameras(new_log("cdr"), ("", ""), "/calibration")
     with pytest.raises(InputError, match="nothing tells whether it is of this camera"):
