@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from wayside.schemas.errors import WaysideError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 
-_MOST_PROBLEMS_SHOWN = 10
+_MOST_PROBLEMS_SHOWN, _MOST_TOPICS_SHOWN, _MOST_CAMERAS_SHOWN = 10, 100, 6
 _SPACING_EXAMPLE = ("--spacing", "26.4ft")
 _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
@@ -78,7 +79,7 @@ def describe_log(
     cameras = survey.cameras
     hindrance = ""
     ways = []
-    for camera in cameras:
+    for camera in sorted(_most(cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name):
         chosen = ReadSettings(
             camera=camera.name, calibration=settings.calibration, spacing_m=settings.spacing_m
         )
@@ -89,6 +90,11 @@ def describe_log(
         except WaysideError as error:
             hindrance = str(error).removeprefix(f"{path}: ")
     return LogInformation(survey, tuple(ways), hindrance)
+
+
+def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
+    """Those topics that have the most messages."""
+    return sorted(topics, key=lambda t: (-t.count, t.name))[:count]
 
 
 def _way(
@@ -134,7 +140,7 @@ def _calibration(plan: Plan) -> Camera | None:
     if plan.camera_given is not None:
         return None if plan.camera_given is _SOME_CAMERA else plan.camera_given
     content = None if plan.calibration is None else plan.calibration.first
-    return content.camera if isinstance(content, CalibrationContent) else None
+    return plan.camera_of(content) if isinstance(content, CalibrationContent) else None
 
 
 def _motion_words(plan: Plan, timeline: Timeline) -> str:
@@ -153,6 +159,8 @@ def format_information(information: LogInformation) -> str:
     lines = [*_head(information), "", *_topics(information)]
     for way in information.ways:
         lines += ["", *_camera(way)]
+    if more := len(information.survey.cameras) - len(information.ways):
+        lines += ["", f"and {more} more cameras"]
     if information.hindrance:
         lines += ["", f"cannot be used: {information.hindrance}"]
     return "\n".join([*lines, "", *_damage(information)])
@@ -170,7 +178,8 @@ def _head(information: LogInformation) -> list[str]:
 
 
 def _topics(information: LogInformation) -> list[str]:
-    topics = sorted(information.survey.topics.values(), key=lambda t: (t.name, t.schema))
+    held = information.survey.topics.values()
+    topics = sorted(_most(held, _MOST_TOPICS_SHOWN), key=lambda t: (t.name, t.schema))
     if not topics:
         return ["no topics"]
     rows = [("topic", "schema", "encoding", "messages", "rate", "used for")]
@@ -182,10 +191,11 @@ def _topics(information: LogInformation) -> list[str]:
             use += f": no usable message ({t.fault or 'none has a value'})"
         rows.append((t.name, t.schema or "none", t.encoding, str(t.count), rate, use))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
+    lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
+    return [*lines, f"and {more} more topics"] if (more := len(held) - len(topics)) else lines
 
 
 def _camera(way: Way) -> list[str]:

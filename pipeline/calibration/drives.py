@@ -165,5 +165,7 @@ def _given(survey: LogSurvey, settings: ReadSettings) -> tuple[Camera | None, st
     except InputError:  # a log without calibration
         return None, ""
     content = None if plan.calibration is None else plan.calibration.first
-    camera = content.camera if isinstance(content, CalibrationContent) else plan.camera_given
+    camera = (
+        plan.camera_of(content) if isinstance(content, CalibrationContent) else plan.camera_given
+    )
     return camera, plan.calibration_source

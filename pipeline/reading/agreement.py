@@ -12,11 +12,11 @@ from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
+from wayside.pipeline.reading.image_headers import format_and_size
 from wayside.pipeline.reading.messages import Decoders, MessageError
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.reading.selection import format_and_size
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.frame import USED, Camera, Frame
 from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings

@@ -11,7 +11,8 @@ import yaml
 
 from wayside.pipeline.input_files import decoded, open_input
 from wayside.pipeline.json_text import CONTENT_FAULTS
-from wayside.pipeline.reading.contents import ContentError, make_camera
+from wayside.pipeline.reading.calibrations import make_camera
+from wayside.pipeline.reading.contents import ContentError
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.yaml_text import YamlLoader, parse_yaml
 from wayside.schemas.errors import InputError

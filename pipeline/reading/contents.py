@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.layout import LATEST_NS
 from wayside.schemas.frame import Camera, Fix
 
@@ -40,12 +39,23 @@ class ImageContent:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationContent:
-    """A calibration; `camera` is None where it cannot be used, and `why` says for what reason."""
+    """Cameras of raw images, and of rectified ones: the first by the definition of the message, others of other sizes.
+
+    why, why_rectified: for what reason there is no first.
+    """
 
     time_ns: int | None
     frame_id: str
-    camera: Camera | None
+    raw: tuple[Camera, ...]
+    rectified: tuple[Camera, ...] = ()
     why: str = ""
+    why_rectified: str = ""
+
+    def camera_for(self, size: tuple[int, int] | None, *, rectified: bool) -> Camera | None:
+        """The camera of images of a size (None: unknown), or the first where none is; None where none can be used."""
+        cameras, why = (self.rectified, self.why_rectified) if rectified else (self.raw, self.why)
+        fitting = (camera for camera in cameras if (camera.width, camera.height) == size)
+        return next(fitting, cameras[0] if cameras and not why else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,78 +95,11 @@ class FixContent:
 
 Content = ImageContent | CalibrationContent | PoseContent | FixContent
 
-_SUPPORTED_LENSES = {"", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"}
-_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
-_ROUNDING = 1e-9
-"""Entries of a camera matrix smaller than this, relative to its focal length, are errors of rounding."""
-_LARGEST_IMAGE_PX = 200_000_000
-"""The largest survey cameras have 150 million; each pixel takes some dozen bytes while its image is processed."""
-_NARROWEST_DEG, _WIDEST_DEG = 0.1, 170.0
-"""Of a telescope, and of a lens whose image a plane can hold; other angles are a slip in the focal length."""
-
 
 def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
     """Nanoseconds of a time stamp; None where it is not set (0), or not before `LATEST_NS`."""
     stamp = int(seconds) * 10**9 + int(nanoseconds)
     return stamp if stamp and abs(stamp) < LATEST_NS else None
-
-
-OTHER_LENSES = (
-    "positions follow from pinhole rays; for a fisheye fit --model rational to images of a board, or remap the images "
-    "to a pinhole first (cv2.fisheye.undistortImage)"
-)
-"""What to do where a lens has another model."""
-
-
-def check_video_format(name: str) -> None:
-    """Refuse a video that is not of H.264 by the name of its format; raises ContentError."""
-    if name.lower() != H264:
-        raise ContentError(f"it is video of the format {name!r}; h264 is understood")
-
-
-def make_camera(
-    size: tuple[int, int], k: tuple[float, ...], model: str, d: tuple[float, ...]
-) -> Camera:
-    """A camera of the 3x3 matrix `k` (row by row) and the distortion `d` of a lens model by its ROS name.
-
-    Raises
-    ------
-    ContentError
-        The camera is not calibrated, its pixels are skewed, or its lens is none that can be used.
-    """
-    if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
-        raise ContentError("it has no focal length (not calibrated)")
-    width, height = size
-    if min(size) <= 0 or width * height > _LARGEST_IMAGE_PX:
-        raise ContentError(f"its image size {width} x {height} makes no sense")
-    for focal, centre, length in ((k[0], k[2], width), (k[4], k[5], height)):
-        angle = math.degrees(2 * math.atan2(length / 2, focal))
-        if not _NARROWEST_DEG < angle < _WIDEST_DEG:
-            raise ContentError(
-                f"its focal length {focal:g} px makes an angle of view of {angle:.3g} degrees over {length} px"
-            )
-        if not -length <= centre <= 2 * length:
-            raise ContentError(
-                f"its centre {centre:g} px lies far outside of the image of {length} px"
-            )
-    if not any(d):
-        d = ()
-    if d and model.lower() not in _SUPPORTED_LENSES:
-        raise ContentError(
-            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are: {OTHER_LENSES}"
-        )
-    if len(d) not in _COEFFICIENTS:
-        raise ContentError(
-            f"its lens has {len(d)} coefficients; 0, 4, 5, 8, 12 or 14 are understood"
-        )
-    if abs(k[1]) > _ROUNDING * k[0]:
-        raise ContentError(
-            f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "
-            "calibrate with skew fixed at 0"
-        )
-    if max(abs(k[3]), abs(k[6]), abs(k[7])) > _ROUNDING * k[0] or abs(k[8] - 1) > _ROUNDING:
-        raise ContentError("its camera matrix is not of the form fx 0 cx, 0 fy cy, 0 0 1")
-    return Camera(size[0], size[1], k[0], k[4], k[2], k[5], d)
 
 
 NO_COVARIANCE = "a covariance with variances that are negative or not a number"

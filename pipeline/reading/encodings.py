@@ -1,12 +1,8 @@
-"""Bytes of a message to an object with the message's fields as attributes: protobuf, ROS 2 CDR, JSON.
-
-The pixels of an image (its field `data`) are handed on beside it and, where the encoding allows it, not copied:
-they are most of a log.
-"""
+"""Bytes of a message to an object with the message's fields as attributes: protobuf, ROS 2 CDR, JSON."""
 
 from __future__ import annotations
 
-import binascii
+import base64
 import json
 from collections.abc import Callable
 from functools import cache
@@ -28,6 +24,15 @@ Unpack = Callable[[memoryview], Unpacked]
 _NOTHING = memoryview(b"")
 _VIDEO_FIELDS = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format"
 """Of the one type that is understood and not of ROS itself; https://github.com/foxglove/schemas"""
+
+_STANDARD_ALPHABET = str.maketrans("-_", "+/")
+_TEXTS = frozenset(
+    ("frame_id", "parent_frame_id", "child_frame_id", "encoding", "format", "distortion_model")
+)
+_NUMBERS = frozenset(("x", "y", "z", "w", "latitude", "longitude", "altitude"))
+_UNSIGNED = ("width", "height", "step", "x_offset", "y_offset", "binning_x", "binning_y")
+_WHOLE_NUMBERS = dict.fromkeys((*_UNSIGNED, "nsec", "nanosec", "nanos"), 0) | {"sec": -(1 << 31)}
+"""Whole numbers of at most 32 bits, each with the least it may be."""
 
 
 class EncodingError(ValueError):
@@ -66,58 +71,13 @@ def _protobuf(channel: Channel) -> Unpack:
         raise EncodingError(f"its protobuf schema is damaged ({error})") from error
     if decode is None:
         raise EncodingError(f"its schema is in {schema.encoding!r}, not protobuf")
-    field = decode(b"").DESCRIPTOR.fields_by_name.get("data")
 
     def unpack(content: memoryview) -> Unpacked:
-        if field is None or field.type != field.TYPE_BYTES:
-            return decode(bytes(content)), _NOTHING
-        rest, data = cut_out_field(content, field.number)
-        return decode(rest), data
+        message = decode(bytes(content))
+        data = getattr(message, "data", b"")
+        return message, memoryview(data) if isinstance(data, bytes) else _NOTHING
 
     return unpack
-
-
-def cut_out_field(content: memoryview, number: int) -> tuple[bytes, memoryview]:
-    """A protobuf message without its length-delimited field `number`, and that field's bytes (the last, if repeated).
-
-    Wire format: https://protobuf.dev/programming-guides/encoding. Raises ValueError where a length does not fit.
-    """
-    rest, data = bytearray(), _NOTHING
-    position, end = 0, len(content)
-    while position < end:
-        start = position
-        tag, position = _varint(content, position)
-        wire_type = tag & 7
-        if wire_type == 0:
-            _, position = _varint(content, position)
-        elif wire_type == 1:
-            position += 8
-        elif wire_type == 5:
-            position += 4
-        elif wire_type == 2:
-            length, position = _varint(content, position)
-            position += length
-        else:
-            raise ValueError(f"wire type {wire_type} in a protobuf message")
-        if position > end:
-            raise ValueError("a protobuf field reaches beyond its message")
-        if wire_type == 2 and tag >> 3 == number:
-            data = content[position - length : position]
-        else:
-            rest += content[start:position]
-    return bytes(rest), data
-
-
-def _varint(content: memoryview, position: int) -> tuple[int, int]:
-    value = shift = 0
-    while position < len(content) and shift < 70:
-        byte = content[position]
-        position += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, position
-        shift += 7
-    raise ValueError("a protobuf number without an end")
 
 
 @cache
@@ -141,21 +101,33 @@ def _cdr(type_name: str) -> Unpack:
 
 
 def unpack_json(content: memoryview) -> Unpacked:
-    """A JSON message; the base64 text of `data`, which holds no escapes, is not sent through the JSON reader."""
-    text = bytes(content)
-    key = text.find(b'"data"')
-    quote = text.find(b'"', key + 6)
-    closing = text.find(b'"', quote + 1)
-    if key >= 0 and closing > 0 and text[key + 6 : quote].strip() == b":":
-        message = _attributes(text[: quote + 1] + text[closing:])
-        return message, memoryview(binascii.a2b_base64(text[quote + 1 : closing]))
-    message = _attributes(text)
-    numbers = getattr(message, "data", None)
-    return message, memoryview(bytes(numbers)) if isinstance(numbers, list) else _NOTHING
+    """A JSON message; its `data` is base64, with line breaks or without, in either alphabet, or a list of bytes.
 
-
-def _attributes(text: bytes) -> Any:
-    message = json.loads(text, object_hook=lambda fields: SimpleNamespace(**fields))
+    Raises
+    ------
+    ValueError
+        It is no object, or a field that is known has a value of another type.
+    """
+    message = json.loads(bytes(content), object_hook=_attributes)
     if not isinstance(message, SimpleNamespace):
         raise ValueError("a JSON message that is no object")
-    return message
+    data = getattr(message, "data", None)
+    if isinstance(data, str):
+        text = "".join(data.split()).translate(_STANDARD_ALPHABET)
+        return message, memoryview(base64.b64decode(text + "=" * (-len(text) % 4), validate=True))
+    return message, memoryview(bytes(data)) if isinstance(data, list) else _NOTHING
+
+
+def _attributes(fields: dict[str, Any]) -> SimpleNamespace:
+    """An object of JSON; JSON alone does not hold its writer to the types of the schema."""
+    for name, value in fields.items():
+        if name in _TEXTS:
+            if not isinstance(value, str):
+                raise ValueError(f"its {name} is no text")
+            value.encode()  # raises where an escape made half a character
+        elif (least := _WHOLE_NUMBERS.get(name)) is not None:
+            if type(value) is not int or not least <= value < 1 << 32:
+                raise ValueError(f"its {name} is {str(value)[:40]!r}, no number that it can be")
+        elif name in _NUMBERS and type(value) not in (int, float):
+            raise ValueError(f"its {name} is {str(value)[:40]!r}, no number")
+    return SimpleNamespace(**fields)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
+from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Decoders, MessageError
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
@@ -28,6 +29,7 @@ from wayside.schemas.frame import (
     Frame,
 )
 from wayside.schemas.settings import ReadSettings
+from wayside.stages.imaging import used_bits
 
 
 @dataclass(slots=True)
@@ -159,7 +161,11 @@ class _Reader:
         except MessageError:
             return None
         image = contents[0] if contents else None
-        return image if isinstance(image, ImageContent) else None
+        if not isinstance(image, ImageContent):
+            return None
+        if image.width and used_bits(frame_of(image)):
+            return replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
+        return image
 
     def _finish(self) -> None:
         report, plan = self.report, self.plan

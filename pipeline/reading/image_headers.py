@@ -1,20 +1,37 @@
-"""Format and size of a compressed image from its header, without decoding it."""
+"""Format and size of an image before it is decoded, and whether it can be."""
 
 from __future__ import annotations
 
-import re
-from typing import Literal, NamedTuple
+import warnings
+from io import BytesIO
+from typing import NamedTuple
 
+from PIL.AvifImagePlugin import AvifImageFile
+from PIL.BmpImagePlugin import BmpImageFile
+from PIL.ImageFile import ImageFile
+from PIL.JpegImagePlugin import JpegImageFile
+from PIL.PngImagePlugin import PngImageFile
+from PIL.TiffImagePlugin import TiffImageFile
+from PIL.WebPImagePlugin import WebPImageFile
+
+from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264, read_stream
+from wayside.schemas.frame import FRAME_STATUS_WORDS, USED, Frame
+from wayside.stages.imaging import decode_pixels, raw_samples
 
-_PNG = b"\x89PNG\r\n\x1a\n"
-_START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_WITHOUT_LENGTH = frozenset({0x01, *range(0xD0, 0xD9)})
-_FORMAT_WORDS = {w: w for w in ("jpeg", "png", "webp", "tiff", "bmp", "avif", "h264")} | {
-    "jpg": "jpeg",
-    "tif": "tiff",
+_FORMATS: dict[str, tuple[int, tuple[bytes, ...], type[ImageFile]]] = {
+    "jpeg": (0, (b"\xff\xd8",), JpegImageFile),
+    "png": (0, (b"\x89PNG\r\n\x1a\n",), PngImageFile),
+    "webp": (8, (b"WEBP",), WebPImageFile),
+    "tiff": (0, (b"II*\0", b"MM\0*"), TiffImageFile),
+    "bmp": (0, (b"BM",), BmpImageFile),
+    "avif": (4, (b"ftypavif", b"ftypavis"), AvifImageFile),
 }
-_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+"""Compressed images: what they begin with, and where; and what reads their size."""
+_START_CODES = (b"\0\0\0\1", b"\0\0\1")
+_FORMAT_WORDS = {word: word for word in (*_FORMATS, H264)} | {"jpg": "jpeg", "tif": "tiff"}
+_LARGEST_TRIED_PX = 50_000_000
+"""Nothing larger is decoded only to see whether it can be; each pixel takes some bytes."""
 
 
 class ImageHeader(NamedTuple):
@@ -28,24 +45,23 @@ class ImageHeader(NamedTuple):
 def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
     """Header of an image; None where it is of none of these formats, or cut before its size.
 
-    JPEG (ITU-T T.81, annex B), PNG, WebP (RFC 9649), TIFF 6.0 (its first image), BMP, AVIF (the largest size it names),
-    H.264 (a piece that begins with its sequence set).
+    Of TIFF the first image, of H.264 a piece that begins with its sequence set.
     """
     start = bytes(data[:16])
-    if start[:2] == b"\xff\xd8":
-        return _read_jpeg(data)
-    if start[:8] == _PNG and start[12:16] == b"IHDR":
-        return _sized("png", data, (16, 4), (20, 4), "big")
-    if start[:4] == b"RIFF" and start[8:12] == b"WEBP":
-        return _read_webp(data, start[12:16])
-    if start[:4] in (b"II*\0", b"MM\0*"):
-        return _read_tiff(data, "little" if start[:2] == b"II" else "big")
-    if start[:2] == b"BM":
-        return _sized("bmp", data, (18, 4), (22, 4), "little")
-    if start[:4] == b"\0\0\0\1" or start[:3] == b"\0\0\1":
-        return _read_h264(data)
-    if start[4:12] in (b"ftypavif", b"ftypavis"):
-        return _read_avif(bytes(data[:4096]))
+    if start.startswith(_START_CODES):
+        try:
+            found, _ = read_stream(data, None)
+        except ValueError:
+            return None
+        return found and ImageHeader(H264, found.width, found.height)
+    for name, (place, begins, reader) in _FORMATS.items():
+        if start.startswith(begins, place):
+            try:
+                with warnings.catch_warnings(action="ignore"), reader(BytesIO(data)) as image:
+                    width, height = image.size
+            except Exception:  # each reader has errors of its own for damaged bytes
+                return None
+            return ImageHeader(name, width, height) if width > 0 and height > 0 else None
     return None
 
 
@@ -57,85 +73,32 @@ def format_word(text: str) -> str:
     return text
 
 
-def _read_jpeg(data: bytes | memoryview) -> ImageHeader | None:
-    position, end = 2, len(data)
-    while position + 4 <= end and data[position] == 0xFF:
-        marker = data[position + 1]
-        if marker == 0xFF:  # fill byte
-            position += 1
-        elif marker in _WITHOUT_LENGTH:
-            position += 2
-        elif marker in _START_OF_FRAME:
-            height = _big_endian(data[position + 5 : position + 7])
-            width = _big_endian(data[position + 7 : position + 9])
-            whole = position + 9 <= end and width > 0 and height > 0
-            return ImageHeader("jpeg", width, height) if whole else None
-        else:
-            position += 2 + _big_endian(data[position + 2 : position + 4])
-    return None
+def format_and_size(image: ImageContent) -> tuple[str, int, int]:
+    """Encoding in a word, width and height; 0 where only decoding will tell."""
+    if image.width:
+        return image.encoding, image.width, image.height
+    header = read_image_header(image.data)
+    return (format_word(image.encoding), 0, 0) if header is None else header
 
 
-def _big_endian(data: bytes | memoryview) -> int:
-    return int.from_bytes(data, "big")
+def image_fault(image: ImageContent) -> str:
+    """Why an image cannot be decoded, in words; empty where it can, or is a picture of a video, which needs others."""
+    encoding, width, height = format_and_size(image)
+    if image.encoding == H264 or width * height > _LARGEST_TRIED_PX:
+        return ""
+    if not width:
+        return f"its format {encoding!r} is not understood, or its header is damaged"
+    one = frame_of(image)
+    status, _ = decode_pixels(one)
+    if status != USED and image.width and read_image_header(image.data) is None:
+        try:
+            raw_samples(one)
+        except ValueError as error:
+            return str(error)
+    return "" if status == USED else f"it {FRAME_STATUS_WORDS[status]}"
 
 
-def _sized(
-    encoding: str,
-    data: bytes | memoryview,
-    width: tuple[int, int],
-    height: tuple[int, int],
-    order: Literal["little", "big"],
-) -> ImageHeader | None:
-    """Header with width and height at given offsets, of given lengths in bytes; a negative height is upside down."""
-    if len(data) < sum(height):
-        return None
-    w = int.from_bytes(data[width[0] : sum(width)], order)
-    h = abs(int.from_bytes(data[height[0] : sum(height)], order, signed=encoding == "bmp"))
-    return ImageHeader(encoding, w, h) if w and h else None
-
-
-def _read_webp(data: bytes | memoryview, kind: bytes) -> ImageHeader | None:
-    if len(data) < 30:
-        return None
-    if kind == b"VP8 ":
-        found = _sized("webp", data, (26, 2), (28, 2), "little")
-        return found and ImageHeader("webp", found.width & 0x3FFF, found.height & 0x3FFF)
-    if kind == b"VP8L":
-        bits = int.from_bytes(data[21:25], "little")
-        return ImageHeader("webp", (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1)
-    if kind == b"VP8X":
-        width, height = (int.from_bytes(data[i : i + 3], "little") + 1 for i in (24, 27))
-        return ImageHeader("webp", width, height)
-    return None
-
-
-def _read_tiff(data: bytes | memoryview, order: Literal["little", "big"]) -> ImageHeader | None:
-    directory = int.from_bytes(data[4:8], order)
-    sizes: dict[int, int] = {}
-    for k in range(int.from_bytes(data[directory : directory + 2], order)):
-        entry = bytes(data[directory + 2 + 12 * k : directory + 14 + 12 * k])
-        if len(entry) < 12:
-            return None
-        tag, kind = int.from_bytes(entry[:2], order), int.from_bytes(entry[2:4], order)
-        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT):
-            value = int.from_bytes(entry[8:10] if kind == 3 else entry[8:12], order)
-            sizes[tag] = max(value, sizes.get(tag, 0))
-    width, height = sizes.get(_TIFF_WIDTH, 0), sizes.get(_TIFF_HEIGHT, 0)
-    return ImageHeader("tiff", width, height) if width and height else None
-
-
-def _read_h264(data: bytes | memoryview) -> ImageHeader | None:
-    try:
-        found, _ = read_stream(data, None)
-    except ValueError:
-        return None
-    return found and ImageHeader(H264, found.width, found.height)
-
-
-def _read_avif(start: bytes) -> ImageHeader | None:
-    sizes = [
-        (_big_endian(start[at + 8 : at + 12]), _big_endian(start[at + 12 : at + 16]))
-        for at in (found.start() for found in re.finditer(b"ispe", start))
-    ]
-    width, height = max(sizes, key=lambda s: s[0] * s[1], default=(0, 0))
-    return ImageHeader("avif", width, height) if width and height else None
+def frame_of(image: ImageContent) -> Frame:
+    """An image by itself, as it is decoded."""
+    encoding, width, height = format_and_size(image)
+    return Frame(0, 0, None, USED, encoding, image.data, None, width, height, image.step)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Any
 
-from wayside.pipeline.reading import foxglove, ros2
+from wayside.pipeline.reading import fields
 from wayside.pipeline.reading.contents import Content, ContentError
-from wayside.pipeline.reading.encodings import EncodingError, unpacker_for
+from wayside.pipeline.reading.encodings import EncodingError, Unpack, unpacker_for
 from wayside.pipeline.reading.layout import Channel
 
 
@@ -26,24 +26,24 @@ class Kind(Enum):
 _Read = Callable[[Any, memoryview], Sequence[Content]]
 
 _TYPES: dict[str, tuple[Kind, _Read]] = {
-    "foxglove.CompressedImage": (Kind.IMAGE, foxglove.compressed_image),
-    "foxglove.CompressedVideo": (Kind.IMAGE, foxglove.compressed_video),
-    "foxglove.RawImage": (Kind.IMAGE, foxglove.raw_image),
-    "foxglove.CameraCalibration": (Kind.CALIBRATION, foxglove.calibration),
-    "foxglove.PoseInFrame": (Kind.POSE, foxglove.pose_in_frame),
-    "foxglove.PosesInFrame": (Kind.POSE, foxglove.poses_in_frame),
-    "foxglove.FrameTransform": (Kind.TRANSFORM, foxglove.frame_transform),
-    "foxglove.FrameTransforms": (Kind.TRANSFORM, foxglove.frame_transforms),
-    "foxglove.LocationFix": (Kind.FIX, foxglove.location_fix),
-    "sensor_msgs/msg/CompressedImage": (Kind.IMAGE, ros2.compressed_image),
-    "sensor_msgs/msg/Image": (Kind.IMAGE, ros2.image),
-    "sensor_msgs/msg/CameraInfo": (Kind.CALIBRATION, ros2.camera_info),
-    "geometry_msgs/msg/PoseStamped": (Kind.POSE, ros2.pose_stamped),
-    "geometry_msgs/msg/TransformStamped": (Kind.TRANSFORM, ros2.transform_stamped),
-    "tf2_msgs/msg/TFMessage": (Kind.TRANSFORM, ros2.transforms),
-    "nav_msgs/msg/Odometry": (Kind.ODOMETRY, ros2.odometry),
-    "sensor_msgs/msg/NavSatFix": (Kind.FIX, ros2.nav_sat_fix),
-    "foxglove_msgs/msg/CompressedVideo": (Kind.IMAGE, ros2.compressed_video),
+    "foxglove.CompressedImage": (Kind.IMAGE, fields.compressed_image),
+    "foxglove.CompressedVideo": (Kind.IMAGE, fields.compressed_video),
+    "foxglove.RawImage": (Kind.IMAGE, fields.raw_image),
+    "foxglove.CameraCalibration": (Kind.CALIBRATION, fields.calibration),
+    "foxglove.PoseInFrame": (Kind.POSE, fields.pose),
+    "foxglove.PosesInFrame": (Kind.POSE, fields.poses),
+    "foxglove.FrameTransform": (Kind.TRANSFORM, fields.transform),
+    "foxglove.FrameTransforms": (Kind.TRANSFORM, fields.transforms),
+    "foxglove.LocationFix": (Kind.FIX, fields.fix),
+    "sensor_msgs/msg/CompressedImage": (Kind.IMAGE, fields.compressed_image),
+    "sensor_msgs/msg/Image": (Kind.IMAGE, fields.raw_image),
+    "sensor_msgs/msg/CameraInfo": (Kind.CALIBRATION, fields.calibration),
+    "geometry_msgs/msg/PoseStamped": (Kind.POSE, fields.pose),
+    "geometry_msgs/msg/TransformStamped": (Kind.TRANSFORM, fields.transform),
+    "tf2_msgs/msg/TFMessage": (Kind.TRANSFORM, fields.transforms),
+    "nav_msgs/msg/Odometry": (Kind.ODOMETRY, fields.odometry),
+    "sensor_msgs/msg/NavSatFix": (Kind.FIX, fields.fix),
+    "foxglove_msgs/msg/CompressedVideo": (Kind.IMAGE, fields.compressed_video),
 }
 
 ROS_TYPES = tuple(name for name in _TYPES if "/" in name)
@@ -76,10 +76,10 @@ def kind_of(channel: Channel) -> Kind | None:
 
 
 class Decoders:
-    """Decodes messages of any channel; keeps one decoder a channel."""
+    """Decodes messages of any channel; keeps one unpacker a channel, or the reason why there is none."""
 
     def __init__(self) -> None:
-        self._by_channel: dict[int, tuple[Channel, Callable[[memoryview], Sequence[Content]]]] = {}
+        self._by_channel: dict[int, tuple[Channel, Unpack | str]] = {}
 
     def decode(self, channel: Channel, content: memoryview) -> Sequence[Content]:
         """What a message says: one content, or none, or several (transforms).
@@ -89,33 +89,20 @@ class Decoders:
         MessageError
             The bytes do not follow the schema, or what they say makes no sense.
         """
+        name = type_name(channel)
         known = self._by_channel.get(channel.id)
         if known is None or known[0] is not channel:
-            known = channel, _decoder(channel)
+            try:
+                known = channel, unpacker_for(channel, name)
+            except EncodingError as error:
+                known = channel, str(error)
             self._by_channel[channel.id] = known
+        unpack = known[1]
         try:
-            return known[1](content)
+            if isinstance(unpack, str):
+                raise EncodingError(unpack)
+            return _TYPES[name][1](*unpack(content))
         except (EncodingError, ContentError) as error:
             raise MessageError(str(error)) from error
         except Exception as error:  # each decoding library has errors of its own for damaged bytes
             raise MessageError(f"it does not follow its schema ({error})") from error
-
-
-def _decoder(channel: Channel) -> Callable[[memoryview], Sequence[Content]]:
-    name = type_name(channel)
-    _, read = _TYPES[name]
-    try:
-        unpack = unpacker_for(channel, name)
-    except EncodingError as error:
-        reason = str(error)
-
-        def refuse(_: memoryview) -> Sequence[Content]:
-            raise EncodingError(reason)
-
-        return refuse
-
-    def decode(content: memoryview) -> Sequence[Content]:
-        message, data = unpack(content)
-        return read(message, data)
-
-    return decode

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import allowance_of
+from wayside.pipeline.reading.calibrations import is_rectified
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
 from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.messages import Kind
+from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.pipeline.reading.video import WITHOUT_DECODER, can_decode_video
 from wayside.schemas.errors import InputError, UsageError
@@ -20,6 +24,7 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 
 _MOST_LISTED, _LONGEST_SHOWN = 6, 120
+_TRANSPORTS = ("compressed", "theora", "ffmpeg", "h264", "zstd")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +63,19 @@ class Plan:
     def camera_frame(self) -> str:
         """`frame_id` of the images."""
         return self.camera.camera_frame
+
+    @property
+    def other_frames(self) -> frozenset[str]:
+        """Each `frame_id` of the images of other cameras; calibrations that bear it are theirs."""
+        own = _bare_frame(self.camera_frame)
+        frames = {t.camera_frame for t in self.survey.cameras} if own else set()
+        others = frozenset(name for name in frames if _bare_frame(name) not in ("", own))
+        return others | self.camera.other_cameras
+
+    def camera_of(self, content: CalibrationContent) -> Camera | None:
+        """The camera that a calibration makes of the images; None where it has none for them."""
+        rectified = is_rectified(self.camera.name)
+        return content.camera_for(self.camera.image_size, rectified=rectified)
 
 
 def check_settings(settings: ReadSettings) -> None:
@@ -131,7 +149,7 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
         fixes,
         spacing_m,
         survey.by_number and not settings.spacing_m,
-        tuple(_without_value(survey)),
+        (*_image_notes(camera, camera_given), *_without_value(survey)),
     )
 
 
@@ -158,6 +176,11 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
         raise InputError(
             f"{survey.path}: wanted images on {chosen[0].name}, found messages that cannot be decoded "
             f"({chosen[0].fault}); record them anew or choose another with --camera"
+        )
+    if chosen[0].flaw:
+        raise InputError(
+            f"{survey.path}: none of the images on {chosen[0].name} can be decoded: {chosen[0].flaw}; "
+            "record or convert them anew, or choose another topic with --camera"
         )
     first = chosen[0].first
     if isinstance(first, ImageContent) and not first.width:
@@ -189,33 +212,126 @@ def _choose_calibration(
 ) -> tuple[Topic | None, Camera | None, str]:
     if given is not None:
         return None, given, settings.calibration
-    topics = survey.of_kind(Kind.CALIBRATION)
-    usable = [t for t in topics if isinstance(t.first, CalibrationContent)]
+    rectified, size, faults = is_rectified(camera.name), camera.image_size, []
+    found = [
+        (topic, content, content.camera_for(size, rectified=rectified))
+        for topic in survey.of_kind(Kind.CALIBRATION)
+        if isinstance(content := topic.first, CalibrationContent)
+    ]
+    found.sort(key=lambda one: _closeness(camera, size, *one), reverse=True)
+    usable: list[tuple[Topic, CalibrationContent, Camera]] = []
+    for topic, content, own in found[:_MOST_LISTED]:
+        fault = content.why_rectified if rectified else content.why
+        if own is not None:
+            fault = _of_another(survey, camera, topic.name, content.frame_id, own)
+            if not fault:
+                usable.append((topic, content, own))
+                continue
+        faults.append(f"{topic.name}, but {fault}")
     if usable:
-        best = max(usable, key=lambda t: _closeness(camera, t))
-        return best, None, best.name
-    if survey.attached_camera is not None:
-        return None, survey.attached_camera, f"attachment {survey.attachment_name}"
-    found = "; ".join(f"{t.name}, but {t.fault}" for t in topics) or "none"
+        best = usable[0]
+        alike = [
+            topic.name
+            for topic, content, own in usable[1:]
+            if own != best[2]
+            and _closeness(camera, size, topic, content, own) == _closeness(camera, size, *best)
+        ]
+        if not alike:
+            return best[0], None, best[0].name
+        faults.append(f"{best[0].name} and {alike[0]}, which differ")
+    elif survey.attached_camera is not None:
+        name, attached = survey.attachment_name, survey.attached_camera
+        fault = _of_another(survey, camera, name, "", attached)
+        if not fault:
+            return None, attached, f"attachment {name}"
+        faults.append(f"attachment {name}, but {fault}")
+    unread = [t for t in survey.of_kind(Kind.CALIBRATION) if t.first is None][:_MOST_LISTED]
+    faults += [f"{topic.name}, but {topic.fault}" for topic in unread]
     raise InputError(
-        f"{survey.path}: wanted the calibration of {camera.name}, found {found}{_lost(survey)}; "
-        "give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)"
+        f"{survey.path}: wanted the calibration of {camera.name}, found {'; '.join(faults) or 'none'}"
+        f"{_lost(survey)}; give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)"
     )
 
 
-def _closeness(camera: Topic, calibration: Topic) -> tuple[bool, bool, int]:
-    """How well a calibration goes with a camera: same frame, same size, topics alike."""
-    content = calibration.first
-    if not isinstance(content, CalibrationContent):
-        return False, False, 0
-    same_frame = bool(camera.camera_frame) and camera.camera_frame == content.frame_id
-    size = None if content.camera is None else (content.camera.width, content.camera.height)
-    shared = 0
-    for a, b in zip(camera.name.split("/"), calibration.name.split("/"), strict=False):
-        if a != b:
-            break
-        shared += 1
-    return same_frame, size == camera.image_size, shared
+def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Camera) -> str:
+    """Why a calibration `name` is of another camera, or may be; empty where it is of this one.
+
+    `frame_id` decides, where the log has images of several; else the names of topics do: by namespace, then by the
+    words that a calibration shares with each image topic of its size.
+    """
+    mine, its = _bare_frame(camera.camera_frame), _bare_frame(frame)
+    same_place = _namespace(name) == _namespace(camera.name)
+    rivals = [t for t in survey.cameras if _namespace(t.name) != _namespace(camera.name)]
+    if mine and its and mine != its:
+        if not same_place or any(_bare_frame(t.camera_frame) == its for t in survey.cameras):
+            return (
+                f"it is of another camera: its frame_id is {shortened(frame)}, that of the images "
+                f"{shortened(camera.camera_frame)}"
+            )
+        return ""
+    known = bool(mine and its)
+    if same_place or (known and any(_bare_frame(t.camera_frame) != mine for t in rivals)):
+        return ""
+    here, there = (_words("/".join(_namespace(topic))) for topic in (camera.name, name))
+    if (
+        not known and len(here) == len(there) and set(here) & set(there)
+    ):  # as cam_left and cam_right
+        return "it is of another camera by its name"
+    words = set(_words(name))
+    shared = len(words & set(_words(camera.name)))
+    for rival in rivals:
+        closer = len(words & set(_words(rival.name))) - shared
+        if closer + (not known) > 0 and rival.image_size in (None, (own.width, own.height)):
+            other = shortened(rival.name)
+            if closer > 0:
+                return f"it is of another camera by its name, that of {other}"
+            return f"nothing tells whether it is of this camera or of that of {other}"
+    return ""
+
+
+def _bare_frame(frame: str) -> str:
+    """A frame's name without what only says that it is one: `/camera_optical_frame` is `camera`."""
+    return re.sub(r"(?:_(?:optical|link|frame))+$", "", bare(frame))
+
+
+def _namespace(topic: str) -> tuple[str, ...]:
+    """Where a topic stands; image transports stand below the image topic."""
+    parts = topic.strip("/").split("/")
+    return tuple(parts[: -2 if parts[-1] in _TRANSPORTS else -1])
+
+
+def _words(topic: str) -> list[str]:
+    return re.findall(r"[a-z]+|\d+", topic.lower())
+
+
+def _closeness(
+    camera: Topic,
+    size: tuple[int, int] | None,
+    topic: Topic,
+    content: CalibrationContent,
+    own: Camera | None,
+) -> tuple[bool, bool, bool, int, int]:
+    """How well a calibration goes with a camera: same size, same frame, both rectified or not, topics alike."""
+    same_size = own is not None and (own.width, own.height) == size
+    frame = _bare_frame(content.frame_id)
+    a, b = camera.name.split("/"), topic.name.split("/")
+    shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
+    alike = is_rectified(camera.name) == is_rectified(topic.name)
+    return same_size, frame == _bare_frame(camera.camera_frame) != "", alike, shared, -len(b)
+
+
+def _image_notes(camera: Topic, given: Camera | None) -> Iterator[str]:
+    """Notes on how pixels are taken where their message does not say it."""
+    if 0 < camera.bits < 16:
+        yield (
+            f"the samples of 16 bits on {shortened(camera.name)} use {camera.bits} of them: these are taken for the "
+            "range from black to white"
+        )
+    if given is not None and given.distortion and is_rectified(camera.name):
+        yield (
+            f"the images on {shortened(camera.name)} are rectified by their name, and the calibration given states "
+            "distortion: it is applied, which is wrong if the name is right"
+        )
 
 
 def _without_value(survey: LogSurvey) -> Iterator[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.copies import ImageNumbers
 from wayside.pipeline.reading.exif import read_exif
-from wayside.pipeline.reading.image_headers import format_word, read_image_header
+from wayside.pipeline.reading.image_headers import format_and_size
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.thinning import Thinning, position_of
 from wayside.schemas.frame import (
@@ -141,11 +141,3 @@ class Selection:
         if self.last_used is None and pose is None and fix is None and not self.spacing_m:
             return NO_POSITION
         return USED if self.thinning.keeps(number, position_of(pose, fix), time_ns) else THINNED
-
-
-def format_and_size(image: ImageContent) -> tuple[str, int, int]:
-    """Encoding in a word, width and height; 0 where only decoding will tell."""
-    if image.width:
-        return image.encoding, image.width, image.height
-    header = read_image_header(image.data)
-    return (format_word(image.encoding), 0, 0) if header is None else header

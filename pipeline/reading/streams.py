@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from wayside.pipeline.reading.clocks import Floats, Integers, StreamTimes, stream_times
 from wayside.pipeline.reading.contents import CalibrationContent, FixContent, PoseContent
-from wayside.schemas.frame import Camera
 
 _NO_FIX_SIGMA = (np.nan,) * 3
 
@@ -48,19 +47,18 @@ class ImageIndex(Times):
 
 @dataclass(slots=True)
 class CameraTrack(Times):
-    """The calibrations of one topic: `cameras` holds each once, `row` says which one a message states."""
+    """The calibrations of one topic: `contents` holds each once, `row` says which one a message states."""
 
     row: array[int] = field(default_factory=_integers)
-    cameras: list[Camera] = field(default_factory=list)
+    contents: list[CalibrationContent] = field(default_factory=list)
 
     def add(self, log_ns: int, content: CalibrationContent) -> None:
         """Take in a calibration that can be used."""
-        if content.camera is None:
-            return
-        if content.camera not in self.cameras:
-            self.cameras.append(content.camera)
+        untimed = replace(content, time_ns=None)
+        if untimed not in self.contents:
+            self.contents.append(untimed)
         self.stamp(log_ns, content.time_ns)
-        self.row.append(self.cameras.index(content.camera))
+        self.row.append(self.contents.index(untimed))
 
 
 @dataclass(slots=True)

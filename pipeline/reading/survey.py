@@ -16,7 +16,12 @@ from wayside.pipeline.reading.contents import (
     ImageContent,
     PoseContent,
 )
-from wayside.pipeline.reading.image_headers import format_word, read_image_header
+from wayside.pipeline.reading.image_headers import (
+    format_and_size,
+    format_word,
+    frame_of,
+    image_fault,
+)
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
 from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
 from wayside.pipeline.reading.poses import TransformTree
@@ -25,6 +30,7 @@ from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.streams import CameraTrack, ImageIndex, Positions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
+from wayside.stages.imaging import used_bits
 
 METADATA_NAME, SPACING_KEY, BY_NUMBER_KEY = "wayside", "spacing_m", "by_number"
 """Metadata record by which `wayside import` tells the distance between images."""
@@ -53,6 +59,8 @@ class CameraFrame:
 class Topic:
     """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack.
 
+    first: of images the first that decodes; where none does the first, with the reason in `flaw`; bits: those that its
+    images of 16 bits use (0: none are);
     frames: of images, by their `frame_id`, up to `MOST_FRAMES`; in_part: contents of which something is refused and the
     rest used; refused: what, of the first of them.
     """
@@ -69,6 +77,8 @@ class Topic:
     first_log_ns: int = 0
     last_log_ns: int = 0
     first: Content | None = None
+    flaw: str = ""
+    bits: int = 0
     fault: str = ""
     in_part: int = 0
     refused: str = ""
@@ -106,10 +116,8 @@ class Topic:
         image = self.first
         if not isinstance(image, ImageContent):
             return None
-        if image.width:
-            return image.width, image.height
-        header = read_image_header(image.data)
-        return None if header is None else (header.width, header.height)
+        _, width, height = format_and_size(image)
+        return (width, height) if width else None
 
     @property
     def image_format(self) -> str:
@@ -239,12 +247,16 @@ def _take_content(
     survey: LogSurvey, topic: Topic, key: TopicKey, message: Message, content: Content
 ) -> None:
     if isinstance(content, CalibrationContent):
-        if content.camera is None:
+        if not (content.raw or content.rectified):
             _fail(topic, message.offset, content.why)
             return
         survey.calibrations.setdefault(key, CameraTrack()).add(message.log_time_ns, content)
     elif isinstance(content, ImageContent):
         _take_frame(topic, content.frame_id)
+        if content.width:
+            topic.bits = max(topic.bits, used_bits(frame_of(content)))
+        if topic.first is None or (topic.flaw and not image_fault(content)):
+            topic.first, topic.flaw = content, image_fault(content)
     elif topic.kind is Kind.TRANSFORM and isinstance(content, PoseContent):
         survey.tree.add(message.log_time_ns, content)
     else:
@@ -253,8 +265,7 @@ def _take_content(
     if isinstance(content, PoseContent | FixContent) and content.refused:
         topic.in_part += 1
         topic.refused = topic.refused or content.refused
-    if topic.first is None:
-        topic.first, topic.first_log_ns = content, message.log_time_ns
+    topic.first = topic.first or content
 
 
 def _take_frame(topic: Topic, frame_id: str) -> None:

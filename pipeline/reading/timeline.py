@@ -142,13 +142,21 @@ def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
         return [plan.camera_given] * len(times.log_ns)
     assert plan.calibration is not None
     track = plan.survey.calibrations[plan.calibration.name, plan.calibration.schema]
+    cameras = [
+        None if one.frame_id in plan.other_frames else plan.camera_of(one) for one in track.contents
+    ]
+    stated = np.array(track.row)
+    held = np.flatnonzero(np.array([camera is not None for camera in cameras])[stated])
+    plan.calibration.failed += sum(
+        camera is None and one.frame_id not in plan.other_frames
+        for camera, one in ((cameras[row], track.contents[row]) for row in track.row)
+    )
     paired = pair_times(times, track.times())
-    if paired is None or len(track.cameras) == 1:
-        return [track.cameras[0]] * len(times.log_ns)
-    order = np.argsort(paired.stream_ns, kind="stable")
-    place = np.searchsorted(paired.stream_ns[order], paired.images_ns, side="right") - 1
-    rows = np.array(track.row)[order[place.clip(min=0)]]
-    return [track.cameras[row] for row in rows.tolist()]
+    if paired is None or len(set(stated[held].tolist())) == 1:
+        return [cameras[stated[held[0]]] if len(held) else None] * len(times.log_ns)
+    held = held[np.argsort(paired.stream_ns[held], kind="stable")]
+    place = np.searchsorted(paired.stream_ns[held], paired.images_ns, side="right") - 1
+    return [cameras[row] for row in stated[held[place.clip(min=0)]].tolist()]
 
 
 def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:

@@ -23,22 +23,29 @@ _AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _RAW_CHANNELS: dict[str, tuple[int, int | None]] = {
     "rgb8": (3, None),
     "bgr8": (3, cv2.COLOR_BGR2RGB),
-    "8UC3": (3, cv2.COLOR_BGR2RGB),
+    "8uc3": (3, cv2.COLOR_BGR2RGB),
     "rgba8": (4, cv2.COLOR_RGBA2RGB),
     "bgra8": (4, cv2.COLOR_BGRA2RGB),
-    "8UC4": (4, cv2.COLOR_BGRA2RGB),
+    "8uc4": (4, cv2.COLOR_BGRA2RGB),
     "mono8": (1, cv2.COLOR_GRAY2RGB),
-    "8UC1": (1, cv2.COLOR_GRAY2RGB),
+    "8uc1": (1, cv2.COLOR_GRAY2RGB),
     "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
     "uyvy": (2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
     "yuyv": (2, cv2.COLOR_YUV2RGB_YUY2),
+    "yuy2": (2, cv2.COLOR_YUV2RGB_YUY2),
+    "nv12": (1, cv2.COLOR_YUV2RGB_NV12),
+    "nv21": (1, cv2.COLOR_YUV2RGB_NV21),
     "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2RGB),
     "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2RGB),
     "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2RGB),
     "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2RGB),
 }
-"""Raw encodings: bytes a pixel and the conversion to RGB (None: already)."""
+"""Raw encodings in small letters: bytes a pixel (of NV12 and NV21 of the brightness) and the conversion to RGB (None:
+already). Those whose names end in 16 for 8 have samples of two bytes, little-endian."""
+_PLANAR = ("nv12", "nv21")
+_DEEP = re.compile(r"((?:mono|rgba?|bgra?|bayer_[rgb]{4}))16(?::(\d+))?")
+"""A raw encoding of 16 bits; behind a colon, how many of the bits the camera uses."""
 
 _JPEG, _END_OF_JPEG, _START_OF_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
 _MOST_SCANS = 100
@@ -98,8 +105,8 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
     data = np.frombuffer(frame.data, np.uint8)
     rgb = None
     try:
-        if frame.encoding in _RAW_CHANNELS:
-            rgb = _raw_pixels(frame, data)
+        if _DEEP.sub(r"\g<1>8", frame.encoding.lower()) in _RAW_CHANNELS:
+            rgb = _raw_pixels(frame)
         elif data.size and frame.width > 0 and frame.height > 0:
             if data[:2].tobytes() == _JPEG:
                 return _jpeg_pixels(data)
@@ -107,7 +114,7 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
             if decoded is not None and data[:4].tobytes() in _TIFF and not _is_whole_tiff(data):
                 return DAMAGED, None
             rgb = None if decoded is None else np.ascontiguousarray(decoded, np.uint8)
-    except cv2.error:
+    except (cv2.error, ValueError):
         rgb = None
     return (UNDECODABLE, None) if rgb is None else (USED, rgb)
 
@@ -152,16 +159,59 @@ def _is_whole_tiff(data: NDArray[np.uint8]) -> bool:
     return True
 
 
-def _raw_pixels(frame: Frame, data: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    channels, conversion = _RAW_CHANNELS[frame.encoding]
-    used = frame.width * channels
-    step = frame.step or used
-    if frame.width <= 0 or frame.height <= 0 or step < used:
-        return None
-    if data.size < step * (frame.height - 1) + used:  # the last row may come without its padding
-        return None
-    rows = np.lib.stride_tricks.as_strided(data, (frame.height, used), (step, 1), writeable=False)
-    pixels = rows.reshape(frame.height, frame.width, channels)
+def raw_samples(frame: Frame) -> NDArray[np.uint8 | np.uint16]:
+    """Samples of a raw image, one row of it each (of NV12 and NV21 followed by half as many rows of colours).
+
+    Raises
+    ------
+    ValueError
+        The encoding is unknown, or size, step and bytes contradict each other.
+    """
+    name, width, height = frame.encoding.lower(), frame.width, frame.height
+    deep = _DEEP.fullmatch(name)
+    if (known := _RAW_CHANNELS.get(f"{deep[1]}8" if deep else name)) is None:
+        raise ValueError(
+            f"its encoding {frame.encoding!r} is not understood; rgb8, bgr8, rgba8, bgra8, mono8 and bayer_* (also "
+            "with 16 bits), uyvy, yuyv, nv12 and nv21 are"
+        )
+    data = np.frombuffer(frame.data, np.uint8)
+    used = width * known[0] * (2 if deep else 1)
+    step, rows = frame.step or used, height * 3 // 2 if name in _PLANAR else height
+    if width <= 0 or height <= 0 or (name in _PLANAR and (width % 2 or height % 2)):
+        raise ValueError(f"its size of {width} x {height} pixels makes no sense in {name}")
+    if step < used:
+        raise ValueError(
+            f"its step is {step} bytes, and a row of {width} pixels in {name} has {used}"
+        )
+    if data.size not in (step * rows, step * (rows - 1) + used):  # the last may lack its padding
+        raise ValueError(
+            f"it has {data.size} bytes, and {rows} rows of {step} bytes (its step) are {rows * step}"
+        )
+    strided = np.lib.stride_tricks.as_strided(data, (rows, used), (step, 1), writeable=False)
+    return np.ascontiguousarray(strided).view("<u2") if deep else strided
+
+
+def used_bits(frame: Frame) -> int:
+    """Bits that the samples of a raw image of 16 bits use: 8, 10, 12, 14 or 16; 0 for any other image.
+
+    Cameras of 10 or 12 bits store their samples at the low end of two bytes, or shifted to the high end.
+    """
+    if _DEEP.fullmatch(frame.encoding.lower()) is None:
+        return 0
+    try:
+        return max(8, int(raw_samples(frame).max()).bit_length() + 1 & ~1)
+    except ValueError:
+        return 0
+
+
+def _raw_pixels(frame: Frame) -> NDArray[np.uint8]:
+    """Pixels of a raw image; samples of two bytes keep the upper eight of their used bits."""
+    samples, name = raw_samples(frame), frame.encoding.lower()
+    if deep := _DEEP.fullmatch(name):
+        name = f"{deep[1]}8"
+        samples = np.minimum(samples >> (int(deep[2] or 16) - 8), 255)
+    conversion = _RAW_CHANNELS[name][1]
+    pixels = samples.astype(np.uint8, copy=False).reshape(len(samples), frame.width, -1)
     if conversion is None:
         return pixels.copy()
     return np.ascontiguousarray(cv2.cvtColor(pixels, conversion), np.uint8)

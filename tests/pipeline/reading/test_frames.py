@@ -366,13 +366,14 @@ def test_a_calibration_with_skew_is_refused_and_not_used_without_it(new_log, dia
 
 def test_a_binned_part_of_the_sensor_has_its_own_matrix(new_log):
     log = new_log("cdr")
+    k = [80.0, 0.0, 38.5, 0.0, 82.0, 30.5, 0.0, 0.0, 1.0]
     more = {"width": 80, "height": 60, "roi": (8, 6, 48, 64), "binning": (2, 2)}
-    log.add("/camera/camera_info", "calibration", 0, **more)
+    log.add("/camera/camera_info", "calibration", 0, k=k, **more)
     log.add_image(0)
     (frame,), _ = read(log.finish(), spacing_m=8.0)
     assert (frame.camera.width, frame.camera.height) == (32, 24)
-    assert (frame.camera.fx, frame.camera.cx) == (20.0, (15.5 - 8) / 2)
-    assert (frame.camera.fy, frame.camera.cy) == (20.5, (11.5 - 6) / 2)
+    assert (frame.camera.fx, frame.camera.cx) == (40.0, (38.5 - 8) / 2)
+    assert (frame.camera.fy, frame.camera.cy) == (41.0, (30.5 - 6) / 2)
 
 
 def test_a_calibration_file_replaces_that_of_the_log(new_log, tmp_path):

@@ -54,11 +54,11 @@ def test_each_of_several_cameras_has_its_command(new_log):
 
 def test_a_calibration_of_another_size_is_told(new_log):
     log = new_log()
-    log.add("/camera/calibration", "calibration", 0, width=640, height=480)
+    log.add("/camera/calibration", "calibration", 0, width=64, height=48)
     log.add("/pose", "pose", 0, position=[0, 0, 0], rotation=[0, 0, 0, 1])
     log.add_image(0)
     text = format_information(describe_log(log.finish()))
-    assert "640 x 480" in text
+    assert "64 x 48" in text
     assert "--calibration camera.yaml" in text
 
 
@@ -92,3 +92,13 @@ def test_a_file_that_is_no_log_is_refused(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"something else")
     with pytest.raises(InputError, match="wanted an MCAP log"):
         describe_log(tmp_path / "log.mcap")
+
+
+def test_of_very_many_topics_a_bounded_number_is_described(new_log):
+    log = new_log("json")
+    for index in range(300):
+        log.add_image(index, topic=f"/c{index}")
+    lines = format_information(describe_log(log.finish())).splitlines()
+    assert len(lines) < 150
+    assert "and 200 more topics" in lines
+    assert "and 294 more cameras" in lines

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from wayside.schemas.frame import Camera, Frame
-from wayside.stages.imaging.decoding import decode
+from wayside.stages.imaging.decoding import decode, used_bits
 
 HEIGHT, WIDTH = 36, 52
 
@@ -270,5 +270,41 @@ def test_bayer_mosaics_have_their_colours(pattern):
 def test_raw_rows_too_few_or_too_short_are_undecodable():
     data = pixels().tobytes()
     assert decode_one(frame(data[:-1], "rgb8")).frame.status == "undecodable"
+    assert decode_one(frame(data + bytes(1), "rgb8")).frame.status == "undecodable"
     assert decode_one(frame(data, "rgb8", step=WIDTH * 3 - 1)).frame.status == "undecodable"
     assert decode_one(frame(data, "rgb8", width=0)).frame.status == "undecodable"
+
+
+@pytest.mark.parametrize("encoding", ["RGB8", "Rgb8"])
+def test_encodings_are_read_in_any_case(encoding):
+    np.testing.assert_array_equal(decode_one(frame(pixels().tobytes(), encoding)).rgb, pixels())
+
+
+@pytest.mark.parametrize("padding", [0, 6])
+@pytest.mark.parametrize(("encoding", "shift"), [("rgb16", 8), ("rgb16:12", 4), ("rgb16:8", 0)])
+def test_samples_of_16_bits_keep_the_upper_eight_of_those_used(encoding, shift, padding):
+    rows = (pixels().astype("<u2") << shift).reshape(HEIGHT, -1).view(np.uint8)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    one = frame(rows.tobytes(), encoding, step=rows.shape[1])
+    np.testing.assert_array_equal(decode_one(one).rgb, pixels())
+    assert used_bits(replace(one, encoding="rgb16")) == 8 + shift
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_mosaics_of_16_bits_are_those_of_8(pattern):
+    mosaic = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH)).astype("<u2")
+    deep = decode_one(frame((mosaic * 257).tobytes(), f"bayer_{pattern}16")).rgb
+    plain = decode_one(frame(mosaic.astype(np.uint8).tobytes(), f"bayer_{pattern}8")).rgb
+    np.testing.assert_array_equal(deep, plain)
+
+
+@pytest.mark.parametrize(("encoding", "first"), [("nv12", 0), ("NV21", 1)])
+def test_planes_of_brightness_and_colour_make_the_colours(encoding, first):
+    y, cr, cb = cv2.cvtColor(np.array([[[200, 60, 40]]], np.uint8), cv2.COLOR_RGB2YCrCb)[0, 0]
+    luma = np.full((HEIGHT, WIDTH), round(16 + float(y) * 219 / 255), np.uint8)
+    narrow = [round(128 + (float(c) - 128) * 224 / 255) for c in (cb, cr)]
+    pair = np.array(narrow[::-1] if first else narrow, np.uint8)
+    data = luma.tobytes() + np.tile(pair, HEIGHT * WIDTH // 4).tobytes()
+    rgb = decode_one(frame(data, encoding)).rgb
+    np.testing.assert_allclose(rgb.astype(int).mean(axis=(0, 1)), [200, 60, 40], atol=3)
+    assert decode_one(frame(data[:-2], encoding)).frame.status == "undecodable"

@@ -1,0 +1,234 @@
+"""Cameras of calibrations: which lens and matrix can be, and which of its matrices goes with which images."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from wayside.pipeline.reading.contents import CalibrationContent, ContentError
+from wayside.schemas.frame import Camera
+
+_BROWN_LENSES = frozenset(
+    ("", "plumb_bob", "rational_polynomial", "radtan", "radial_tangential", "brown_conrady")
+)
+_PINHOLES = frozenset(
+    (
+        *("none", "pinhole", "perspective", "undistorted", "rectified"),
+        *("inverse_brown_conrady", "modified_brown_conrady"),
+    )
+)
+"""Models without distortion, and two of RealSense that are none where all coefficients are zero."""
+_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+_ROUNDING = 1e-9
+"""Entries of a camera matrix smaller than this, relative to its focal length, are errors of rounding."""
+_LARGEST_IMAGE_PX = 200_000_000
+"""The largest survey cameras have 150 million; each pixel takes some dozen bytes while its image is processed."""
+_NARROWEST_DEG, _WIDEST_DEG = 0.1, 170.0
+"""Of a telescope, and of a lens whose image a plane can hold; other angles are a slip in the focal length."""
+_MOST_OBLONG = 2.1
+"""Ratio of the focal lengths: pixels are square, and binning of one axis, fields and squeezing lenses make it 2."""
+_SURE_SHARE = 0.9
+"""Of the way from the centre to the border: beyond it no board was seen, and fits of real lenses go astray there."""
+_MOST_STRETCH = 1.5
+"""Distance from the centre over that of a pinhole; strong pincushion distortion has 1.2."""
+_DIRECTIONS, _RADII = 48, 160
+_CENTRE_SIGMA = 0.02
+"""Standard deviation of principal points about the middle of the sensor, in widths of the sensor."""
+_RECTIFIED = re.compile(r"(?:^|[/_])(?:rect|rectified|undistorted)(?:[/_]|$)", re.IGNORECASE)
+OTHER_LENSES = (
+    "positions follow from pinhole rays; for a fisheye fit --model rational to images of a board, or remap the images "
+    "to a pinhole first (cv2.fisheye.undistortImage)"
+)
+"""What to do where a lens has another model."""
+
+Size = tuple[int, int]
+Matrix = tuple[float, ...]
+
+
+class Region(NamedTuple):
+    """Part of the sensor that is read out, in its pixels (no width: all of it), and how many become one."""
+
+    left: int = 0
+    top: int = 0
+    width: int = 0
+    height: int = 0
+    bin_x: int = 1
+    bin_y: int = 1
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether a topic says by its name that its images are rectified, as `image_rect_color` does."""
+    return _RECTIFIED.search(topic) is not None
+
+
+def make_calibration(
+    time_ns: int | None,
+    frame_id: str,
+    size: Size,
+    k: Matrix,
+    p: Matrix,
+    lens: tuple[str, Matrix],
+    region: Region,
+) -> CalibrationContent:
+    """The cameras of a CameraInfo: of raw images by `k` (3x3) and the lens, of rectified ones by `p` (3x4) alone.
+
+    size: of the sensor; lens: model by its ROS name, coefficients. Where `p` is zero, a `k` without distortion serves.
+    """
+    raw, why = _cameras(size, k, lens, region)
+    if any(p):
+        square = (*p[0:3], *p[4:7], *p[8:11]) if len(p) == 12 else ()
+        rectified, why_rectified = _cameras(size, square, ("", ()), region)
+    elif any(camera.distortion for camera in raw):
+        rectified, why_rectified = (), "the images are rectified, and it states no P, their matrix"
+    else:
+        rectified, why_rectified = raw, why
+    return CalibrationContent(time_ns, frame_id, raw, rectified, why, why_rectified)
+
+
+def _cameras(
+    size: Size, matrix: Matrix, lens: tuple[str, Matrix], region: Region
+) -> tuple[tuple[Camera, ...], str]:
+    """One camera for each size that images may have, and why there is none of the first.
+
+    That is the size of the region, binned; then the size stated, where drivers leave it to be that of the images.
+    """
+    r = region
+    width, height = r.width or size[0], r.height or size[1]
+    if len(matrix) != 9:
+        return (), "its camera matrix is not 3 x 3"
+    if r.left + width > size[0] or r.top + height > size[1]:
+        return (), f"its region of interest reaches beyond its {size[0]} x {size[1]} pixels"
+    shown, sensor = (width // r.bin_x, height // r.bin_y), (size[0] * r.bin_x, size[1] * r.bin_y)
+    readings = {size: (sensor, r._replace(left=0, top=0))} | {shown: (size, r)}
+    cameras: dict[Size, Camera] = {}
+    faults: dict[Size, str] = {}
+    for images in (shown, size):
+        try:
+            cameras[images] = make_camera(images, _brought(matrix, *readings[images]), *lens)
+        except ContentError as error:
+            faults[images] = str(error)
+    return tuple(cameras.values()), faults.get(shown, "")
+
+
+def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
+    """A matrix brought from the sensor to the region; one that a driver has brought there already is left as it is.
+
+    Which of the two it is, or half of it, is told by the principal point: it lies near the middle of the sensor.
+
+    Raises
+    ------
+    ContentError
+        The principal point does not tell.
+    """
+    r, k = region, list(matrix)
+    sigma = _CENTRE_SIGMA * max(sensor[0], 1)
+    found: list[tuple[float, list[float]]] = []
+    for x, y in dict.fromkeys(((1, 1), (r.bin_x, r.bin_y))):
+        for left, top in dict.fromkeys(((0, 0), (r.left, r.top))):
+            full = [k[0] * x, k[1], k[2] * x + left, k[3], k[4] * y, k[5] * y + top, *k[6:]]
+            off = math.hypot(full[2] - sensor[0] / 2, full[5] - sensor[1] / 2) / sigma
+            found.append((off, full))
+    (off, full), *others = found
+    if others and k[0] > 0:
+        least, other = min(others, key=lambda one: one[0])
+        gain = (off**2 - least**2) / 2  # in likelihood, its logarithm
+        apart = math.hypot(full[2] - other[2], full[5] - other[5]) / sigma
+        if min(off, least) > 5 or (1 if apart < 2 else -1) < gain < 4:
+            raise ContentError(
+                f"its centre {k[2]:g}, {k[5]:g} does not tell whether its matrix is of the full sensor, or of what "
+                "binning and region of interest leave of it"
+            )
+        full = other if gain > 1 else full
+    full[0], full[2] = full[0] / r.bin_x, (full[2] - r.left) / r.bin_x
+    full[4], full[5] = full[4] / r.bin_y, (full[5] - r.top) / r.bin_y
+    return tuple(full)
+
+
+def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
+    """A camera of the 3x3 matrix `k` (row by row) and the distortion `d` of a lens model by its ROS name.
+
+    Raises
+    ------
+    ContentError
+        The camera is not calibrated, its pixels are skewed, or its lens is none that can be used.
+    """
+    if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
+        raise ContentError("it has no focal length (not calibrated)")
+    width, height = size
+    if min(size) <= 0 or width * height > _LARGEST_IMAGE_PX:
+        raise ContentError(f"its image size {width} x {height} makes no sense")
+    for focal, centre, length in ((k[0], k[2], width), (k[4], k[5], height)):
+        angle = math.degrees(2 * math.atan2(length / 2, focal))
+        if not _NARROWEST_DEG < angle < _WIDEST_DEG:
+            raise ContentError(
+                f"its focal length {focal:g} px makes an angle of view of {angle:.3g} degrees over {length} px"
+            )
+        if not -length <= centre <= 2 * length:
+            raise ContentError(
+                f"its centre {centre:g} px lies far outside of the image of {length} px"
+            )
+    if max(k[0] / k[4], k[4] / k[0]) > _MOST_OBLONG:
+        raise ContentError(
+            f"its focal lengths {k[0]:g} and {k[4]:g} px differ as those of no camera do"
+        )
+    name = re.sub(r"[\s-]+", "_", model.strip().lower())
+    if name not in _BROWN_LENSES and not (name in _PINHOLES and not any(d)):
+        raise ContentError(
+            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are: {OTHER_LENSES}"
+        )
+    if not any(d):
+        d = ()
+    if len(d) not in _COEFFICIENTS:
+        raise ContentError(
+            f"its lens has {len(d)} coefficients; 0, 4, 5, 8, 12 or 14 are understood"
+        )
+    if abs(k[1]) > _ROUNDING * k[0]:
+        raise ContentError(
+            f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "
+            "calibrate with skew fixed at 0"
+        )
+    if max(abs(k[3]), abs(k[6]), abs(k[7])) > _ROUNDING * k[0] or abs(k[8] - 1) > _ROUNDING:
+        raise ContentError("its camera matrix is not of the form fx 0 cx, 0 fy cy, 0 0 1")
+    camera = Camera(width, height, k[0], k[4], k[2], k[5], d)
+    if d and not _is_lens(camera):
+        raise ContentError(
+            f"its distortion {', '.join(f'{one:g}' for one in d)} is that of no lens: points of the image have no "
+            "direction, or several"
+        )
+    return camera
+
+
+@lru_cache(maxsize=16)
+def _is_lens(camera: Camera) -> bool:
+    """Whether the distortion maps directions to the image one to one, and stretches it no more than lenses do.
+
+    Followed are rays that go outward from the axis, until each has left `_SURE_SHARE` of the image.
+    """
+    c = camera
+    corner = math.hypot(max(c.cx, c.width - c.cx) / c.fx, max(c.cy, c.height - c.cy) / c.fy)
+    within = np.linspace(0, corner, _RADII // 2 + 1)[1:]
+    radius = np.concatenate((within, np.geomspace(corner, 100 * corner, _RADII // 2 + 1)[1:]))
+    angle = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
+    ray = np.stack((np.cos(angle), np.sin(angle)), -1)
+    points = np.ones((_RADII, _DIRECTIONS, 3))
+    points[..., :2] = radius[:, None, None] * ray
+    zero = np.zeros(3)
+    flat = points.reshape(-1, 1, 3)
+    with np.errstate(all="ignore"):
+        seen = cv2.projectPoints(flat, zero, zero, np.eye(3), np.array(c.distortion))[0]
+        seen = seen.reshape(_RADII, _DIRECTIONS, 2)
+        outward = np.diff(seen, axis=0, prepend=0.0)
+        around = np.roll(seen, -1, 1) - np.roll(seen, 1, 1)
+        turn = outward[..., 0] * around[..., 1] - outward[..., 1] * around[..., 0]
+        sound = np.logical_and.accumulate(turn > 0, axis=0)
+        x, y = seen[..., 0] * c.fx, seen[..., 1] * c.fy
+        inside = (x > _SURE_SHARE * min(-c.cx, 0)) & (x < _SURE_SHARE * max(c.width - c.cx, 0))
+        inside &= (y > _SURE_SHARE * min(-c.cy, 0)) & (y < _SURE_SHARE * max(c.height - c.cy, 0))
+        stretch = np.linalg.norm(seen, axis=-1) / radius[:, None]
+    left = sound & ~inside & (stretch < _MOST_STRETCH)
+    return bool((left.any(0)).all())

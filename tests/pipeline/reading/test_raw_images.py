@@ -1,0 +1,103 @@
+"""Images that a log can hold and no run can use are told before it, each by its cause."""
+
+import numpy as np
+import pytest
+
+from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError
+from wayside.schemas.settings import ReadSettings
+from wayside.stages.imaging import decode
+
+from .conftest import HEIGHT, STEP, WIDTH
+
+
+def read(path, **settings):
+    report = ReadReport()
+    return list(read_frames(path, ReadSettings(**settings), report)), report
+
+
+@pytest.mark.parametrize(
+    "fault", [{"width": "32"}, {"height": None}, {"encoding": 5}, {"step": -1}]
+)
+def test_a_raw_image_in_json_with_wrong_types_is_lost_alone(new_log, fault):
+    log = new_log("json")
+    log.add("/camera/calibration", "calibration", 0)
+    rows = {
+        "width": WIDTH,
+        "height": HEIGHT,
+        "encoding": "mono8",
+        "step": WIDTH,
+        "data": bytes(WIDTH * HEIGHT),
+    }
+    for index in range(4):
+        rows["data"] = bytes([index]) * (WIDTH * HEIGHT)
+        log.add("/camera/image", "raw", index * STEP, **(rows | (fault if index == 1 else {})))
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    assert [f.status for f in frames] == ["used", "undecodable", "used", "used"]
+
+
+def raw_log(log, encoding, step, data):
+    log.add("/camera/calibration", "calibration", 0)
+    shape = {"width": WIDTH, "height": HEIGHT, "encoding": encoding, "step": step}
+    for index in range(3):
+        log.add("/camera/image", "raw", index * STEP, **shape, data=data(index))
+    return log.finish()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "step", "size", "why"),
+    [
+        ("nv24", WIDTH, 3 * WIDTH * HEIGHT, "encoding 'nv24' is not understood"),
+        (
+            "bgr8",
+            WIDTH,
+            3 * WIDTH * HEIGHT,
+            "step is 32 bytes, and a row of 32 pixels in bgr8 has 96",
+        ),
+        ("mono8", WIDTH, (WIDTH + 4) * HEIGHT, "864 bytes, and 24 rows of 32 bytes"),
+        ("mono8", WIDTH + 4, WIDTH * HEIGHT, "768 bytes, and 24 rows of 36 bytes"),
+    ],
+)
+def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(
+    new_log, encoding, step, size, why
+):
+    path = raw_log(new_log(), encoding, step, lambda index: bytes([index]) * size)
+    with pytest.raises(
+        InputError, match="none of the images on /camera/image can be decoded"
+    ) as error:
+        read(path, spacing_m=8.0)
+    assert why in str(error.value)
+    text = format_information(describe_log(path))
+    assert why in text
+    assert "can be used:" not in text
+
+
+def test_compressed_images_of_no_known_format_are_refused_before_the_run(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    log.add_image(0, data=b"no image", format="jxl")
+    with pytest.raises(InputError, match="its format 'jxl' is not understood"):
+        read(log.finish(), spacing_m=8.0)
+
+
+def test_one_image_that_decodes_is_enough_to_begin(new_log):
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
+    log.add_image(0, data=b"\xff\xd8 no image")
+    log.add_image(1)
+    frames, _ = read(log.finish(), spacing_m=8.0)
+    assert [f.status for f in frames][1] == "used"
+
+
+@pytest.mark.parametrize(("brightest", "bits"), [(65535, 16), (4095, 12), (1000, 10), (200, 8)])
+def test_samples_of_16_bits_are_taken_for_the_bits_that_the_drive_uses(new_log, brightest, bits):
+    def samples(index):
+        level = brightest if index == 1 else brightest // 100 * (index + 1)
+        return np.full(WIDTH * HEIGHT, level, "<u2").tobytes()
+
+    path = raw_log(new_log(), "mono16", 2 * WIDTH, samples)
+    frames, report = read(path, spacing_m=8.0)
+    (_, brightest_image, _) = decode(iter(frames))
+    assert int(brightest_image.grey[0, 0]) == brightest >> (bits - 8)
+    assert any(f"use {bits} of them" in note for note in report.notes) is (bits < 16)
