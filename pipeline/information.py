@@ -222,11 +222,7 @@ def _damage(information: LogInformation) -> list[str]:
         lines.append(
             f"{stated - scan.messages} of the {stated} messages that its summary counts are lost"
         )
-    lines += [str(remark) for remark in scan.remarks[:_MOST_PROBLEMS_SHOWN]]
-    lines += scan.unchecked
-    if scan.unknown_records:
-        lines.append(f"{scan.unknown_records} records of kinds that are not known were passed over")
-    return lines
+    return lines + scan.unchecked
 
 
 def _size(count: int) -> str:

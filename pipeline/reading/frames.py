@@ -270,7 +270,7 @@ class _Reader:
                 f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
                 f"({topic.fault})",
             )
-        report.notes += [*map(str, report.remarks), *report.unchecked]
+        report.notes += report.unchecked
         report.notes += [*self.selection.numbers.notes(), *self.video.notes()]
         if self.poses is not None and self.poses.assumed_mount:
             report.notes.append(
