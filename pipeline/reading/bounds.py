@@ -18,11 +18,12 @@ EXTRA_BYTES = 500_000
 class Allowance:
     """Bytes and records that a log may still unpack to.
 
-    Of a log of which n bytes were read, chunks may unpack to `UNPACKED_RATIO` (n + `extra_bytes`) bytes and to
+    Of a log of which n bytes were read, chunks may unpack to `ratio` (n + `extra_bytes`) bytes and to
     n + `extra_bytes` records: the cost of any log is bounded by a multiple of its size and a constant, whatever it says
     of itself.
     """
 
+    ratio: int = UNPACKED_RATIO
     extra_bytes: int = EXTRA_BYTES
     unpacked_bytes: int = 0
     records: int = 0
@@ -39,9 +40,9 @@ class Allowance:
             raise LayoutError(
                 f"it says it unpacks to {count} bytes; at most {LARGEST_RECORD} are unpacked"
             )
-        if self.unpacked_bytes + count > UNPACKED_RATIO * (read + self.extra_bytes):
+        if self.unpacked_bytes + count > self.ratio * (read + self.extra_bytes):
             raise LayoutError(
-                f"it says it unpacks to {count} bytes, with what came before more than {UNPACKED_RATIO} times what was "
+                f"it says it unpacks to {count} bytes, with what came before more than {self.ratio} times what was "
                 "read of the log"
             )
         self.unpacked_bytes += count

@@ -24,6 +24,7 @@ __all__ = ["Attachment", "Schema"]
 MAGIC = b"\x89MCAP0\r\n"
 
 LAST_KNOWN = max(Opcode)
+ENDS = (Opcode.DATA_END, Opcode.FOOTER)
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -78,11 +79,11 @@ class Metadata:
 
 def length_is_plausible(opcode: int, length: int) -> bool:
     """Whether a record of this kind can be this long; none has opcode 0."""
-    if opcode in (0, Opcode.FOOTER, Opcode.DATA_END):
+    if opcode == 0 or opcode in ENDS:
         return opcode != 0 and length == _SHORTEST[opcode]
     if opcode == Opcode.MESSAGE_INDEX and length % 16 != _SHORTEST[Opcode.MESSAGE_INDEX]:
         return False
-    shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 0
+    shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 1
     return shortest <= length <= (1 << 62 if opcode == Opcode.ATTACHMENT else LARGEST_RECORD)
 
 

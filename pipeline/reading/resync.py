@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 
 from wayside.pipeline.reading.chunks import LARGEST_HEAD, parse_chunk_head
 from wayside.pipeline.reading.layout import (
+    ENDS,
     LATEST_NS,
     MESSAGE_HEAD,
     PARSED,
@@ -52,8 +53,8 @@ class RecordHead(NamedTuple):
 class RecordFinder:
     """Finds records in a file; every method moves the stream.
 
-    channels: by id, as far as they are known; end: where the last record ends at most; cut: there the file ends, perhaps
-    within a record; chunked: its messages stand in chunks.
+    channels: those known, by id; end: where the last record ends at most; cut: there the file ends, perhaps within a
+    record; chunked: its messages stand in chunks.
     """
 
     stream: BinaryIO
@@ -76,15 +77,37 @@ class RecordFinder:
         return RecordHead(opcode, offset, length) if length_is_plausible(opcode, length) else None
 
     def follows(self, offset: int) -> bool:
-        """Whether a record begins here, were it one with a wrong length, or none is left."""
-        if offset == self.end or (self.cut and offset < self.end < offset + RECORD_HEAD.size):
+        """Whether a record begins here, also one whose kind or length is damaged, or none is left.
+
+        A message of a known channel is told by its content, whatever its length, and an end by its length. Other kinds,
+        private ones among them, look like garbage: behind them another record must begin.
+        """
+        if self._is_end(offset) or self._is_known_message(offset):
             return True
-        head = self.bytes_at(offset, RECORD_HEAD.size + 2)
-        known = (
-            head[:1] == bytes([Opcode.MESSAGE])
-            and int.from_bytes(head[-2:], "little") in self.channels
-        )
-        return known or self.head_at(offset) is not None
+        head = self.bytes_at(offset, RECORD_HEAD.size)
+        if offset > self.end or len(head) < RECORD_HEAD.size:
+            return False
+        opcode, length = RECORD_HEAD.unpack(head)
+        behind, plausible = offset + RECORD_HEAD.size + length, length_is_plausible(opcode, length)
+        if plausible and opcode in ENDS:
+            return True
+        if behind > self.end:
+            return self.cut and plausible
+        if self._is_end(behind) or self._is_known_message(behind):
+            return True
+        return plausible and self.head_at(behind) is not None
+
+    def _is_end(self, offset: int) -> bool:
+        """Whether no record is left, or too little of one to be told."""
+        left = self.end - offset
+        return left == 0 or (self.cut and 0 < left < RECORD_HEAD.size)
+
+    def _is_known_message(self, offset: int) -> bool:
+        found = self.bytes_at(offset, RECORD_HEAD.size + MESSAGE_HEAD.size)
+        if len(found) < RECORD_HEAD.size + MESSAGE_HEAD.size or found[0] != Opcode.MESSAGE:
+            return False
+        channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(found, RECORD_HEAD.size)
+        return channel_id in self.channels and 0 < log_time_ns < LATEST_NS
 
     def is_chunk(self, head: RecordHead) -> bool:
         """Whether the record is a chunk whose head agrees with its length."""

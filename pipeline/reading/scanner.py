@@ -18,6 +18,7 @@ from wayside.pipeline.reading.chunks import (
 )
 from wayside.pipeline.reading.definitions import Definitions
 from wayside.pipeline.reading.layout import (
+    ENDS,
     LAST_KNOWN,
     LATEST_NS,
     MAGIC,
@@ -93,7 +94,7 @@ class Scanner:
         whole = position
         while position < finder.end:
             head = finder.head_at(position)
-            if head is not None and head.opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            if head is not None and head.opcode in ENDS:
                 self._look_behind(head)
                 break
             if head is None or (head.end > finder.end and not self._is_cut_chunk(head)):
@@ -169,9 +170,9 @@ class Scanner:
         """Messages of a chunk; of one that the end of the file cuts off those that stand whole before the cut."""
         report, cut = self.report, head.end > self.finder.end
         report.chunks += 1
-        self.finder.chunked = True
         content = self._content(head)
         chunk = parse_chunk_head(content, head.length)
+        self.finder.chunked = True
         read = min(head.end, self.size)
         self.allowance.take_bytes(chunk.unpacked_size, read)
         data = unpack_chunk(chunk, content[chunk.size :], whole=not cut)
@@ -211,8 +212,9 @@ class Scanner:
         """
         finder = self.finder
         position: int | None = head.end
-        if not finder.follows(head.end):
-            position = finder.find(head.start + 1 if head.start >= self.searched else head.end)
+        wrong_length = head.opcode == Opcode.CHUNK and not finder.is_chunk(head)
+        if wrong_length or not finder.follows(head.end):
+            position = finder.find(head.content if head.start >= self.searched else head.end)
             self.searched = max(self.searched, head.end)
         position = finder.end if position is None else position
         self.report.lost_chunks += head.opcode == Opcode.CHUNK
