@@ -16,10 +16,10 @@ from wayside.pipeline.reading.layout import MESSAGE_HEAD, RECORD_HEAD, LayoutErr
 
 # start, end, unpacked size, checksum, length of the compression's name
 _FIXED = struct.Struct("<QQQII")
-_COMPRESSIONS = ("", "none", "lz4", "zstd")
+_LONGEST_NAME = 64
 _LARGEST_WINDOW = 1 << 29
 _LZ4_PIECE = 1 << 18
-LARGEST_HEAD = _FIXED.size + max(map(len, _COMPRESSIONS)) + 8
+LARGEST_HEAD = _FIXED.size + _LONGEST_NAME + 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,15 @@ def parse_chunk_head(content: memoryview, record_length: int) -> ChunkHead:
     Raises
     ------
     LayoutError
-        The head is cut off, names an unknown compression, or contradicts the record's length.
+        The head is cut off, or contradicts the record's length.
     """
     if len(content) < _FIXED.size + 8:
         raise LayoutError("its head is incomplete")
     start, end, unpacked, checksum, name_length = _FIXED.unpack_from(content)
     size = _FIXED.size + name_length + 8
-    name = bytes(content[_FIXED.size : min(size - 8, LARGEST_HEAD)]).decode("ascii", "replace")
-    if name not in _COMPRESSIONS or size > len(content):
-        raise LayoutError(f"its compression {name!r} is unknown")
+    if name_length > _LONGEST_NAME or size > len(content):
+        raise LayoutError("the name of its compression is too long")
+    name = bytes(content[_FIXED.size : size - 8]).decode("ascii", "replace")
     packed = int.from_bytes(content[size - 8 : size], "little")
     if size + packed != record_length:
         raise LayoutError(
@@ -83,8 +83,10 @@ def unpack_chunk(head: ChunkHead, packed: memoryview, *, whole: bool = True) -> 
             unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
             with unpacker.stream_reader(packed, read_across_frames=True) as reader:
                 data = memoryview(reader.read(limit))
-        else:
+        elif head.compression in ("", "none"):
             data = packed
+        else:
+            raise ValueError("an unknown compression")
     except (RuntimeError, EOFError, ValueError, MemoryError, zstandard.ZstdError) as error:
         raise LayoutError(f"{head.compression} cannot unpack it ({error})") from error
     if whole and len(data) != head.unpacked_size:
