@@ -57,10 +57,9 @@ BARE: dict[str, Any] = {
 CUT_LINES = [
     "Logs cut off at evenly spread bytes, at most at every one. Of the messages that stand whole before the cut: the",
     "share that is read outside of the chunk that is cut, and of those inside it that its packing lets be had",
-    "(`benchmarks/unpackable.py`: of lz4 every sequence before the cut; of zstd every whole block, since a block is",
-    "read from its end, and a chunk under 128 kB is one block). By share: those inside that would be before the cut if",
-    "packed and unpacked bytes ran evenly. Wrong: cuts after which something else than the first messages came.",
-    "Faults: exceptions that are not words for a person.",
+    "(`benchmarks/unpackable.py`: of lz4 and zstd whole blocks; a chunk under 64 or 128 kB is one block). By share:",
+    "those inside that would be before the cut if packed and unpacked bytes ran evenly. Wrong: cuts after which",
+    "something else than the first messages came. Faults: exceptions that are not words for a person.",
     "",
     "| log | bytes | cuts | outside of the cut chunk | inside | by share | wrong | faults | slowest, ms of CPU |",
     "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",

@@ -91,7 +91,7 @@ class _Content(ReadDataStream):
     """The content of one record; raises EndOfFile where a field is longer than it."""
 
     def read(self, length: int) -> bytes:
-        data = super().read(length)
+        data = super().read(min(length, LARGEST_RECORD))
         if len(data) < length:
             raise EndOfFile
         return data

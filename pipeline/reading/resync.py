@@ -91,11 +91,22 @@ class RecordFinder:
         behind, plausible = offset + RECORD_HEAD.size + length, length_is_plausible(opcode, length)
         if plausible and opcode in ENDS:
             return True
-        if behind > self.end:
-            return self.cut and plausible
-        if self._is_end(behind) or self._is_known_message(behind):
+        if behind > self.end and plausible and self.cut:
             return True
-        return plausible and self.head_at(behind) is not None
+        if self._is_end(behind) or (behind < self.end and self._is_known_message(behind)):
+            return True
+        if plausible and behind < self.end and self.head_at(behind) is not None:
+            return True
+        return opcode in PARSED and self._follows_content(opcode, offset + RECORD_HEAD.size)
+
+    def _follows_content(self, opcode: int, start: int) -> bool:
+        """Whether a record begins where the content of one of `PARSED` ends by its own lengths, not its head's."""
+        content = self.bytes_at(start, LARGEST_ATTACHMENT)
+        try:
+            _, left = parse_record(opcode, content)
+        except LayoutError:
+            return False
+        return self.head_at(start + len(content) - left) is not None
 
     def _is_end(self, offset: int) -> bool:
         """Whether no record is left, or too little of one to be told."""

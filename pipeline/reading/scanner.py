@@ -183,12 +183,14 @@ class Scanner:
         report.compressions[chunk.compression or "none"] += 1
         checked = chunk.checksum != 0 and not cut
         for opcode, inner in take_records(data, offsets):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            if opcode == Opcode.MESSAGE:
+                message = self._message(inner, head.start, checked=checked)
+                if message is not None:
+                    yield message
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self.definitions.add(opcode, inner, head.start, checked=checked)
-            elif opcode != Opcode.MESSAGE:
+            else:
                 report.unknown_records += 1
-            elif (message := self._message(inner, head.start, checked=checked)) is not None:
-                yield message
 
     def _message(self, content: memoryview, start: int, *, checked: bool) -> Message | None:
         channel_id, sequence, log_time_ns, _ = MESSAGE_HEAD.unpack_from(content)

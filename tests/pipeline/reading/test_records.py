@@ -354,6 +354,16 @@ def test_metadata_and_small_attachments_come_and_large_ones_do_not(tmp_path):
     assert not report.lost
 
 
+@pytest.mark.parametrize("size", [2**64 - 1, 2**63, 2**40, 5])
+def test_an_attachment_whose_size_is_wrong_is_lost_and_told(tmp_path, size):
+    body = struct.pack("<QQ", 1, 1) + text(b"a.yaml") + text(b"") + struct.pack("<Q", size)
+    bad = record(9, body + b"abc" + struct.pack("<I", 0))
+    found, report = read(handmade(tmp_path, bad, chunk(GOOD), record(15, bytes(4))))
+    assert len(found) == 1
+    assert "attachment of" in str(report.problems[0])
+    assert report.problem_count == 1
+
+
 def test_a_hopeless_file_cannot_fill_the_memory_with_problems(tmp_path):
     bad = chunk(FIRST, checksum=1)
     _, report = read(handmade(tmp_path, *[bad] * 1000, record(15, bytes(4))))
