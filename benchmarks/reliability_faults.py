@@ -25,6 +25,7 @@ import cv2
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.opcode import Opcode
 from mutations import PACKINGS, Attempt, Found, Prepare, Tally, isolated, read, small_log
 from odd_files import (
     bad_calibration,
@@ -41,13 +42,12 @@ from wayside.pipeline.earlier_result import check_earlier
 from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.image_headers import read_image_header
-from wayside.pipeline.reading.layout import CHUNK, DATA_END, MAGIC, RECORD_HEAD
+from wayside.pipeline.reading.layout import MAGIC, RECORD_HEAD
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.frame import USED, Frame
 from wayside.stages.imaging import decode
 
-UNSURE = "nothing tells whether its name is right"
 Change = Callable[[bytearray, random.Random], bytes | bytearray]
 
 
@@ -58,7 +58,7 @@ def records_of(content: bytes | bytearray) -> list[tuple[int, int, int]]:
         opcode, length = RECORD_HEAD.unpack_from(content, at)
         end = at + RECORD_HEAD.size + length
         found.append((opcode, at, end))
-        if opcode == DATA_END:
+        if opcode == Opcode.DATA_END:
             return found
         at = end
 
@@ -99,14 +99,9 @@ def of_logs(change: Change, *, chunked: bool = True, summary: bool = True) -> Pr
 
             found = tally.attempt(work)
             if found is not None:
-                # a note tells of topics that stand in a damaged chunk only
-                first = 1 if any(UNSURE in str(remark) for remark in report.remarks) else 0
-                known = {one[first:] for one in whole}
                 lost = len(whole) - len(found)
-                said = report.problem_count or report.remarks or report.unchecked
-                tally.wrong += any(one[first:] not in known for one in found) or (
-                    lost > 0 and not said
-                )
+                said = report.problem_count or report.unchecked
+                tally.wrong += any(one not in whole for one in found) or (lost > 0 and not said)
                 tally.told += bool(said)
                 if said:
                     tally.attempt(lambda: format_information(describe_log(path)))
@@ -121,7 +116,11 @@ def inserted(record: Callable[[random.Random], bytes]) -> Change:
 
     def change(content: bytearray, rng: random.Random) -> bytearray:
         at = rng.choice(
-            [start for opcode, start, _ in records_of(content) if opcode in (CHUNK, DATA_END)]
+            [
+                start
+                for opcode, start, _ in records_of(content)
+                if opcode in (Opcode.CHUNK, Opcode.DATA_END)
+            ]
         )
         return content[:at] + record(rng) + content[at:]
 
@@ -138,7 +137,7 @@ def chunk(name: str, data: bytes, packed: bytes) -> bytes:
         + struct.pack("<Q", len(packed))
         + packed
     )
-    return RECORD_HEAD.pack(CHUNK, len(body)) + body
+    return RECORD_HEAD.pack(Opcode.CHUNK, len(body)) + body
 
 
 @cache
@@ -161,13 +160,13 @@ def bomb(rng: random.Random) -> bytes:
 def a_chunk(content: bytearray, rng: random.Random) -> tuple[int, int]:
     """Where a chunk begins and ends."""
     return rng.choice(
-        [(start, end) for opcode, start, end in records_of(content) if opcode == CHUNK]
+        [(start, end) for opcode, start, end in records_of(content) if opcode == Opcode.CHUNK]
     )
 
 
 def flipped(content: bytearray, rng: random.Random) -> bytearray:
     """A bit of the first chunk changed."""
-    start, end = next((s, e) for opcode, s, e in records_of(content) if opcode == CHUNK)
+    start, end = next((s, e) for opcode, s, e in records_of(content) if opcode == Opcode.CHUNK)
     content[rng.randrange(start + 60, end)] ^= 1 << rng.randrange(8)
     return content
 

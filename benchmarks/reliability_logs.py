@@ -19,6 +19,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.writer import IndexType, Writer
 from mutated_files import FILES
 from mutations import (
@@ -36,7 +37,7 @@ from unpackable import Reach, reach_of
 from recordings.drives.messages.dialects import DIALECTS
 from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.reading.chunks import find_records, parse_chunk_head, unpack_chunk
-from wayside.pipeline.reading.layout import CHUNK, MAGIC, MESSAGE, RECORD_HEAD
+from wayside.pipeline.reading.layout import MAGIC, RECORD_HEAD
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 
@@ -56,10 +57,9 @@ BARE: dict[str, Any] = {
 CUT_LINES = [
     "Logs cut off at evenly spread bytes, at most at every one. Of the messages that stand whole before the cut: the",
     "share that is read outside of the chunk that is cut, and of those inside it that its packing lets be had",
-    "(`benchmarks/unpackable.py`: of lz4 every sequence before the cut; of zstd every whole block, since a block is",
-    "read from its end, and a chunk under 128 kB is one block). By share: those inside that would be before the cut if",
-    "packed and unpacked bytes ran evenly. Wrong: cuts after which something else than the first messages came.",
-    "Faults: exceptions that are not words for a person.",
+    "(`benchmarks/unpackable.py`: of lz4 and zstd whole blocks; a chunk under 64 or 128 kB is one block). By share:",
+    "those inside that would be before the cut if packed and unpacked bytes ran evenly. Wrong: cuts after which",
+    "something else than the first messages came. Faults: exceptions that are not words for a person.",
     "",
     "| log | bytes | cuts | outside of the cut chunk | inside | by share | wrong | faults | slowest, ms of CPU |",
     "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
@@ -125,16 +125,17 @@ def places_of(content: bytes) -> list[Place]:
     while position < len(content) - len(MAGIC):
         opcode, length = RECORD_HEAD.unpack_from(content, position)
         body, end = position + RECORD_HEAD.size, position + RECORD_HEAD.size + length
-        if opcode == MESSAGE:
+        if opcode == Opcode.MESSAGE:
             places.append(Place(end))
-        elif opcode == CHUNK:
-            head, size = parse_chunk_head(content[body : body + 200], length)
+        elif opcode == Opcode.CHUNK:
+            head = parse_chunk_head(memoryview(content)[body:end], length)
+            size = head.size
             data = unpack_chunk(head, memoryview(content)[body + size : end])
             reach = reach_of(head.compression, content[body + size : end])
             assert reach[-1] == len(data)
-            for offset in find_records(data, 1 << 30).offsets:
+            for offset in find_records(data, 1 << 30)[0]:
                 kind, inner = RECORD_HEAD.unpack_from(data, offset)
-                if kind == MESSAGE:
+                if kind == Opcode.MESSAGE:
                     last = offset + RECORD_HEAD.size + inner
                     places.append(Place(end, body + size, last, len(data), reach))
         elif opcode == 0x0F:

@@ -7,6 +7,7 @@ bitstream that is read from the end, so that nothing of a block can be had witho
 
 from __future__ import annotations
 
+import lz4.block
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
@@ -25,37 +26,18 @@ def reach_of(compression: str, packed: bytes) -> Reach:
 
 
 def _lz4(packed: bytes) -> Reach:
-    reach, done = np.zeros(len(packed) + 1, np.int64), 0
+    reach, done = np.zeros(len(packed) + 1, np.int64), b""
     flags = packed[4]
     at = 7 + 8 * (flags >> 3 & 1) + 4 * (flags & 1)
     while size := int.from_bytes(packed[at : at + 4], "little"):
-        begin, end = at + 4, at + 4 + (size & 0x7FFFFFFF)
-        if size >> 31:
-            reach[begin : end + 1] = done + np.arange(end - begin + 1)
-            done += end - begin
-        else:
-            done = _lz4_block(packed, begin, end, done, reach)
-        at = end + 4 * (flags >> 4 & 1)
+        block = packed[at + 4 : at + 4 + (size & 0x7FFFFFFF)]
+        if not size >> 31:
+            before = b"" if flags & 0x20 else done[-(1 << 16) :]
+            block = lz4.block.decompress(block, uncompressed_size=1 << 22, dict=before)
+        at += 4 + (size & 0x7FFFFFFF) + 4 * (flags >> 4 & 1)
+        done += block
+        reach[at] = len(done)
     return np.asarray(np.maximum.accumulate(reach))
-
-
-def _lz4_block(packed: bytes, at: int, end: int, done: int, reach: Reach) -> int:
-    def length(first: int, at: int) -> tuple[int, int]:
-        total, more = first, first == 15
-        while more:
-            total, more, at = total + packed[at], packed[at] == 255, at + 1
-        return total, at
-
-    while at < end:
-        token = packed[at]
-        literals, at = length(token >> 4, at + 1)
-        reach[at : at + literals + 1] = done + np.arange(literals + 1)
-        at, done = at + literals, done + literals
-        if at < end:
-            match, at = length(token & 15, at + 2)
-            done += match + 4
-            reach[at] = done
-    return done
 
 
 def _zstd(packed: bytes) -> Reach:
@@ -72,8 +54,6 @@ def _zstd(packed: bytes) -> Reach:
         begin, end = at + 3, at + 3 + stored
         whole = frame + (head | 1).to_bytes(3, "little") + packed[begin:end]
         frame += (head & ~1).to_bytes(3, "little") + packed[begin:end]
-        if kind == 0:
-            reach[begin : end + 1] = done + np.arange(stored + 1)
         unpacker = zstandard.ZstdDecompressor(max_window_size=1 << 27)
         done = len(unpacker.decompressobj().decompress(whole))
         reach[end] = done

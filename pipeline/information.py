@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.plan import Plan, make_plan
@@ -74,7 +73,7 @@ def describe_log(
     """
     settings = settings or ReadSettings()
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
-    survey = survey_log(path, allowance=allowance_of(settings))
+    survey = survey_log(path)
     survey.path = path = shown or path
     cameras = survey.cameras
     hindrance = ""
@@ -232,11 +231,7 @@ def _damage(information: LogInformation) -> list[str]:
         lines.append(
             f"{stated - scan.messages} of the {stated} messages that its summary counts are lost"
         )
-    lines += [str(remark) for remark in scan.remarks[:_MOST_PROBLEMS_SHOWN]]
-    lines += scan.unchecked
-    if scan.unknown_records:
-        lines.append(f"{scan.unknown_records} records of kinds that are not known were passed over")
-    return lines
+    return lines + scan.unchecked
 
 
 def _size(count: int) -> str:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -138,7 +137,7 @@ def _plan(
     """Settings by which the log can be read, the camera given and its source, and the size of the images."""
     check_settings(settings)
     spaced = settings.spacing_m > 0
-    survey = survey_log(log, settings.camera, allowance=allowance_of(settings))
+    survey = survey_log(log, settings.camera)
     try:
         plan = make_plan(survey, settings, _SOME_CAMERA)
     except InputError:

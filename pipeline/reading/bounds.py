@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from wayside.pipeline.reading.chunks import TooMuchError
-from wayside.pipeline.reading.layout import LARGEST_RECORD
-from wayside.schemas.settings import ReadSettings
+from wayside.pipeline.reading.layout import LARGEST_RECORD, LayoutError
 
-_DEFAULTS = ReadSettings()
+UNPACKED_RATIO = 255
+"""Unpacked bytes for each byte read: the most that lz4 can reach; only zstd of nearly constant data is ever refused."""
+
+EXTRA_BYTES = 500_000
+"""A log counts as longer by this: a short one may begin with images of one colour, which cost little."""
 
 
 @dataclass(slots=True)
 class Allowance:
     """Bytes and records that a log may still unpack to.
 
-    Of a log of which n bytes were read, chunks may unpack to `ratio` (n + `extra_bytes`) bytes and to n + `extra_bytes`
-    records: the cost of any log is bounded by a multiple of its size and a constant, whatever it says of itself.
+    Of a log of which n bytes were read, chunks may unpack to `ratio` (n + `extra_bytes`) bytes and to
+    n + `extra_bytes` records: the cost of any log is bounded by a multiple of its size and a constant, whatever it says
+    of itself.
     """
 
-    ratio: float = _DEFAULTS.unpacked_ratio
-    extra_bytes: int = int(_DEFAULTS.unpacked_extra_kb * 1000)
+    ratio: int = UNPACKED_RATIO
+    extra_bytes: int = EXTRA_BYTES
     unpacked_bytes: int = 0
     records: int = 0
 
@@ -29,25 +32,20 @@ class Allowance:
 
         Raises
         ------
-        TooMuchError
+        LayoutError
             It is more than is left when `read` bytes of the log are read.
         """
         if count > LARGEST_RECORD:
-            raise TooMuchError(
+            raise LayoutError(
                 f"it says it unpacks to {count} bytes; at most {LARGEST_RECORD} are unpacked"
             )
         if self.unpacked_bytes + count > self.ratio * (read + self.extra_bytes):
-            raise TooMuchError(
-                f"it says it unpacks to {count} bytes, with what came before more than {self.ratio:g} times what was "
-                "read of the log; if this is right, raise the setting read.unpacked_ratio"
+            raise LayoutError(
+                f"it says it unpacks to {count} bytes, with what came before more than {self.ratio} times what was "
+                "read of the log"
             )
         self.unpacked_bytes += count
 
     def records_left(self, read: int) -> int:
         """Records that may still come when `read` bytes of the log are read."""
         return read + self.extra_bytes - self.records
-
-
-def allowance_of(settings: ReadSettings) -> Allowance:
-    """The allowance that settings give."""
-    return Allowance(settings.unpacked_ratio, int(settings.unpacked_extra_kb * 1000))

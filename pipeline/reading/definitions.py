@@ -3,105 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 
-from wayside.pipeline.reading.layout import (
-    SCHEMA,
-    Channel,
-    LayoutError,
-    Schema,
-    parse_channel,
-    parse_schema,
-)
+from mcap.opcode import Opcode
+
+from wayside.pipeline.reading.layout import Channel, LayoutError, Schema, parse_record
 from wayside.pipeline.reading.summary import Summary
-from wayside.pipeline.reading.well_known import is_well_known
-
-Tell = Callable[[int, str], None]
-"""Called with an offset in the file and what was found there."""
 
 
 class Definitions:
-    """What each channel of a log is, as far as read.
+    """What each channel of a log is, as far as read; `tell` is called with an offset and what is wrong there.
 
-    A channel whose definition stood in a lost part is taken from the summary; else from a damaged chunk, where its
-    schema equals one that was read soundly or is well known, field by field.
+    A sound summary tells what is not read yet, or lost. Where it has a checksum, it also counts before records that
+    have none. A channel whose schema is missing is not defined.
     """
 
-    def __init__(self, summary: Callable[[], Summary | None], lost: Tell, remark: Tell) -> None:
+    def __init__(self, tell: Callable[[int, str], None]) -> None:
         self.channels: dict[int, Channel] = {}
+        self._tell = tell
         self._schemas: dict[int, Schema] = {}
-        self._doubtful_schemas: dict[int, Schema] = {}
-        self._doubtful: dict[int, tuple[Channel, int]] = {}
-        self._missing: set[int] = set()
-        self._summary, self._lost, self._remark = summary, lost, remark
-        self._summary_asked = False
+        self._stated: dict[int, Channel] = {}
+        self._lost: dict[int, tuple[int, int]] = {}
 
     def know(self, channels: Iterable[Channel]) -> None:
-        """Take channels and their schemas as an earlier scan of the same log found them."""
-        for channel in channels:
-            self.channels[channel.id] = channel
-            if channel.schema is not None:
-                self._schemas[channel.schema_id] = channel.schema
+        """Take channels as an earlier scan of the same log has them."""
+        self.channels.update((channel.id, channel) for channel in channels)
+        self._schemas.update((c.schema_id, c.schema) for c in self.channels.values() if c.schema)
 
-    def add(self, opcode: int, content: memoryview, start: int) -> None:
-        """Take a schema or channel record that stands soundly at `start`."""
-        try:
-            if opcode == SCHEMA:
-                schema = parse_schema(content)
-                self._schemas[schema.id] = schema
-                return
-            channel = parse_channel(content, self._schemas)
-        except LayoutError as error:
-            kind = "schema" if opcode == SCHEMA else "channel"
-            self._lost(start, f"a {kind} definition lost: {error}")
+    def expect(self, summary: Summary) -> None:
+        """Take the definitions of a summary, those that can be parsed."""
+        for opcode, content in summary.definitions:
+            with suppress(LayoutError):
+                self.add(opcode, content, summary.start, checked=True)
+        if summary.checked:
+            self._stated = dict(self.channels)
+
+    def add(self, opcode: int, content: memoryview, start: int, *, checked: bool) -> None:
+        """Take a schema or channel record that stands at `start`; `checked`: its bytes have a checksum.
+
+        Raises
+        ------
+        LayoutError
+            Its content contradicts its lengths.
+        """
+        record, _ = parse_record(opcode, content)
+        if opcode == Opcode.SCHEMA:
+            self._schemas[record.id] = record
             return
-        if self.channels.get(channel.id) == channel:
-            return  # repeated in every chunk by some writers
-        self.channels[channel.id] = channel
-        if channel.schema is None and channel.schema_id:
-            self._lost(
-                start, f"channel {channel.topic} names schema {channel.schema_id}, which is missing"
-            )
-
-    def remember(self, records: Iterable[tuple[int, memoryview]], start: int) -> None:
-        """Keep the schemas and channels among the records of a damaged chunk, for want of better ones."""
-        for opcode, content in records:
-            try:
-                if opcode == SCHEMA:
-                    schema = parse_schema(content)
-                    self._doubtful_schemas.setdefault(schema.id, schema)
-                else:
-                    channel = parse_channel(content, self._doubtful_schemas | self._schemas)
-                    self._doubtful.setdefault(channel.id, (channel, start))
-            except LayoutError:
-                continue
-
-    def channel(self, channel_id: int, start: int) -> Channel | None:
-        """The channel of a message that stands at `start`; None, and told once, where nothing defines it."""
-        known = self.channels.get(channel_id)
-        if known is not None or channel_id in self._missing:
-            return known
-        if not self._summary_asked:
-            self._summary_asked = True
-            summary = self._summary()
-            for channel in () if summary is None else summary.channels.values():
-                self.channels.setdefault(channel.id, channel)
-        if channel_id not in self.channels:
-            self._take_doubtful(channel_id, start)
-        return self.channels.get(channel_id)
-
-    def _take_doubtful(self, channel_id: int, start: int) -> None:
-        channel, place = self._doubtful.get(channel_id, (None, 0))
-        if channel is None or channel.schema is None or not self._is_trusted(channel.schema):
-            self._missing.add(channel_id)
-            self._lost(start, f"messages of channel {channel_id} lost: its definition is missing")
-            return
-        self.channels[channel_id] = channel
-        self._remark(
-            place,
-            f"the definition of {channel.topic} stands in a damaged chunk only; it is used, as its schema "
-            f"{channel.schema_name} is known; nothing tells whether its name is right",
+        schema = self._schemas.get(record.schema_id)
+        channel = Channel(
+            record.id, record.topic, record.message_encoding, record.schema_id, schema
         )
+        stated = self._stated.get(channel.id, channel)
+        if stated != channel and not checked:
+            what = f"the definition of channel {channel.id} differs from the one in the summary"
+            self._tell(start, f"{what}, which is used")
+            channel = stated
+        if schema is None and channel.schema_id:
+            self.channels.pop(channel.id, None)
+        elif self.channels.get(channel.id) != channel:  # some writers repeat it in every chunk
+            self.channels[channel.id] = channel
 
-    def _is_trusted(self, schema: Schema) -> bool:
-        alike = (s for s in self._schemas.values() if s.name == schema.name)
-        return any(s.data == schema.data for s in alike) or is_well_known(schema)
+    def lose_message(self, channel_id: int, start: int) -> None:
+        """Count a message at `start` of a channel that is not defined."""
+        first, count = self._lost.get(channel_id, (start, 0))
+        self._lost[channel_id] = first, count + 1
+
+    def tell_lost(self) -> None:
+        """Tell of the messages that were counted, channel by channel."""
+        for channel_id, (start, count) in self._lost.items():
+            self._tell(
+                start,
+                f"{count} messages of channel {channel_id} lost: its definition, or that of its schema, is missing",
+            )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import allowance_of
+from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
@@ -98,7 +98,7 @@ class _Reader:
         self, plan: Plan, timeline: Timeline, settings: ReadSettings, report: ReadReport
     ) -> None:
         self.plan, self.timeline, self.report = plan, timeline, report
-        self.allowance = allowance_of(settings)
+        self.allowance = Allowance()
         self.selection = Selection(plan, settings)
         self.decoders = Decoders()
         self.video = VideoStreams()
@@ -175,7 +175,7 @@ class _Reader:
                 f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
                 f"({topic.fault})",
             )
-        report.notes += [*map(str, report.remarks), *report.unchecked]
+        report.notes += report.unchecked
         report.notes += [*self.selection.numbers.notes(), *self.video.notes()]
         if report.motion_source and report.images and not report.with_pose:
             report.notes.append(

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import allowance_of
 from wayside.pipeline.reading.calibrations import is_rectified
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
@@ -121,7 +120,6 @@ def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = Non
         path,
         settings.camera,
         calibrated=given is not None,
-        allowance=allowance_of(settings),
     )
     return make_plan(survey, settings, given)
 

@@ -1,116 +1,161 @@
-"""Finding the next record behind bytes that make no sense."""
+"""Where records begin: told from bytes that are none, and found again behind damage."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
-from typing import BinaryIO
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import BinaryIO, NamedTuple
 
-from wayside.pipeline.reading.chunks import LARGEST_HEAD, ChunkError, parse_chunk_head
+from mcap.opcode import Opcode
+
+from wayside.pipeline.reading.chunks import LARGEST_HEAD, parse_chunk_head
 from wayside.pipeline.reading.layout import (
-    CHANNEL,
-    CHUNK,
-    DATA_END,
-    FOOTER,
-    LAST_KNOWN,
-    MAGIC,
-    MESSAGE,
+    ENDS,
+    LATEST_NS,
     MESSAGE_HEAD,
-    ONLY_IN_DATA,
-    ONLY_IN_SUMMARY,
+    PARSED,
     RECORD_HEAD,
-    SCHEMA,
+    Channel,
+    LayoutError,
     length_is_plausible,
+    parse_record,
 )
 
-_WINDOW = 1 << 20
-_CANDIDATE = re.compile(rb"[\x05\x06\x0f](?=.{4}\x00{4})", re.DOTALL)
-"""A message, chunk or end of data that is shorter than four gigabytes."""
+LARGEST_ATTACHMENT = 1 << 20
+"""Larger attachments are passed over unread: a calibration is a few hundred bytes."""
+_WINDOW = 1 << 14
+# Records shorter than four gigabytes. Messages and definitions stand in chunks as well: where there are chunks, what
+# looks like one is the inside of a broken chunk.
+_OUTSIDE_CHUNKS = re.compile(rb"[\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
+_ANYWHERE = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
 
 
-def find_record(
-    stream: BinaryIO, start: int, size: int, channels: Collection[int] | None
-) -> int | None:
-    """Offset of the first record from `start` on that can be recognised; None where there is none.
+class RecordHead(NamedTuple):
+    """Kind of a record, where it begins in the file and how long its content is."""
 
-    Parameters
-    ----------
-    stream, size
-        The file and its size; the position of the stream is left anywhere.
-    channels
-        Channels of which messages are looked for; None in a file with chunks, where what looks like a message
-        is the inside of a broken chunk.
+    opcode: int
+    start: int
+    length: int
+
+    @property
+    def content(self) -> int:
+        """Where its content begins."""
+        return self.start + RECORD_HEAD.size
+
+    @property
+    def end(self) -> int:
+        """Where it ends."""
+        return self.content + self.length
+
+
+@dataclass(slots=True)
+class RecordFinder:
+    """Finds records in a file; every method moves the stream.
+
+    channels: those known, by id; end: where the last record ends at most; cut: there the file ends, perhaps within a
+    record; chunked: its messages stand in chunks.
     """
-    while start < size:
-        stream.seek(start)
-        window = stream.read(_WINDOW + RECORD_HEAD.size)
-        for match in _CANDIDATE.finditer(window):
-            if match.start() < _WINDOW and _is_record(
-                stream, start + match.start(), size, channels
-            ):
-                return start + match.start()
-        start += _WINDOW
-    return None
 
+    stream: BinaryIO
+    channels: Mapping[int, Channel]
+    end: int
+    cut: bool = True
+    chunked: bool = False
 
-def _is_record(stream: BinaryIO, offset: int, size: int, channels: Collection[int] | None) -> bool:
-    stream.seek(offset)
-    head = stream.read(RECORD_HEAD.size + LARGEST_HEAD)
-    opcode, length = RECORD_HEAD.unpack_from(head)
-    content = head[RECORD_HEAD.size :]
-    end = offset + RECORD_HEAD.size + length
-    if not length_is_plausible(opcode, length) or end > size:
-        return False
-    if opcode == CHUNK:
-        return is_chunk(content, length)
-    if opcode == MESSAGE:
-        known = channels is not None and MESSAGE_HEAD.unpack_from(content)[0] in channels
-        return known and follows_a_record(stream, end, size)
-    return opcode == DATA_END and length == 4 and follows_a_record(stream, end, size)
+    def bytes_at(self, offset: int, count: int) -> memoryview:
+        """So many bytes, or as many as there are."""
+        self.stream.seek(offset)
+        return memoryview(self.stream.read(count))
 
-
-def is_chunk(content: bytes, length: int) -> bool:
-    """Whether the first bytes of a record's content are the head of a chunk of this length."""
-    try:
-        head, _ = parse_chunk_head(content, length)
-    except ChunkError:
-        return False
-    return head.compression in ("", "none", "lz4", "zstd") and head.start_ns <= head.end_ns
-
-
-def data_ends(stream: BinaryIO, opcode: int, offset: int) -> bool:
-    """Whether a record of this opcode, `DATA_END` or `FOOTER`, that ends at `offset` can be the end of the data.
-
-    Behind the end of the data stands the summary or the footer, behind the footer the file mark.
-    """
-    stream.seek(offset)
-    head = stream.read(RECORD_HEAD.size)
-    if opcode == FOOTER:
-        return MAGIC.startswith(head[: len(MAGIC)])
-    return not head or head[0] not in ONLY_IN_DATA
-
-
-def follows_a_record(stream: BinaryIO, offset: int, size: int) -> bool:
-    """Whether a record can begin at `offset`, or the file ends there."""
-    if offset == size:
-        return True
-    stream.seek(offset)
-    head = stream.read(RECORD_HEAD.size)
-    if len(head) < RECORD_HEAD.size:
-        return True  # cut off within a record's head
-    opcode, length = RECORD_HEAD.unpack(head)
-    return 0 < opcode <= LAST_KNOWN and length_is_plausible(opcode, length)
-
-
-def end_of_log(stream: BinaryIO, offset: int, size: int) -> int | None:
-    """Where the end mark of a log ends whose summary or footer begins at `offset`; None where there is no such mark."""
-    while offset + RECORD_HEAD.size <= size:
-        stream.seek(offset)
-        opcode, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-        offset += RECORD_HEAD.size + length
-        if opcode == FOOTER and offset + len(MAGIC) <= size:
-            stream.seek(offset)
-            return offset + len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else None
-        if opcode not in (SCHEMA, CHANNEL, *ONLY_IN_SUMMARY):
+    def head_at(self, offset: int) -> RecordHead | None:
+        """Head of a record, None where none can begin; it may reach beyond the end."""
+        found = self.bytes_at(offset, RECORD_HEAD.size)
+        if len(found) < RECORD_HEAD.size:
             return None
-    return None
+        opcode, length = RECORD_HEAD.unpack(found)
+        return RecordHead(opcode, offset, length) if length_is_plausible(opcode, length) else None
+
+    def follows(self, offset: int) -> bool:
+        """Whether a record begins here, also one whose kind or length is damaged, or none is left.
+
+        A message of a known channel is told by its content, whatever its length, and an end by its length. Other kinds,
+        private ones among them, look like garbage: behind them another record must begin.
+        """
+        if self._is_end(offset) or self._is_known_message(offset):
+            return True
+        head = self.bytes_at(offset, RECORD_HEAD.size)
+        if offset > self.end or len(head) < RECORD_HEAD.size:
+            return False
+        opcode, length = RECORD_HEAD.unpack(head)
+        behind, plausible = offset + RECORD_HEAD.size + length, length_is_plausible(opcode, length)
+        if plausible and opcode in ENDS:
+            return True
+        if behind > self.end and plausible and self.cut:
+            return True
+        if self._is_end(behind) or (behind < self.end and self._is_known_message(behind)):
+            return True
+        if plausible and behind < self.end and self.head_at(behind) is not None:
+            return True
+        return opcode in PARSED and self._follows_content(opcode, offset + RECORD_HEAD.size)
+
+    def _follows_content(self, opcode: int, start: int) -> bool:
+        """Whether a record begins where the content of one of `PARSED` ends by its own lengths, not its head's."""
+        content = self.bytes_at(start, LARGEST_ATTACHMENT)
+        try:
+            _, left = parse_record(opcode, content)
+        except LayoutError:
+            return False
+        return self.head_at(start + len(content) - left) is not None
+
+    def _is_end(self, offset: int) -> bool:
+        """Whether no record is left, or too little of one to be told."""
+        left = self.end - offset
+        return left == 0 or (self.cut and 0 < left < RECORD_HEAD.size)
+
+    def _is_known_message(self, offset: int) -> bool:
+        found = self.bytes_at(offset, RECORD_HEAD.size + MESSAGE_HEAD.size)
+        if len(found) < RECORD_HEAD.size + MESSAGE_HEAD.size or found[0] != Opcode.MESSAGE:
+            return False
+        channel_id, _, log_time_ns, _ = MESSAGE_HEAD.unpack_from(found, RECORD_HEAD.size)
+        return channel_id in self.channels and 0 < log_time_ns < LATEST_NS
+
+    def is_chunk(self, head: RecordHead) -> bool:
+        """Whether the record is a chunk whose head agrees with its length."""
+        if head.opcode != Opcode.CHUNK:
+            return False
+        try:
+            chunk = parse_chunk_head(self.bytes_at(head.content, LARGEST_HEAD), head.length)
+        except LayoutError:
+            return False
+        return chunk.start_ns <= chunk.end_ns
+
+    def find(self, start: int) -> int | None:
+        """Offset of the first record from `start` on that can be recognised, None where there is none."""
+        pattern = _OUTSIDE_CHUNKS if self.chunked else _ANYWHERE
+        while start < self.end:
+            window = self.bytes_at(start, _WINDOW + RECORD_HEAD.size)
+            for match in pattern.finditer(window):
+                if match.start() < _WINDOW and self._is_record(start + match.start()):
+                    return start + match.start()
+            start += _WINDOW
+        return None
+
+    def _is_record(self, offset: int) -> bool:
+        """Whether kind, length, content and what follows agree."""
+        head = self.head_at(offset)
+        if head is None or head.end > self.end:
+            return False
+        if head.opcode == Opcode.CHUNK:
+            return self.is_chunk(head)
+        if head.opcode == Opcode.MESSAGE:
+            fields = MESSAGE_HEAD.unpack(self.bytes_at(head.content, MESSAGE_HEAD.size))
+            return fields[2] < LATEST_NS and self.follows(head.end)
+        if head.opcode in PARSED:
+            content = self.bytes_at(head.content, min(head.length, LARGEST_ATTACHMENT))
+            try:
+                _, left = parse_record(head.opcode, content)
+            except LayoutError:
+                return False
+            return left == 0 and self.follows(head.end)
+        return self.follows(head.end)

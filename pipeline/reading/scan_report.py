@@ -29,35 +29,34 @@ class ScanReport:
     """What a scan came across, filled while it runs.
 
     messages_stated: how many messages the summary counts, None where it does not say or was not reached;
-    unchecked_chunks: chunks without a checksum; data_checked: the checksum over the whole log was compared.
+    unchecked_messages: those outside of chunks with a checksum; unknown_records: of kinds that are not known.
     """
 
     bytes_total: int = 0
     bytes_read: int = 0
     messages: int = 0
+    unchecked_messages: int = 0
     messages_stated: int | None = None
     chunks: int = 0
     lost_chunks: int = 0
-    unchecked_chunks: int = 0
-    data_checked: bool = False
     unknown_records: int = 0
     compressions: Counter[str] = field(default_factory=Counter)
     first_log_ns: int | None = None
     last_log_ns: int | None = None
     problems: list[Problem] = field(default_factory=list)
     problem_count: int = 0
-    remarks: list[Problem] = field(default_factory=list)
 
     @property
     def unchecked(self) -> list[str]:
-        """What of the log has no checksum, in words; empty where all has one."""
-        if self.data_checked or not self.messages or self.chunks > self.unchecked_chunks == 0:
-            return []
-        if self.chunks > self.unchecked_chunks:
-            count = f"{self.unchecked_chunks} of {self.chunks} chunks have"
-        else:
-            count = "the log has"
-        return [f"{count} no checksum: damage inside of messages would not show"]
+        """What may have been lost without a trace, in words."""
+        notes = []
+        if self.unchecked_messages:
+            some = f"{self.unchecked_messages} of {self.messages} messages have"
+            what = "the log has" if self.unchecked_messages == self.messages else some
+            notes.append(f"{what} no checksum: damage inside of messages would not show")
+        if self.unknown_records:
+            notes.append(f"{self.unknown_records} records of unknown kinds were passed over")
+        return notes
 
     @property
     def lost(self) -> bool:
@@ -72,28 +71,11 @@ class ScanReport:
         elif self.problem_count == MOST_PROBLEMS + 1:
             self.problems.append(Problem(offset, "more problems follow, not listed"))
 
-    def add_remark(self, offset: int, what: str, part: str = "") -> None:
-        """Keep in words what was found amiss and made good."""
-        if len(self.remarks) < MOST_PROBLEMS:
-            self.remarks.append(Problem(offset, what, part))
-
-    def absorb(self, part: ScanReport, name: str, *, first: bool) -> None:
-        """Add what a scan of one part of the log came across; places are told with the name of its file."""
-        for count in ("messages", "chunks", "lost_chunks", "unchecked_chunks", "unknown_records"):
-            setattr(self, count, getattr(self, count) + getattr(part, count))
-        stated = None if first else self.messages_stated
-        if part.messages_stated is not None and (first or stated is not None):
-            self.messages_stated = (stated or 0) + part.messages_stated
-        else:
-            self.messages_stated = None
-        self.data_checked = part.data_checked and (first or self.data_checked)
-        self.compressions.update(part.compressions)
-        times = [t for t in (self.first_log_ns, part.first_log_ns) if t is not None]
-        self.first_log_ns = min(times, default=None)
-        times = [t for t in (self.last_log_ns, part.last_log_ns) if t is not None]
-        self.last_log_ns = max(times, default=None)
-        for one in part.problems:
-            self.add_problem(one.offset, one.what, name)
-        self.problem_count += part.problem_count - len(part.problems)
-        for one in part.remarks:
-            self.add_remark(one.offset, one.what, name)
+    def add_message(self, log_time_ns: int, *, checked: bool) -> None:
+        """Count a message that is used."""
+        self.messages += 1
+        self.unchecked_messages += not checked
+        if self.first_log_ns is None or log_time_ns < self.first_log_ns:
+            self.first_log_ns = log_time_ns
+        if self.last_log_ns is None or log_time_ns > self.last_log_ns:
+            self.last_log_ns = log_time_ns

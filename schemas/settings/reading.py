@@ -28,22 +28,6 @@ class ReadSettings:
     from_s: float = setting(0.0, "s", "start this long after the first image", low=0)
     until_s: float = setting(0.0, "s", "stop this long after the first image; 0: at the end", low=0)
     every: int = setting(1, "images", "use every n-th image only", low=1)
-    unpacked_ratio: float = setting(
-        255.0,
-        "times",
-        "compressed chunks of a log may unpack to so many times what was read of it; those beyond are lost",
-        origin="the most that lz4 can reach, so that only zstd of nearly constant data is ever refused",
-        low=1,
-        expert=True,
-    )
-    unpacked_extra_kb: float = setting(
-        500.0,
-        "kB",
-        "a log may unpack as if it were longer by this; as many records more than bytes are read",
-        origin="a short log may begin with some images of a single colour; unpacks in a fraction of a second",
-        low=0,
-        expert=True,
-    )
 
 
 @dataclass(frozen=True, slots=True)
