@@ -26,7 +26,7 @@ _INLIER_PX, _FEWEST_INLIERS, _INLIER_SHARE = 1.0, 40, 0.3
 _FEWEST_AHEAD = 15
 """Points near enough that they are seen to lie before both cameras, and so tell forward from backward."""
 _PARALLAX_PX = 2.0
-"""Without rotation, half of the inliers have moved by so much at least: less tells no direction."""
+"""Corners that have moved by so much, apart from rotation, tell the direction."""
 _DIRECTION_DEG, _ROTATION_DEG = 20.0, 4.0
 """Errors of a sound step: of a camera not quite mounted as stated, and of two images a few metres apart."""
 _ROTATION_WEIGHT = 4.0
@@ -90,7 +90,7 @@ def image_step(
         return None
     back = np.column_stack([second[held], np.ones(held.sum())]) @ rotation
     moved = np.linalg.norm(back[:, :2] / back[:, 2:] - first[held], axis=1) * now.focal_px
-    if np.median(moved) < _PARALLAX_PX:
+    if (moved > _PARALLAX_PX).sum() < _FEWEST_INLIERS:
         return None
     back_turn = np.asarray(rotation.T, np.float64)
     return ImageStep(*rows, back_turn, np.asarray(-back_turn @ shift.ravel(), np.float64))
