@@ -80,6 +80,7 @@ def read_frames(
     """
     plan = plan_reading(path, settings, camera)
     timeline = make_timeline(plan)
+    plan.survey.positions.clear()  # what they tell of the images is in the timeline
     report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
     report.camera_frame = plan.camera_frame
     report.images_held = len(timeline.order)
