@@ -201,7 +201,8 @@ class _Reader:
             )
         if report.statuses[NO_POSITION]:
             report.notes.append(
-                f"{report.statuses[NO_POSITION]} images before the first pose or fix are left out; --spacing uses them"
+                f"{report.statuses[NO_POSITION]} images have no pose or fix near their time and are left out; "
+                "--spacing uses them"
             )
         if report.statuses[WRONG_SIZE] and not used:
             size, camera = plan.camera.image_size, self.selection.last_camera

@@ -30,6 +30,8 @@ from wayside.schemas.frame import (
 from wayside.schemas.settings import ReadSettings
 
 _NOTHING = memoryview(b"")
+_SILENCE_NS = 5_000_000_000
+"""Without pose, fix or spacing the speed before is carried on to the next image, but not across a longer silence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,7 @@ class Selection:
         self.first_ns: int | None = None
         self.inside = 0
         self.last_used: int | None = None
+        self.used_ns = 0
         self.last_camera: Camera | None = None
 
     def decide(
@@ -88,7 +91,7 @@ class Selection:
         if used:
             if self.spacing_m and self.last_used is not None:
                 spacing_m = self.spacing_m * (number - self.last_used)
-            self.last_used = number
+            self.last_used, self.used_ns = number, one.time_ns
         return Frame(
             index=one.index,
             log_time_ns=one.log_time_ns,
@@ -138,6 +141,7 @@ class Selection:
             return WRONG_SIZE
         if not image.width and read_exif(image.data).turned:
             return TURNED
-        if self.last_used is None and pose is None and fix is None and not self.spacing_m:
+        placed = pose is not None or fix is not None or self.spacing_m > 0
+        if not placed and (self.last_used is None or time_ns - self.used_ns > _SILENCE_NS):
             return NO_POSITION
         return USED if self.thinning.keeps(number, position_of(pose, fix), time_ns) else THINNED

@@ -219,7 +219,9 @@ def test_an_image_without_pose_and_poses_for_a_part_only_lose_no_image_behind_th
         some = [row for row in rows if row[0] != "/pose" or row[1] in keep]
         frames, report = read(write(new_log, some, name=f"{unused}.mcap"))
         assert [f.status for f in frames] == ["no_position"] * unused + ["used"] * (COUNT - unused)
-        told = [n for n in report.notes if "before the first pose or fix are left out" in n]
+        told = [
+            n for n in report.notes if "have no pose or fix near their time and are left out" in n
+        ]
         assert [n.split()[0] for n in told] == [str(unused)] * (unused > 0)
         frames, _ = read(write(new_log, some, name=f"{unused}.mcap"), spacing_m=8.0)
         assert {f.status for f in frames} == {"used"}
@@ -345,7 +347,9 @@ def test_a_message_long_before_or_after_all_others_in_order_is_no_fault(new_log,
     late = [*rows[:-1], (*rows[-1][:2], rows[-1][2] + pause, rows[-1][3] + pause)]
     for k, attacked in enumerate((early, late)):
         frames, report = read(write(new_log, attacked, name=f"{k}.mcap"))
-        assert report.notes == []
+        alone = [f.index for f in frames if f.status == "no_position"]  # nothing tells its place
+        assert alone == [COUNT - 1] * k
+        assert len(report.notes) == k
         assert all(f.time_ns == f.header_time_ns for f in frames)
 
 
