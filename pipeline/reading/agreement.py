@@ -12,13 +12,13 @@ from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
-from wayside.pipeline.reading.image_headers import format_and_size
+from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Decoders, MessageError
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.video import VideoStreams
-from wayside.schemas.frame import USED, Camera, Frame
+from wayside.schemas.frame import USED, Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
 from wayside.stages.imaging import decode
 from wayside.stages.odometry import (
@@ -225,13 +225,11 @@ class _Images:
                 )
                 if fault != USED:
                     continue
-            self.kept[row] = _keypoints(row, content, camera)
+            self.kept[row] = _keypoints(content, camera)
 
 
-def _keypoints(row: int, content: ImageContent, camera: Camera) -> KeypointImage | None:
-    encoding, width, height = format_and_size(content)
-    frame = Frame(row, 0, None, USED, encoding, content.data, camera, width, height, content.step)
-    (image,) = decode(iter([frame]))
+def _keypoints(content: ImageContent, camera: Camera) -> KeypointImage | None:
+    (image,) = decode(iter([replace(frame_of(content), camera=camera)]))
     if image.grey is None:
         return None
     corners, descriptors = tie_corners(image.grey, FeatureSettings())

@@ -16,13 +16,14 @@ from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.reading.selection import PlacedImage, Selection
+from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_POSITION,
     OTHER_CAMERA,
+    UNDECODABLE,
     USED,
     WRONG_SIZE,
     Camera,
@@ -30,6 +31,9 @@ from wayside.schemas.frame import (
 )
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import used_bits
+
+_NO_IMAGE = ImageContent(None, "", "", memoryview(b""))
+"""What is known of a message that cannot be decoded."""
 
 
 @dataclass(slots=True)
@@ -99,7 +103,7 @@ class _Reader:
     ) -> None:
         self.plan, self.timeline, self.report = plan, timeline, report
         self.allowance = Allowance()
-        self.selection = Selection(plan, settings)
+        self.selection = Selection(settings, plan.spacing_m)
         self.decoders = Decoders()
         self.video = VideoStreams()
         self.problems = 0
@@ -122,47 +126,49 @@ class _Reader:
 
     def _frame(self, row: int, message: Message) -> Frame:
         report, timeline = self.report, self.timeline
-        image, fault = self._image(message), ""
-        if image is not None and image.frame_id in self.others:
-            self.others_seen += 1
-            fault = OTHER_CAMERA
-        index = report.images
-        report.images += 1
+        image = self._image(message)
+        status = UNDECODABLE if image is _NO_IMAGE else USED
         camera = timeline.cameras[row]
-        header_ns = None if image is None else image.time_ns
-        if image is not None and image.encoding == H264 and not fault:
+        if image.frame_id in self.others:
+            self.others_seen += 1
+            status = OTHER_CAMERA
+        elif image.encoding == H264:
             size = None if camera is None else (camera.width, camera.height)
             lost = report.problem_count > self.problems
             self.problems = report.problem_count
             status, image = self.video.decode(message.channel.id, image, size, after_loss=lost)
-            fault = "" if status == USED else status
-        capture_ns = int(timeline.times.capture_ns[row])
-        known = capture_ns == (header_ns or message.log_time_ns)
-        placed = PlacedImage(
-            index,
-            message.sequence if self.plan.by_number else index - self.others_seen,
-            message.log_time_ns,
-            capture_ns,
-            None if known else capture_ns,
-            image,
-            fault,
+        time_ns = int(timeline.times.capture_ns[row])
+        known = time_ns == (image.time_ns or message.log_time_ns)
+        pose, log_time = timeline.pose(row), str(message.log_time_ns)
+        frame = replace(
+            frame_of(image),
+            index=report.images,
+            log_time_ns=message.log_time_ns,
+            header_time_ns=image.time_ns,
+            status=status,
+            camera=camera,
+            pose=pose,
+            fix=timeline.fix(row),
+            settled_time_ns=None if known else time_ns,
+            name=self.plan.survey.image_names.get(log_time, ""),
+            date=self.plan.survey.image_dates.get(log_time, ""),
         )
-        pose, fix = timeline.pose(row), timeline.fix(row)
-        frame = self.selection.decide(placed, camera, pose, fix)
+        counted = report.images - self.others_seen
+        number = message.sequence if self.plan.by_number else counted
+        frame = self.selection.decide(frame, number)
+        report.images += 1
         report.statuses[frame.status] += 1
         report.with_pose += pose is not None
         if report.first_time_ns is None:
             report.first_time_ns = frame.time_ns
         return frame
 
-    def _image(self, message: Message) -> ImageContent | None:
+    def _image(self, message: Message) -> ImageContent:
         try:
-            contents = self.decoders.decode(message.channel, message.data)
+            (image,) = self.decoders.decode(message.channel, message.data)
         except MessageError:
-            return None
-        image = contents[0] if contents else None
-        if not isinstance(image, ImageContent):
-            return None
+            return _NO_IMAGE
+        assert isinstance(image, ImageContent)
         if image.width and used_bits(frame_of(image)):
             return replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
         return image
@@ -176,7 +182,7 @@ class _Reader:
                 f"({topic.fault})",
             )
         report.notes += report.unchecked
-        report.notes += [*self.selection.numbers.notes(), *self.video.notes()]
+        report.notes += [*self.selection.notes(), *self.video.notes()]
         if report.motion_source and report.images and not report.with_pose:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
@@ -203,7 +209,7 @@ class _Reader:
                 f"{report.statuses[NO_POSITION]} images before the first pose or fix are left out; --spacing uses them"
             )
         if report.statuses[WRONG_SIZE] and not used:
-            size, camera = plan.camera.image_size, self.selection.last_camera
+            size, camera = plan.camera.image_size, self.timeline.cameras[self.timeline.order[-1]]
             found = "other sizes" if size is None else f"{size[0]} x {size[1]}"
             wanted = "the calibration" if camera is None else f"{camera.width} x {camera.height}"
             raise InputError(

@@ -12,8 +12,8 @@ from pathlib import Path
 from wayside.pipeline.reading.calibrations import is_rectified
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
-from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.pipeline.reading.h264 import H264
+from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
