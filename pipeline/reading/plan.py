@@ -79,22 +79,14 @@ class Plan:
 
 def check_settings(settings: ReadSettings) -> None:
     """Refuse settings that no log could satisfy; raises UsageError."""
+    s = settings
+    after = f"a time after --from ({s.from_s:g} s)"
     wanted = (
-        (settings.every >= 1, "--every", "1 or more", settings.every),
-        (
-            settings.thin_m >= 0,
-            "read.thin_m",
-            "a distance, or 0 for every image",
-            settings.thin_m,
-        ),
-        (settings.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", settings.spacing_m),
-        (settings.from_s >= 0, "--from", "a time after the first image", settings.from_s),
-        (
-            settings.until_s == 0 or settings.until_s > settings.from_s,
-            "--until",
-            f"a time after --from ({settings.from_s:g} s)",
-            settings.until_s,
-        ),
+        (s.every >= 1, "--every", "1 or more", s.every),
+        (s.thin_m >= 0, "read.thin_m", "a distance, or 0 for every image", s.thin_m),
+        (s.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", s.spacing_m),
+        (s.from_s >= 0, "--from", "a time after the first image", s.from_s),
+        (s.until_s == 0 or s.until_s > s.from_s, "--until", after, s.until_s),
     )
     for holds, option, want, found in wanted:
         if not holds:
@@ -113,15 +105,9 @@ def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = Non
         otherwise than they are stored.
     """
     check_settings(settings)
-    given = camera
-    if given is None and settings.calibration:
-        given = read_camera_file(Path(settings.calibration))
-    survey = survey_log(
-        path,
-        settings.camera,
-        calibrated=given is not None,
-    )
-    return make_plan(survey, settings, given)
+    if camera is None and settings.calibration:
+        camera = read_camera_file(Path(settings.calibration))
+    return make_plan(survey_log(path, settings.camera), settings, camera)
 
 
 def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -> Plan:
@@ -210,35 +196,31 @@ def _choose_calibration(
 ) -> tuple[Topic | None, Camera | None, str]:
     if given is not None:
         return None, given, settings.calibration
-    rectified, size, faults = is_rectified(camera.name), camera.image_size, []
+    rectified, faults = is_rectified(camera.name), []
     found = [
-        (topic, content, content.camera_for(size, rectified=rectified))
+        (topic, content, content.camera_for(camera.image_size, rectified=rectified))
         for topic in survey.of_kind(Kind.CALIBRATION)
         if isinstance(content := topic.first, CalibrationContent)
     ]
-    found.sort(key=lambda one: _closeness(camera, size, *one), reverse=True)
+    found.sort(key=lambda one: _closeness(camera, *one), reverse=True)
     usable: list[tuple[Topic, CalibrationContent, Camera]] = []
     for topic, content, own in found[:_MOST_LISTED]:
         fault = content.why_rectified if rectified else content.why
         if own is not None:
             fault = _of_another(survey, camera, topic.name, content.frame_id, own)
-            if not fault:
-                usable.append((topic, content, own))
-                continue
-        faults.append(f"{topic.name}, but {fault}")
+        if own is not None and not fault:
+            usable.append((topic, content, own))
+        else:
+            faults.append(f"{topic.name}, but {fault}")
     if usable:
-        best = usable[0]
-        alike = [
-            topic.name
-            for topic, content, own in usable[1:]
-            if own != best[2]
-            and _closeness(camera, size, topic, content, own) == _closeness(camera, size, *best)
-        ]
-        if not alike:
+        best, close = usable[0], _closeness(camera, *usable[0])
+        level = (one for one in usable if _closeness(camera, *one) == close and one[2] != best[2])
+        other = next(level, None)
+        if other is None:
             return best[0], None, best[0].name
-        faults.append(f"{best[0].name} and {alike[0]}, which differ")
-    elif survey.attached_camera is not None:
-        name, attached = survey.attachment_name, survey.attached_camera
+        faults.append(f"{best[0].name} and {other[0].name}, which differ")
+    elif survey.attached is not None:
+        name, attached = survey.attached
         fault = _of_another(survey, camera, name, "", attached)
         if not fault:
             return None, attached, f"attachment {name}"
@@ -254,36 +236,38 @@ def _choose_calibration(
 def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Camera) -> str:
     """Why a calibration `name` is of another camera, or may be; empty where it is of this one.
 
-    `frame_id` decides, where the log has images of several; else the names of topics do: by namespace, then by the
-    words that a calibration shares with each image topic of its size.
+    It is of the camera with which it shares the `frame_id`, else the namespace, else the most words of its name; and
+    of none that contradicts it in `frame_id` and namespace.
     """
-    mine, its = _bare_frame(camera.camera_frame), _bare_frame(frame)
-    same_place = _namespace(name) == _namespace(camera.name)
-    rivals = [t for t in survey.cameras if _namespace(t.name) != _namespace(camera.name)]
-    if mine and its and mine != its:
-        if not same_place or any(_bare_frame(t.camera_frame) == its for t in survey.cameras):
+    its, place, words = _bare_frame(frame), _namespace(name), set(_words(name))
+
+    def affinity(topic: Topic) -> tuple[bool, bool, int]:
+        same_frame = _bare_frame(topic.camera_frame) == its != ""
+        return same_frame, _namespace(topic.name) == place, len(words & set(_words(topic.name)))
+
+    mine, here = affinity(camera), _namespace(camera.name)
+    same_frame, same_place, _ = mine
+    if its and _bare_frame(camera.camera_frame) not in ("", its):
+        if not same_place or any(affinity(topic)[0] for topic in survey.cameras):
             return (
                 f"it is of another camera: its frame_id is {shortened(frame)}, that of the images "
                 f"{shortened(camera.camera_frame)}"
             )
+    if same_place:
         return ""
-    known = bool(mine and its)
-    if same_place or (known and any(_bare_frame(t.camera_frame) != mine for t in rivals)):
-        return ""
-    here, there = (_words("/".join(_namespace(topic))) for topic in (camera.name, name))
-    if (
-        not known and len(here) == len(there) and set(here) & set(there)
-    ):  # as cam_left and cam_right
+    alike = set(_words("/".join(here))) & set(_words("/".join(place)))
+    if not same_frame and len(here) == len(place) and alike:  # as cam_left and cam_right
         return "it is of another camera by its name"
-    words = set(_words(name))
-    shared = len(words & set(_words(camera.name)))
-    for rival in rivals:
-        closer = len(words & set(_words(rival.name))) - shared
-        if closer + (not known) > 0 and rival.image_size in (None, (own.width, own.height)):
-            other = shortened(rival.name)
-            if closer > 0:
-                return f"it is of another camera by its name, that of {other}"
-            return f"nothing tells whether it is of this camera or of that of {other}"
+    for rival in survey.cameras:
+        fits = rival.image_size in (None, (own.width, own.height))
+        if not fits or _namespace(rival.name) == here:
+            continue
+        if affinity(rival) > mine:
+            return f"it is of another camera by its name, that of {shortened(rival.name)}"
+        if affinity(rival) == mine and not same_frame:
+            return (
+                f"nothing tells whether it is of this camera or of that of {shortened(rival.name)}"
+            )
     return ""
 
 
@@ -303,19 +287,15 @@ def _words(topic: str) -> list[str]:
 
 
 def _closeness(
-    camera: Topic,
-    size: tuple[int, int] | None,
-    topic: Topic,
-    content: CalibrationContent,
-    own: Camera | None,
+    camera: Topic, topic: Topic, content: CalibrationContent, own: Camera | None
 ) -> tuple[bool, bool, bool, int, int]:
     """How well a calibration goes with a camera: same size, same frame, both rectified or not, topics alike."""
-    same_size = own is not None and (own.width, own.height) == size
-    frame = _bare_frame(content.frame_id)
+    same_size = own is not None and (own.width, own.height) == camera.image_size
+    same_frame = _bare_frame(content.frame_id) == _bare_frame(camera.camera_frame) != ""
     a, b = camera.name.split("/"), topic.name.split("/")
     shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
     alike = is_rectified(camera.name) == is_rectified(topic.name)
-    return same_size, frame == _bare_frame(camera.camera_frame) != "", alike, shared, -len(b)
+    return same_size, same_frame, alike, shared, -len(b)
 
 
 def _image_notes(camera: Topic, given: Camera | None) -> Iterator[str]:
